@@ -1,0 +1,89 @@
+"""The command `mpmgis`: one verb a module, imported only when it is called."""
+
+import argparse
+import importlib
+import os
+import sys
+
+from .. import __version__
+from ..errors import MpmgisError, one_line
+from . import talk
+
+# verb -> (module, one line of help); a module offers EXAMPLE, add_arguments(parser) and run(arguments) -> exit code
+VERBS = {
+    "demo": ("demo", "the whole chain on the shipped sample site, in under two minutes"),
+    "seed": ("seed", "Algorithm 1: particles from a DTM and release areas"),
+    "run": ("run", "simulate a scene"),
+    "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
+    "info": ("info", "one screen about any file of the chain"),
+    "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),
+}
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser whose errors are one line and exit code 2."""
+
+    def error(self, message):
+        print(f"{self.prog}: {one_line(message)}; see {self.prog} --help", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def main(argv=None):
+    """Run the command line; returns the exit code (0 done, 2 bad input, 3 unphysical, 130 interrupted)."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    parser = OneLineParser(
+        prog="mpmgis",
+        description="Landslides, debris flows, snow and ice avalanches on real terrain with the Material Point Method.",
+        epilog="mpmgis VERB --help tells more, with an example.",
+    )
+    parser.add_argument("--version", action="version", version=f"mpmgis {__version__}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=OneLineParser)
+    asked = next((word for word in argv if word in VERBS), None)
+    for verb, (module_name, line) in VERBS.items():
+        if verb != asked:  # only the verb asked for is imported: the others need no more than their line of help
+            verbs.add_parser(verb, help=line, add_help=False)
+            continue
+        module = importlib.import_module(f".{module_name}", __package__)
+        sub = verbs.add_parser(
+            verb,
+            help=line,
+            description=line[0].upper() + line[1:] + ".",
+            epilog="example:\n  " + module.EXAMPLE.strip().replace("\n", "\n  "),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(sub)
+        talk.add_arguments(sub)
+        sub.set_defaults(run=module.run)
+    arguments = parser.parse_args(argv)
+    talk.set_volume(arguments)
+    return _guarded(arguments)
+
+
+def _guarded(arguments):
+    """Run the verb; every error becomes one line on stderr and the contract's exit code."""
+    name = f"mpmgis {arguments.verb}"
+    try:
+        return arguments.run(arguments) or 0
+    except MpmgisError as error:
+        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except MemoryError:
+        print(f"{name}: not enough memory for this; use larger cells, fewer particles or a smaller DTM", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        return 2
+    except Exception as error:
+        if talk.volume > 0:
+            raise
+        print(
+            f"{name}: internal error, please report it: {type(error).__name__}: {one_line(error)} (-v shows where)",
+            file=sys.stderr,
+        )
+        return 1

@@ -1,0 +1,38 @@
+"""What can go wrong, in six kinds. Every message is one line: what, where, got, wanted, cure."""
+
+
+class MpmgisError(Exception):
+    """Base of all errors that mpmgis raises on purpose; `exit_code` is what the command line returns."""
+
+    exit_code = 2
+
+
+class InputError(MpmgisError):
+    """A file or value that the user gave cannot be used."""
+
+
+class GeoreferenceError(InputError):
+    """A CRS, unit or transform does not allow metres on a map."""
+
+
+class SceneError(InputError):
+    """A scene names what does not exist, or values that are impossible."""
+
+
+class FormatError(InputError):
+    """A file is missing, truncated, junk, or of a newer format."""
+
+
+class OutputError(MpmgisError):
+    """Something cannot be written: it exists already, the folder is read-only, the disk is full."""
+
+
+class UnphysicalError(MpmgisError):
+    """A run left the range of its model and stopped itself; every frame before it is whole."""
+
+    exit_code = 3
+
+
+def one_line(text):
+    """`text` with all white space folded, so that a foreign library's message stays on one line."""
+    return " ".join(str(text).split())

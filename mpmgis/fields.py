@@ -1,0 +1,65 @@
+"""The vocabulary: every quantity's name, unit, long name, dtype.
+
+HDF5 attributes, raster band descriptions, QGIS styles and the documentation all read this one table, so that a
+quantity is named once. Raster bands carry `NODATA` where there is no value.
+"""
+
+from typing import NamedTuple
+
+NODATA = -9999.0
+GRAVITY = 9.81  # [m s-2], the one constant (physics.md 0.1)
+
+
+class Quantity(NamedTuple):
+    """One physical quantity.
+
+    `name` is the key in files, `unit` follows UDUNITS ("m s-1"; "1" where it has none), `long_name` says in words
+    what it is, with its sign and convention, `dtype` is the default storage type.
+    """
+
+    name: str
+    unit: str
+    long_name: str
+    dtype: str = "float64"
+
+    @property
+    def band(self):
+        """The band description in a raster, for example ``Ut [m s-1]``."""
+        return f"{self.name} [{self.unit}]"
+
+
+def _table(*rows):
+    return {row[0]: Quantity(*row) for row in rows}
+
+
+PARTICLE = _table(
+    ("position", "m", "position relative to the frame's origin (east, north, up); a column's z is its bed"),
+    ("velocity", "m s-1", "velocity (east, north, up); a column's is tangent to the bed"),
+    ("mass", "kg", "mass"),
+    ("volume", "m3", "current volume"),
+    ("thickness", "m", "vertical thickness of the column"),
+    ("area", "m2", "plan area of the column"),
+    ("id", "1", "identity of the particle, kept through sorting", "uint64"),
+    ("parent", "1", "identity of the column that a point came from", "uint64"),
+)
+
+BAND = _table(
+    ("h", "m", "flow depth normal to the bed (largest distance of the cell's particles from the bed)", "float32"),
+    ("t", "m", "flow thickness normal to the bed (highest minus lowest particle)", "float32"),
+    ("Un", "m s-1", "slope-normal velocity, mass-weighted; positive leaves the bed", "float32"),
+    ("Ut", "m s-1", "slope-parallel speed, length of the mass-weighted mean vector", "float32"),
+    ("Ut_E", "m s-1", "slope-parallel velocity, east component", "float32"),
+    ("Ut_N", "m s-1", "slope-parallel velocity, north component", "float32"),
+    ("t_vol", "m", "volume-equivalent thickness normal to the bed, from mass", "float32"),
+    ("n", "1", "number of particles in the cell", "float32"),
+    ("mass", "kg m-2", "mass per plan area", "float32"),
+    ("p", "Pa", "impact pressure, density times squared mean speed", "float32"),
+    ("detached", "1", "1 where the lowest particle is clear of the bed", "float32"),
+    ("h_max", "m", "largest flow depth over all steps", "float32"),
+    ("t_max", "m", "largest flow thickness over all steps", "float32"),
+    ("Un_max", "m s-1", "largest slope-normal velocity over all steps (away from the slope)", "float32"),
+    ("Un_min", "m s-1", "smallest slope-normal velocity over all steps (into the slope)", "float32"),
+    ("Ut_max", "m s-1", "largest slope-parallel speed over all steps", "float32"),
+    ("p_max", "Pa", "largest impact pressure over all steps", "float32"),
+    ("t_arrival", "s", "first time with depth at least min_depth", "float32"),
+)

@@ -1,0 +1,78 @@
+"""The one place where rows and columns meet eastings and northings."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from affine import Affine
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A georeferenced raster grid: any invertible affine (north-up, south-up, rotated, non-square).
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        Projected CRS in metres; None only for a local frame (`--crs local`).
+    transform : affine.Affine
+        Maps (column, row) of pixel *corners* to (x, y) [m]; pixel centres are at (column + 0.5, row + 0.5).
+    shape : (int, int)
+        Rows, columns.
+    """
+
+    crs: Any
+    transform: Affine
+    shape: tuple
+
+    @classmethod
+    def north_up(cls, crs, west, north, cell_size, shape):
+        """A north-up square grid from its upper left corner (`west`, `north`) [m]."""
+        return cls(crs, Affine(cell_size, 0.0, west, 0.0, -cell_size, north), tuple(shape))
+
+    @cached_property
+    def matrix(self):
+        """float64[2, 2]: columns are the map vectors of one step in column and one step in row [m]."""
+        t = self.transform
+        return np.array([[t.a, t.b], [t.d, t.e]], dtype=float)
+
+    @cached_property
+    def cell_area(self):
+        """Plan area of one pixel [m2]."""
+        return abs(float(np.linalg.det(self.matrix)))
+
+    @cached_property
+    def cell_size(self):
+        """Side of the square with a pixel's area [m]."""
+        return float(np.sqrt(self.cell_area))
+
+    @property
+    def is_north_up(self):
+        """True where rows run south and columns east with square pixels."""
+        t = self.transform
+        return t.b == 0 and t.d == 0 and t.a > 0 and t.e < 0 and abs(t.a + t.e) <= 1e-9 * t.a
+
+    def xy(self, row, column):
+        """Map coordinates [m] of fractional (row, column), whole numbers being pixel *centres*."""
+        t = self.transform
+        column, row = np.asarray(column, float) + 0.5, np.asarray(row, float) + 0.5
+        return t.a * column + t.b * row + t.c, t.d * column + t.e * row + t.f
+
+    def rowcol(self, x, y):
+        """Fractional (row, column) of map coordinates [m], whole numbers being pixel centres (NHESS Eq 2)."""
+        t = self.transform
+        dx, dy = np.asarray(x, float) - t.c, np.asarray(y, float) - t.f
+        det = t.a * t.e - t.b * t.d
+        return (t.a * dy - t.d * dx) / det - 0.5, (t.e * dx - t.b * dy) / det - 0.5
+
+    def corners(self):
+        """float64[4, 2]: map coordinates of the raster's four outer corners [m], in ring order."""
+        rows, columns = self.shape
+        return np.array([self.transform * c for c in ((0, 0), (columns, 0), (columns, rows), (0, rows))])
+
+    @cached_property
+    def bounds(self):
+        """(west, south, east, north) [m] of the outer corners."""
+        corners = self.corners()
+        return (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())

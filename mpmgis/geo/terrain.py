@@ -1,0 +1,113 @@
+"""Terrain: elevation on a grid, with its gradient, its normal and its value at any point."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .grid import Grid
+
+BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge (physics.md X3)
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A digital terrain model.
+
+    Parameters
+    ----------
+    grid : Grid
+    elevation : float64[rows, columns] [m]
+        NaN where there is no data; the value of a pixel holds at its centre.
+    path, sha256 : str
+        Where it came from and the digest of that file; '' where unknown.
+    """
+
+    grid: Grid
+    elevation: np.ndarray
+    path: str = ""
+    sha256: str = ""
+
+    @cached_property
+    def valid(self):
+        """bool[rows, columns]: pixels with an elevation."""
+        return np.isfinite(self.elevation)
+
+    @cached_property
+    def gradient(self):
+        """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
+
+        One-sided to second order at the rim and first order beside nodata; NaN where no neighbour is valid
+        (physics.md X4); mapped by the inverse transpose of the pixel matrix (D6), so that it holds for any affine.
+        """
+        return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))
+
+    @cached_property
+    def limited_gradient(self):
+        """As `gradient`, but with the smaller one-sided slope where the two differ by more than 1 in tan (X3)."""
+        pixel = [np.hypot(*self.grid.matrix[:, k]) for k in (0, 1)]
+        return self._map_gradient(
+            *(_difference(self.elevation, axis, BREAK_TANGENT * pixel[1 - axis]) for axis in (1, 0))
+        )
+
+    @cached_property
+    def breaks(self):
+        """bool[rows, columns]: pixels at a terrain break, where the one-sided slopes differ by more than 1 (X3)."""
+        different = self.gradient != self.limited_gradient
+        return np.any(different & np.isfinite(self.gradient), axis=-1)
+
+    def _map_gradient(self, d_column, d_row):
+        inverse_transpose = np.linalg.inv(self.grid.matrix).T
+        return np.stack([d_column, d_row], axis=-1) @ inverse_transpose.T
+
+    def sample(self, x, y):
+        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or beside nodata.
+
+        Within the outermost half pixel the outer two pixels are extended linearly, so that a plane stays a plane.
+        """
+        row, column = self.grid.rowcol(x, y)
+        return bilinear(self.elevation, row, column)
+
+
+def bilinear(values, row, column):
+    """Bilinear interpolation of `values` [rows, columns] at fractional `row`, `column` (whole = pixel centre).
+
+    Linear extrapolation over the outermost half pixel; NaN beyond it and wherever one of the four pixels is NaN.
+    """
+    row, column = np.asarray(row, float), np.asarray(column, float)
+    rows, columns = values.shape
+    inside = (row >= -0.5) & (row <= rows - 0.5) & (column >= -0.5) & (column <= columns - 0.5)
+    with np.errstate(invalid="ignore"):
+        i = np.clip(np.floor(np.where(inside, row, 0.0)), 0, max(rows - 2, 0)).astype(np.intp)
+        j = np.clip(np.floor(np.where(inside, column, 0.0)), 0, max(columns - 2, 0)).astype(np.intp)
+    i1, j1 = np.minimum(i + 1, rows - 1), np.minimum(j + 1, columns - 1)
+    fi, fj = row - i, column - j
+    result = (values[i, j] * (1 - fi) + values[i1, j] * fi) * (1 - fj) + (
+        values[i, j1] * (1 - fi) + values[i1, j1] * fi
+    ) * fj
+    return np.where(inside, result, np.nan)
+
+
+def _difference(elevation, axis, limit=np.inf):
+    """Difference per pixel step along `axis`: central inside, one-sided at the rim and beside nodata.
+
+    Where the forward and backward differences differ by more than `limit` the smaller one is taken (min-mod: zero
+    where they have opposite signs would hide a ridge, so the smaller in size is kept).
+    """
+    z = np.moveaxis(elevation, axis, 0)
+    n = z.shape[0]
+    forward, backward = np.full(z.shape, np.nan), np.full(z.shape, np.nan)
+    if n > 1:
+        forward[:-1] = z[1:] - z[:-1]
+        backward[1:] = forward[:-1]
+    with np.errstate(invalid="ignore"):
+        result = 0.5 * (forward + backward)
+        smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
+        result = np.where(np.abs(forward - backward) > limit, smaller, result)
+    if n > 2:  # second-order one-sided at the rim (X4)
+        result[0] = 0.5 * (-3 * z[0] + 4 * z[1] - z[2])
+        result[-1] = 0.5 * (3 * z[-1] - 4 * z[-2] + z[-3])
+    result = np.where(np.isfinite(result), result, np.where(np.isfinite(forward), forward, backward))
+    if n == 1:
+        result[:] = 0.0
+    return np.moveaxis(np.where(np.isfinite(z), result, np.nan), 0, axis)

@@ -1,0 +1,190 @@
+"""Frames on disk: `*.h5`, one file per saved time, as `contract.md` section 2 says."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyproj
+
+from .. import __version__
+from ..errors import FormatError, one_line
+from ..fields import PARTICLE
+from ..particles import Frame, Particles
+from .atomic import whole_file
+
+FORMAT = "mpmgis-frame"
+FORMAT_VERSION = 1
+_WIDTH = {"position": 3, "velocity": 3}
+_POSITIVE = ("mass", "volume", "area")
+_CHUNK_ROWS = 65536
+
+
+def write_frame(path, frame):
+    """Write `frame` to `path`; the file appears whole or not at all.
+
+    3D frames store position, velocity, mass and volume in float32 (relative to the origin), columns in float64.
+    """
+    with whole_file(path) as part, h5py.File(part, "w") as file:
+        file.attrs.update(
+            format=FORMAT,
+            format_version=FORMAT_VERSION,
+            time=float(frame.time),
+            step=int(frame.step),
+            dimension=int(frame.dimension),
+            solver=frame.solver,
+            crs=frame.crs.to_wkt() if frame.crs is not None else "",
+            origin=np.asarray(frame.origin, dtype="f8"),
+            dem=frame.dem,
+            dem_sha256=frame.dem_sha256,
+            digest=frame.digest,
+            version=__version__,
+        )
+        group = file.create_group("particles")
+        for name, values in frame.particles.arrays().items():
+            quantity = PARTICLE[name]
+            dtype = quantity.dtype
+            if frame.dimension == 3 and dtype == "float64":
+                dtype = "float32"
+            dataset = group.create_dataset(name, data=np.ascontiguousarray(values, dtype=dtype))
+            dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
+        for name, value in frame.header.items():
+            group.attrs[name] = value
+        _write_group(file, "state", frame.state)
+        _write_group(file, "maxima", frame.maxima)
+
+
+def _write_group(file, name, values):
+    """Arrays as datasets, numbers and strings as attributes; nothing at all where `values` is empty."""
+    if not values:
+        return
+    group = file.create_group(name)
+    for key, value in values.items():
+        if isinstance(value, np.ndarray):
+            group.create_dataset(key, data=value)
+        else:
+            group.attrs[key] = value
+
+
+def read_frame(path, with_state=True):
+    """Read the frame at `path`.
+
+    Needs position, velocity and mass or volume (with density 1000 the other follows and that is recorded in the
+    header as `assumed_density`); what else is missing takes the default that the contract states.
+
+    Raises
+    ------
+    FormatError
+        Missing, truncated, junk, another format, a newer version, wrong shapes, NaN or impossible values.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FormatError(f"{path}: no such file")
+    if path.is_dir():
+        raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(path, file, with_state)
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is truncated or damaged") from error
+
+
+def _read(path, file, with_state):
+    attrs = dict(file.attrs)
+    if attrs.get("format") != FORMAT:
+        raise FormatError(f"{path}: format {attrs.get('format', 'unknown')!r}, wanted {FORMAT!r}; it is no mpmgis frame")
+    version = int(attrs.get("format_version", 1))
+    if version > FORMAT_VERSION:
+        raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
+    dimension = int(attrs.get("dimension", 3))
+    if dimension not in (2, 3):
+        raise FormatError(f"{path}: dimension {dimension}, wanted 2 or 3")
+    time = float(attrs.get("time", 0.0))
+    origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)), float)
+    if origin.shape != (3,) or not np.isfinite(origin).all():
+        raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
+    if not np.isfinite(time):
+        raise FormatError(f"{path}: time {time}, wanted a finite number of seconds")
+    if not isinstance(file.get("particles"), h5py.Group):
+        raise FormatError(f"{path}: no group 'particles'")
+    header = {name: value for name, value in file["particles"].attrs.items()}
+    particles = _read_particles(path, file["particles"], dimension, header)
+    return Frame(
+        particles,
+        time=time,
+        step=int(attrs.get("step", 0)),
+        dimension=dimension,
+        solver=str(attrs.get("solver", "")),
+        crs=_crs(path, attrs.get("crs", "")),
+        origin=tuple(origin.tolist()),
+        dem=str(attrs.get("dem", "")),
+        dem_sha256=str(attrs.get("dem_sha256", "")),
+        digest=str(attrs.get("digest", "")),
+        header=header,
+        state=_read_group(file, "state") if with_state else {},
+        maxima=_read_group(file, "maxima") if with_state else {},
+    )
+
+
+def _crs(path, text):
+    if not text:
+        return None
+    try:
+        return pyproj.CRS.from_wkt(text)
+    except pyproj.exceptions.CRSError as error:
+        raise FormatError(f"{path}: its crs is no readable WKT ({one_line(error)[:80]})") from error
+
+
+def _read_particles(path, group, dimension, header):
+    arrays = {}
+    for name in PARTICLE:
+        if name not in group:
+            continue
+        values = group[name]
+        if not isinstance(values, h5py.Dataset):
+            raise FormatError(f"{path}: particles/{name} is no dataset")
+        values = values[()]
+        n = arrays["position"].shape[0] if "position" in arrays else np.shape(values)[0] if np.ndim(values) else 0
+        wanted = (n, _WIDTH[name]) if name in _WIDTH else (n,)
+        if np.shape(values) != wanted or values.dtype.kind not in "fiu":
+            raise FormatError(f"{path}: particles/{name} has shape {np.shape(values)} of {values.dtype}, wanted {wanted}")
+        if name not in ("id", "parent"):
+            values = values if values.dtype == np.float64 else values.astype(np.float64)
+            _require_finite(path, name, values)
+        arrays[name] = values
+    for name in ("position", "velocity"):
+        if name not in arrays:
+            raise FormatError(f"{path}: no particles/{name}")
+    if len(arrays["position"]) == 0:
+        raise FormatError(f"{path}: no particle in it")
+    if "mass" not in arrays and "volume" not in arrays:
+        raise FormatError(f"{path}: neither particles/mass nor particles/volume; one of them is needed")
+    if "mass" not in arrays or "volume" not in arrays:
+        header["assumed_density"] = 1000.0
+        arrays.setdefault("mass", arrays.get("volume", 0.0) * 1000.0)
+        arrays.setdefault("volume", arrays["mass"] / 1000.0)
+    if dimension == 2:
+        if "thickness" not in arrays and "area" not in arrays:
+            raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
+        arrays.setdefault("area", arrays["volume"] / np.maximum(arrays.get("thickness", 1.0), 1e-300))
+        arrays.setdefault("thickness", arrays["volume"] / arrays["area"])
+    return Particles(**arrays)
+
+
+def _require_finite(path, name, values):
+    bad = ~np.isfinite(values)
+    if bad.any():
+        raise FormatError(
+            f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
+            f"{int(np.argwhere(bad)[0][0])}"
+        )
+    if name in _POSITIVE and values.size and values.min() <= 0:
+        raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
+    if name == "thickness" and values.size and values.min() < 0:
+        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {int(values.argmin())}, wanted 0 or more")
+
+
+def _read_group(file, name):
+    if name not in file:
+        return {}
+    group = file[name]
+    return {**{key: value[()] for key, value in group.items()}, **dict(group.attrs)}

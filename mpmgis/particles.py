@@ -1,0 +1,76 @@
+"""Particles and frames: the one thing that passes between all stages."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class Particles:
+    """Named arrays, one row per particle.
+
+    Parameters
+    ----------
+    position : float[n, 3] [m]
+        Relative to the frame's origin; a column's z is its bed.
+    velocity : float[n, 3] [m s-1]
+        A column's is tangent to the bed (z = u . grad b).
+    mass : float[n] [kg]
+    volume : float[n] [m3]
+    thickness : float[n] [m] or None
+        Vertical; columns only.
+    area : float[n] [m2] or None
+        Plan; columns only.
+    id : uint64[n] or None
+    parent : uint64[n] or None
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+    thickness: np.ndarray | None = None
+    area: np.ndarray | None = None
+    id: np.ndarray | None = None
+    parent: np.ndarray | None = None
+
+    def __len__(self):
+        return len(self.mass)
+
+    def arrays(self):
+        """Name -> array of everything that is present, in the table's order."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+    def take(self, index):
+        """The particles that `index` (bool or int) picks."""
+        return Particles(**{name: value[index] for name, value in self.arrays().items()})
+
+
+@dataclass(frozen=True)
+class Frame:
+    """All particles at one time, with their place on the map. `contract.md` section 2 is its form on disk.
+
+    `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' where
+    unknown; `state` holds what a restart needs besides; `maxima` holds running peaks of the solver; `header` holds
+    what a producer wants to record (plain numbers and strings).
+    """
+
+    particles: Particles
+    time: float = 0.0
+    step: int = 0
+    dimension: int = 2
+    solver: str = ""
+    crs: Any = None
+    origin: tuple = (0.0, 0.0, 0.0)
+    dem: str = ""
+    dem_sha256: str = ""
+    digest: str = ""
+    state: dict = field(default_factory=dict)
+    maxima: dict = field(default_factory=dict)
+    header: dict = field(default_factory=dict)
+
+    def map_xy(self):
+        """(x, y) [m] in the CRS."""
+        position = self.particles.position
+        return position[:, 0] + self.origin[0], position[:, 1] + self.origin[1]
