@@ -74,7 +74,7 @@ def _guarded(arguments):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except MemoryError:
-        print(f"{name}: not enough memory for this; use larger cells, fewer particles or a smaller DTM", file=sys.stderr)
+        print(f"{name}: not enough memory; use larger cells, fewer particles or a smaller DTM", file=sys.stderr)
         return 2
     except OSError as error:
         print(f"{name}: {one_line(error)}", file=sys.stderr)

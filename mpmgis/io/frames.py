@@ -85,13 +85,15 @@ def read_frame(path, with_state=True):
         with h5py.File(path, "r") as file:
             return _read(path, file, with_state)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is truncated or damaged") from error
+        reason = one_line(error)[:120]
+        raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
 
 
 def _read(path, file, with_state):
     attrs = dict(file.attrs)
     if attrs.get("format") != FORMAT:
-        raise FormatError(f"{path}: format {attrs.get('format', 'unknown')!r}, wanted {FORMAT!r}; it is no mpmgis frame")
+        got = attrs.get("format", "unknown")
+        raise FormatError(f"{path}: format {got!r}, wanted {FORMAT!r}; it is no mpmgis frame")
     version = int(attrs.get("format_version", 1))
     if version > FORMAT_VERSION:
         raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
@@ -106,7 +108,7 @@ def _read(path, file, with_state):
         raise FormatError(f"{path}: time {time}, wanted a finite number of seconds")
     if not isinstance(file.get("particles"), h5py.Group):
         raise FormatError(f"{path}: no group 'particles'")
-    header = {name: value for name, value in file["particles"].attrs.items()}
+    header = dict(file["particles"].attrs)
     particles = _read_particles(path, file["particles"], dimension, header)
     return Frame(
         particles,
@@ -146,7 +148,8 @@ def _read_particles(path, group, dimension, header):
         n = arrays["position"].shape[0] if "position" in arrays else np.shape(values)[0] if np.ndim(values) else 0
         wanted = (n, _WIDTH[name]) if name in _WIDTH else (n,)
         if np.shape(values) != wanted or values.dtype.kind not in "fiu":
-            raise FormatError(f"{path}: particles/{name} has shape {np.shape(values)} of {values.dtype}, wanted {wanted}")
+            got = f"shape {np.shape(values)} of {values.dtype}"
+            raise FormatError(f"{path}: particles/{name} has {got}, wanted numbers of shape {wanted}")
         if name not in ("id", "parent"):
             values = values if values.dtype == np.float64 else values.astype(np.float64)
             _require_finite(path, name, values)
@@ -180,7 +183,8 @@ def _require_finite(path, name, values):
     if name in _POSITIVE and values.size and values.min() <= 0:
         raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
     if name == "thickness" and values.size and values.min() < 0:
-        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {int(values.argmin())}, wanted 0 or more")
+        row = int(values.argmin())
+        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, wanted 0 or more")
 
 
 def _read_group(file, name):
