@@ -80,7 +80,7 @@ def law_method(name):
     absent law costs nothing and new parameter values compile nothing (architecture.md).
     """
 
-    @overload_method(types.NamedTuple, name)
+    @overload_method(types.BaseNamedTuple, name)
     def specialise(law, *arguments):
         method = register_jitable(getattr(law.instance_class, name))
         return lambda law, *arguments: method(law, *arguments)

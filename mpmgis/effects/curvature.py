@@ -1,0 +1,54 @@
+"""Curvature of the bed: the flow keeps its speed where the slope changes, and presses harder in hollows.
+
+Two parts under one switch (physics.md 3.8): (T) the velocity turns with the bed at constant speed, (N) the
+centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction.
+"""
+
+from typing import NamedTuple
+
+
+class NoCurvature(NamedTuple):
+    """The null law: velocities are not turned, the load is that of gravity alone."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    def curvature_active(self):
+        return False
+
+    def turned_velocity(self, u, v, old_x, old_y, new_x, new_y):
+        return u, v
+
+    def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
+        return 0.0
+
+    def effective_gravity(self, gravity, centrifugal):
+        return gravity
+
+
+class Curvature(NamedTuple):
+    """Tangent transport and centrifugal load, after Hergarten (2024, minVoellmy v2) and Fischer et al. (2012)."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    def curvature_active(self):
+        return True
+
+    def turned_velocity(self, u, v, old_x, old_y, new_x, new_y):
+        """Horizontal velocity after the bed's gradient changed from `old` to `new`; its length on the bed is kept."""
+        w = u * old_x + v * old_y
+        out = (w - u * new_x - v * new_y) / (1.0 + new_x * new_x + new_y * new_y)  # along (-b_x, -b_y, 1)
+        u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
+        before = u * u + v * v + w * w
+        after = u_new * u_new + v_new * v_new + w_new * w_new
+        if after <= 1e-12 * before or before == 0.0:
+            return u, v
+        scale = (before / after) ** 0.5
+        return u_new * scale, v_new * scale
+
+    def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
+        """kappa = u . (grad b(new) - grad b(old)) / dt [m s-2]; positive in hollows."""
+        return (u * (new_x - old_x) + v * (new_y - old_y)) / time_step
+
+    def effective_gravity(self, gravity, centrifugal):
+        """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""
+        return max(0.0, gravity + centrifugal)
