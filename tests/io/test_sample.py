@@ -1,7 +1,9 @@
 """The shipped site: there, complete, as its README says, and with its credit."""
 
+import geopandas
 import numpy as np
 import pytest
+import rasterio
 
 from mpmgis.errors import InputError
 from mpmgis.io.sample import sample_folder
@@ -10,7 +12,6 @@ CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Ge
 
 
 def test_terrain_is_as_its_readme_says():
-    rasterio = pytest.importorskip("rasterio")
     with rasterio.open(sample_folder() / "lava_falls_dem_utm12n_10m.tif") as dataset:
         elevation = dataset.read(1, masked=True)
         assert dataset.shape == (280, 260)
@@ -23,7 +24,6 @@ def test_terrain_is_as_its_readme_says():
 
 @pytest.mark.parametrize(("name", "area", "thickness"), [("", 20970.0, 5.0), ("_small", 6525.0, 1.5)])
 def test_releases_are_as_their_readme_says(name, area, thickness):
-    geopandas = pytest.importorskip("geopandas")
     release = geopandas.read_file(sample_folder() / f"lava_falls_release{name}.shp")
     assert release.crs.to_epsg() == 32612
     assert release.area.tolist() == pytest.approx([area])

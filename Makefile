@@ -1,0 +1,44 @@
+# Two commands for everybody: `make demo` runs the main job on the shipped site, `make test` the tests.
+# Each builds the environment it needs in .venv the first time. Only Python 3.11 to 3.13, git and make are needed.
+
+ENVIRONMENT := .venv
+BIN := $(ENVIRONMENT)/bin
+DEMO := demo
+
+.PHONY: help demo test validate bench lint clean
+
+help:
+	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
+	@echo "make test      the tests"
+	@echo "make validate  the long validation tests"
+	@echo "make bench     the benchmark table"
+	@echo "make lint      style"
+	@echo "make clean     remove the environment and what was made"
+
+demo: $(ENVIRONMENT)/installed
+	@$(BIN)/mpmgis demo -o $(DEMO) --overwrite
+
+test: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python -m pytest
+
+validate: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python -m pytest -m slow
+
+bench: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python tests/bench/run.py
+
+lint: $(ENVIRONMENT)/installed-test
+	@$(BIN)/ruff check
+
+# The stamps say what is installed, so that the second call is quick; a change of pyproject.toml installs again.
+$(ENVIRONMENT)/installed: pyproject.toml .ci/environment
+	@PYTHON="$(PYTHON)" .ci/environment $(ENVIRONMENT)
+	@touch $@
+
+$(ENVIRONMENT)/installed-test: pyproject.toml .ci/environment
+	@PYTHON="$(PYTHON)" .ci/environment $(ENVIRONMENT) test
+	@touch $@ $(ENVIRONMENT)/installed
+
+clean:
+	rm -rf $(ENVIRONMENT) $(DEMO) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
