@@ -69,7 +69,8 @@ class Grid:
     def corners(self):
         """float64[4, 2]: map coordinates of the raster's four outer corners [m], in ring order."""
         rows, columns = self.shape
-        return np.array([self.transform * c for c in ((0, 0), (columns, 0), (columns, rows), (0, rows))])
+        x, y = self.xy(np.array([0, 0, rows, rows]) - 0.5, np.array([0, columns, columns, 0]) - 0.5)
+        return np.stack([x, y], axis=-1)
 
     @cached_property
     def bounds(self):

@@ -37,8 +37,9 @@ class Terrain:
     def gradient(self):
         """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
 
-        One-sided to second order at the rim and first order beside nodata; NaN where no neighbour is valid
-        (physics.md X4); mapped by the inverse transpose of the pixel matrix (D6), so that it holds for any affine.
+        One-sided to second order at the rim and first order beside nodata; both components NaN where one axis has
+        no valid neighbour (physics.md X4); 0 across a raster of a single row or column. Mapped by the inverse
+        transpose of the pixel matrix (D6), so that it holds for any affine.
         """
         return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))
 
@@ -77,9 +78,9 @@ def bilinear(values, row, column):
     row, column = np.asarray(row, float), np.asarray(column, float)
     rows, columns = values.shape
     inside = (row >= -0.5) & (row <= rows - 0.5) & (column >= -0.5) & (column <= columns - 0.5)
-    with np.errstate(invalid="ignore"):
-        i = np.clip(np.floor(np.where(inside, row, 0.0)), 0, max(rows - 2, 0)).astype(np.intp)
-        j = np.clip(np.floor(np.where(inside, column, 0.0)), 0, max(columns - 2, 0)).astype(np.intp)
+    row, column = np.where(inside, row, 0.0), np.where(inside, column, 0.0)
+    i = np.clip(np.floor(row), 0, max(rows - 2, 0)).astype(np.intp)
+    j = np.clip(np.floor(column), 0, max(columns - 2, 0)).astype(np.intp)
     i1, j1 = np.minimum(i + 1, rows - 1), np.minimum(j + 1, columns - 1)
     fi, fj = row - i, column - j
     result = (values[i, j] * (1 - fi) + values[i1, j] * fi) * (1 - fj) + (
@@ -96,18 +97,18 @@ def _difference(elevation, axis, limit=np.inf):
     """
     z = np.moveaxis(elevation, axis, 0)
     n = z.shape[0]
+    if n == 1:
+        return np.where(np.isfinite(elevation), 0.0, np.nan)
+    step = z[1:] - z[:-1]
     forward, backward = np.full(z.shape, np.nan), np.full(z.shape, np.nan)
-    if n > 1:
-        forward[:-1] = z[1:] - z[:-1]
-        backward[1:] = forward[:-1]
+    forward[:-1] = backward[1:] = step
     with np.errstate(invalid="ignore"):
         result = 0.5 * (forward + backward)
         smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
         result = np.where(np.abs(forward - backward) > limit, smaller, result)
-    if n > 2:  # second-order one-sided at the rim (X4)
-        result[0] = 0.5 * (-3 * z[0] + 4 * z[1] - z[2])
-        result[-1] = 0.5 * (3 * z[-1] - 4 * z[-2] + z[-3])
+        if n > 2:  # second-order one-sided at the rim (X4), unless a cliff stands one pixel further in
+            for rim, inner in ((0, 1), (-1, -2)):
+                smooth = np.abs(step[rim] - step[inner]) <= limit
+                result[rim] = np.where(smooth, 1.5 * step[rim] - 0.5 * step[inner], step[rim])
     result = np.where(np.isfinite(result), result, np.where(np.isfinite(forward), forward, backward))
-    if n == 1:
-        result[:] = 0.0
     return np.moveaxis(np.where(np.isfinite(z), result, np.nan), 0, axis)
