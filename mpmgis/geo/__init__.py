@@ -1,0 +1,1 @@
+"""Where: grids, terrain, release areas."""

@@ -44,6 +44,7 @@ from numba import types  # noqa: E402
 from numba.extending import overload_method, register_jitable  # noqa: E402
 
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+numba.config.SLP_VECTORIZE = 1  # 12 % off the step of the depth-averaged solver (measured 2026-11-21)
 
 # Not "nnan" and "ninf": they fold x != x to False, and kernels count non-finite values (kernels.md, traps).
 FASTMATH = {"contract", "nsz", "arcp"}

@@ -1,0 +1,246 @@
+"""The depth-averaged solver: its state, one call to advance it, its frames and its balances (physics.md section 3)."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..effects.curvature import NoCurvature
+from ..effects.friction import Frictionless
+from ..effects.metric import SlopeMetric, WaterMetric
+from ..effects.still_water import NoStillWater
+from ..errors import SceneError
+from ..fields import GRAVITY
+from ..kernels import columns as kernel
+from ..particles import Frame, Particles
+from .grid import ColumnGrid
+
+EDGE_NAMES = ("west", "south", "east", "north", "nodata")
+BOUND_STOP = 4.0  # |U|^2 over its physical bound at which a run stops itself: twice the speed that energy allows
+
+
+class ColumnEffects(NamedTuple):
+    """The slots of the depth-averaged solver, each filled with a law or with its null form."""
+
+    friction: Any = Frictionless()
+    metric: Any = SlopeMetric()
+    curvature: Any = NoCurvature()
+    still_water: Any = NoStillWater()
+
+
+@dataclass(frozen=True)
+class ColumnNumerics:
+    """How the columns are marched; what is marched is in `ColumnEffects`.
+
+    `clamp` keeps a column's thickness below `clamp` times the grid's (physics.md 3.3; 0: off; None: 2 in form
+    `slope`, off in `swe`). `time_step` fixes the step [s] (None: from the CFL number).
+    """
+
+    cell_size: float
+    cfl: float = 0.3
+    edges: str = "open"
+    clamp: float | None = None
+    gravity: float = GRAVITY
+    density: float = 1000.0
+    stop_at_rest: bool = True
+    time_step: float | None = None
+
+
+class ColumnSolver:
+    """Marches the columns of `frame` over `terrain`.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 2, in the terrain's CRS.
+    terrain : Terrain
+    effects : ColumnEffects
+    numerics : ColumnNumerics
+    """
+
+    def __init__(self, frame, terrain, effects, numerics):
+        if frame.dimension != 2 or frame.particles.area is None:
+            raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
+        self.effects, self.numerics, self._start = effects, numerics, frame
+        self.grid = ColumnGrid.on(terrain, numerics.cell_size)
+        if numerics.edges == "wall" and not self.grid.inside.all():
+            raise SceneError(
+                "[numerics] edges = 'wall' wants a DTM without nodata, north-up or south-up; fill it, or edges = 'open'"
+            )
+        if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
+            raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
+        self._load(frame)
+
+    def _load(self, frame):
+        particles, grid, numerics = frame.particles, self.grid, self.numerics
+        n, dx = len(particles), grid.cell_size
+        x, y = frame.map_xy()
+        x, y = x - grid.x0, y - grid.y0
+        ny, nx = grid.inside.shape
+        off = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
+        if not off.any():
+            off = grid.inside[(y / dx).astype(int), (x / dx).astype(int)] == 0
+        if off.any():
+            at = int(np.argmax(off))
+            raise SceneError(
+                f"{int(off.sum())} of {n} columns start outside the terrain's whole cells, the first at "
+                f"E {x[at] + grid.x0:.1f} N {y[at] + grid.y0:.1f}; move the release inwards or use a larger DTM"
+            )
+        self.bed_start, gradient_x, gradient_y = kernel.beds_at(grid.bed, x, y, dx)
+        width = kernel.KAPPA + 1 if self.effects.curvature.curvature_active() else kernel.KAPPA
+        self._rows = np.zeros((2, n, width))
+        self._ids = np.zeros((2, n), np.uint64)
+        self._keys = np.zeros((2, n), np.int32)
+        self._order = np.zeros(n, np.int32)
+        rows = self._rows[0]
+        rows[:, kernel.X], rows[:, kernel.Y] = x, y
+        rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
+        rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
+        rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
+        self._ids[0] = particles.id if particles.id is not None else np.arange(n)
+        shape = grid.bed.shape
+        self._nodes = np.zeros((*shape, 4))
+        self._wet = np.zeros(shape, np.uint8)
+        self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
+        self._clock = np.zeros(kernel.CLOCK)
+        self._counts = np.zeros(kernel.COUNTS, np.int64)
+        self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
+        self._counts[kernel.WEST : kernel.NORTH + 1] = kernel.initial_keys(rows, self._keys[0], dx)
+        thickness = particles.mass / (numerics.density * particles.area)
+        speed = np.hypot(*particles.velocity[:, :2].T)
+        self.total_mass = float(particles.mass.sum())
+        reference = float((particles.mass * thickness).sum() / self.total_mass)
+        self._thickness_floor = max(1e-3, 1e-3 * reference)
+        self._wet_thickness = 0.01 * reference
+        slope = float(np.hypot(gradient_x, gradient_y).max())
+        self._first_limit = numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(slope, 1e-3)))
+        self._bound_bed = float(self.bed_start.max())
+        self._bound_energy = float(4 * numerics.gravity * thickness.max() + (particles.velocity**2).sum(axis=1).max())
+        clock = self._clock
+        clock[kernel.TIME] = clock[kernel.FOOTPRINT_MARK_TIME] = frame.time
+        clock[kernel.SPEED] = speed.max()
+        clock[kernel.SIGNAL] = (speed + np.sqrt(numerics.gravity * thickness)).max()
+        clock[kernel.KINETIC_LOW_SINCE] = -1.0
+        clock[kernel.DEPTH_NOW] = clock[kernel.DEPTH_WORST] = thickness.max()
+        self.energy_start = self.energy()
+
+    @property
+    def clamp(self):
+        """The thickness clamp in use; 0 is off."""
+        if self.numerics.clamp is not None:
+            return float(self.numerics.clamp)
+        return 2.0 if isinstance(self.effects.metric, SlopeMetric) else 0.0
+
+    @property
+    def time(self):
+        """Simulated time [s]."""
+        return float(self._clock[kernel.TIME])
+
+    @property
+    def step(self):
+        """Number of steps taken."""
+        return int(self._counts[kernel.STEP])
+
+    def advance(self, until, max_steps=1 << 62):
+        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back."""
+        numerics = self.numerics
+        return kernel.advance(
+            self._rows, self._ids, self._keys, self._order, self._nodes, self.grid.bed, self.grid.gradient,
+            self.grid.inside, self._wet, self._clock, self._counts, self._ledger, float(until), int(max_steps),
+            self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._first_limit),
+            float(numerics.density), float(numerics.gravity), self.clamp, self._thickness_floor, self._wet_thickness,
+            numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, BOUND_STOP,
+            self.total_mass, self.effects.metric, self.effects.friction, self.effects.curvature,
+            self.effects.still_water,
+        )  # fmt: skip
+
+    def _alive(self):
+        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
+        keep = self._keys[now, :n] != kernel.GONE
+        return self._rows[now, :n][keep], self._ids[now, :n][keep]
+
+    def frame(self):
+        """The columns now, as a Frame: z is the bed, velocities are tangent to it."""
+        rows, ids = self._alive()
+        grid, density = self.grid, self.numerics.density
+        bed = kernel.beds_at(grid.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
+        origin = self._start.origin
+        position = np.column_stack(
+            [rows[:, kernel.X] + (grid.x0 - origin[0]), rows[:, kernel.Y] + (grid.y0 - origin[1]), bed - origin[2]]
+        )
+        u, v = rows[:, kernel.U], rows[:, kernel.V]
+        velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
+        mass, area = rows[:, kernel.MASS].copy(), rows[:, kernel.AREA].copy()
+        volume = mass / density
+        start = self._start
+        return Frame(
+            Particles(position, velocity, mass, volume, thickness=volume / area, area=area, id=ids),
+            time=self.time,
+            step=self.step,
+            dimension=2,
+            solver="columns",
+            crs=start.crs,
+            origin=start.origin,
+            dem=start.dem,
+            dem_sha256=start.dem_sha256,
+            digest=start.digest,
+            header={"density": density},
+        )
+
+    def energy(self):
+        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""
+        rows, _ = self._alive()
+        grid, density, gravity = self.grid, self.numerics.density, self.numerics.gravity
+        bed = kernel.beds_at(grid.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
+        mass = rows[:, kernel.MASS]
+        u, v = rows[:, kernel.U], rows[:, kernel.V]
+        w = u * rows[:, kernel.GX] + v * rows[:, kernel.GY] if isinstance(self.effects.metric, SlopeMetric) else 0.0
+        thickness = mass / (density * rows[:, kernel.AREA])
+        potential = mass * gravity * (bed - grid.bed.min() + 0.5 * thickness)
+        return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
+
+    def balances(self):
+        """Mass, energy and outflow so far, in plain numbers [kg, J, kg m s-1], with the checks a reader wants first."""
+        rows, _ = self._alive()
+        mass_now = float(rows[:, kernel.MASS].sum())
+        mass_out = float(self._ledger[:, 0].sum())
+        kinetic, potential = self.energy()
+        clock = self._clock
+        return {
+            "mass_start": self.total_mass,
+            "mass_now": mass_now,
+            "mass_out": mass_out,
+            "mass_error_relative": (mass_now + mass_out - self.total_mass) / self.total_mass,
+            "outflow": {
+                name: dict(
+                    zip(
+                        ("mass", "momentum_east", "momentum_north", "kinetic_energy", "particles"),
+                        map(float, self._ledger[k]),
+                        strict=True,
+                    )
+                )
+                for k, name in enumerate(EDGE_NAMES)
+                if self._ledger[k, 4] > 0
+            },
+            "kinetic_energy": kinetic,
+            "potential_energy": potential,
+            "energy_lost": sum(self.energy_start) - kinetic - potential,
+            "speed_max_now": float(clock[kernel.SPEED]),
+            "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
+            "thickness_max_now": float(clock[kernel.DEPTH_NOW]),
+            "thickness_max": float(clock[kernel.DEPTH_WORST]),
+            "moving_share": float(clock[kernel.MOVING_SHARE]),
+            "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
+            "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
+            "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
+        }
+
+    def trouble(self):
+        """(map E, map N, particles not finite, speed over its bound) of what stopped the run."""
+        clock = self._clock
+        return (
+            float(clock[kernel.BOUND_NOW_X]) + self.grid.x0,
+            float(clock[kernel.BOUND_NOW_Y]) + self.grid.y0,
+            int(self._counts[kernel.BAD]),
+            float(np.sqrt(clock[kernel.BOUND_NOW])),
+        )
