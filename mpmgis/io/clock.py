@@ -1,0 +1,108 @@
+"""The one clock of a run in QGIS: simulated seconds told as whole QGIS seconds.
+
+QGIS saves time ranges in whole seconds, and a step of 0.2 s would be lost at the user's first save. So the clock
+is stretched: one simulated second becomes a minute, an hour or a day from a base date, the same for the stacks, the
+mesh, the outlines and the project. The true time stays in `t_s` columns, band names and the title of the map.
+"""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+
+BASE = datetime(2000, 1, 1, tzinfo=timezone.utc)
+BASE_TEXT = "2000-01-01T00:00:00Z"
+STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
+SHORTEST_STEP = 2  # QGIS seconds: a layer of its own shows from a second after its step to one before the next
+ROUNDING = 1e-6  # share of a step by which a time may miss a whole QGIS second and still count as one
+LONGEST_RUN = 1900 * 365 * 86_400  # QGIS seconds: dates stay between the years 100 and 3900
+MOST_FRAMES = 5000  # of the controller, where steps are very uneven
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Steps on the stretched time line.
+
+    Parameters
+    ----------
+    stretch : int
+        QGIS seconds per simulated second.
+    begins : tuple of int [QGIS s]
+        Start of each step after the base date.
+    """
+
+    stretch: int
+    begins: tuple
+
+    @classmethod
+    def of(cls, times):
+        """The clock for increasing `times` [s]: the smallest stretch whose steps are whole and at least 2 long.
+
+        Where no stretch makes them whole, the smallest whose rounded steps are at least 2 long.
+
+        Raises
+        ------
+        InputError
+            Where there is no time, one is not finite, they do not increase, or they lie too close for any stretch.
+        """
+        times = np.asarray(times, dtype=float)
+        if times.size == 0 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+            raise InputError(f"times of the exported steps must be finite and increase; got {_sample(times)}")
+        fitting = [
+            stretch
+            for stretch in STRETCHES
+            if _shortest(times, stretch) >= SHORTEST_STEP and np.abs(times).max() * stretch < LONGEST_RUN
+        ]
+        if not fitting:
+            raise InputError(
+                f"exported steps are {np.diff(times).min():.3g} s apart over {times[-1]:.6g} s, "
+                "too close for a clock of whole seconds in QGIS; use a larger --dt-e, or --no-qgis"
+            )
+        stretch = next((stretch for stretch in fitting if _is_whole(times, stretch)), fitting[0])
+        return cls(stretch, tuple(int(second) for second in np.rint(times * stretch)))
+
+    @cached_property
+    def step(self):
+        """Length of a controller frame [QGIS s]: the shortest step, unless that makes thousands of frames."""
+        if len(self.begins) == 1:
+            return self.stretch
+        shortest = int(np.diff(self.begins).min())
+        return max(shortest, -(-(self.begins[-1] - self.begins[0]) // MOST_FRAMES))
+
+    @property
+    def ends(self):
+        """Tuple of int [QGIS s]: where each step gives way to the next; the last one lasts a controller frame."""
+        return (*self.begins[1:], self.begins[-1] + self.step)
+
+    @property
+    def says(self):
+        """What the clock shows, for people: for example "1 s = 1 min"."""
+        return STRETCHES[self.stretch]
+
+    @property
+    def decimals(self):
+        """Decimals of simulated seconds that tell neighbouring steps apart."""
+        step = self.step / self.stretch
+        enough = max(0, int(np.ceil(-np.log10(step))) + 1)
+        return next((n for n in range(enough) if abs(step * 10**n - round(step * 10**n)) < 1e-6), enough)
+
+
+def stamp(second):
+    """ISO 8601 text in UTC of a QGIS second after the base date."""
+    return (BASE + timedelta(seconds=int(second))).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _shortest(times, stretch):
+    return np.diff(np.rint(times * stretch)).min() if times.size > 1 else np.inf
+
+
+def _is_whole(times, stretch):
+    stretched = times * stretch
+    return np.all(np.abs(stretched - np.rint(stretched)) <= max(ROUNDING * _shortest(times, stretch), 1e-6))
+
+
+def _sample(times):
+    return ", ".join(f"{t:g}" for t in times[:5]) + (", ..." if times.size > 5 else "") or "none"

@@ -1,0 +1,137 @@
+"""What an export has written: the one description that styles, stacks, mesh, outlines and project are made from."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..geo.grid import Grid
+
+TYPICAL_PERCENTILE = 99.0  # of the wet cells' maxima: one particle flung away must not set the colours of all
+
+
+@dataclass(frozen=True)
+class ExportedRun:
+    """The rasters of one exported run, as they lie in a folder.
+
+    Everything that is written from it goes into `folder`, which is meant to be one in the making
+    (`mpmgis.io.atomic.whole_folder`): the files in it need no temporary names of their own.
+
+    Parameters
+    ----------
+    folder : Path
+        All file names below are relative to it.
+    name : str
+        Name of the run, with which its files begin.
+    grid : Grid
+        Export grid, north-up.
+    terrain_file : str
+        Terrain on the export grid.
+    times : tuple of float [s]
+        One per step, increasing.
+    step_files : tuple of str
+        One raster per step.
+    step_bands, maxima_bands, deposit_bands : tuple of Quantity
+        Bands of each step's raster, of the maxima and of the last step's.
+    maxima_file, deposit_file : str
+    largest : dict of str to float
+        Largest absolute finite value of each band over all steps.
+    min_depth : float [m]
+        Depth below which velocities are nodata; outlines enclose the cells at least this deep.
+    """
+
+    folder: Path
+    name: str
+    grid: Grid
+    terrain_file: str
+    times: tuple
+    step_files: tuple
+    step_bands: tuple
+    maxima_file: str
+    maxima_bands: tuple
+    deposit_file: str
+    deposit_bands: tuple
+    largest: dict = field(default_factory=dict)
+    min_depth: float = 0.05
+
+    @property
+    def mesh_file(self):
+        """Name of the UGRID mesh."""
+        return f"{self.name}.nc"
+
+    @property
+    def outlines_file(self):
+        """Name of the GeoPackage."""
+        return f"{self.name}.gpkg"
+
+    @property
+    def project_file(self):
+        """Name of the QGIS project."""
+        return f"{self.name}.qgz"
+
+    def stack_file(self, band):
+        """Name of the stack of all steps of one band (its name or Quantity)."""
+        return f"{self.name}_{getattr(band, 'name', band)}.vrt"
+
+    def read(self, file, names):
+        """The named bands of one of the run's rasters.
+
+        Parameters
+        ----------
+        file : str
+            One of the run's own file names.
+        names : sequence of str
+
+        Returns
+        -------
+        list of float32[rows, columns]
+            NaN where there is no data; None for a band that the file does not have.
+        """
+        import rasterio
+
+        bands = [quantity.name for quantity in self.bands_of(file)]
+        with rasterio.open(self.folder / file) as source:
+            return [_with_nan(source, bands.index(name) + 1) if name in bands else None for name in names]
+
+    def bands_of(self, file):
+        """Tuple of Quantity: the bands of one of the run's rasters, in order."""
+        return {self.maxima_file: self.maxima_bands, self.deposit_file: self.deposit_bands}.get(file, self.step_bands)
+
+    def read_terrain(self):
+        """float32[rows, columns] [m]: elevation on the export grid, NaN where there is none."""
+        import rasterio
+
+        with rasterio.open(self.folder / self.terrain_file) as source:
+            return _with_nan(source, 1)
+
+    @cached_property
+    def typical(self):
+        """Size that the values of each band reach, by name: what colours should span.
+
+        The 99th percentile over the wet cells of a maxima band, shared with the band it is the maximum of; the
+        largest value where there is no maximum.
+        """
+        typical = {name: value for name, value in self.largest.items() if value > 0}
+        names = [quantity.name for quantity in self.maxima_bands]
+        peaks = {}
+        for name, values in zip(names, self.read(self.maxima_file, names), strict=True):
+            sizes = np.abs(values[np.isfinite(values) & (values != 0)])
+            if sizes.size:
+                typical[name] = float(np.percentile(sizes, TYPICAL_PERCENTILE))
+                peak_of = name.removesuffix("_max").removesuffix("_min")
+                peaks[peak_of] = max(peaks.get(peak_of, 0.0), typical[name])
+        for name in ("Un_max", "Un_min"):  # both ends share one symmetric scale with Un
+            if name in typical and "Un" in peaks:
+                typical[name] = peaks["Un"]
+        if "t_arrival" in names and len(self.times):
+            typical["t_arrival"] = float(self.times[-1])
+        return typical | {name: peak for name, peak in peaks.items() if name not in names}
+
+
+def _with_nan(source, band):
+    """float32[rows, columns]: one band of an open raster with NaN for its nodata value."""
+    values = source.read(band, out_dtype="float32")
+    if source.nodata is not None:
+        values[values == np.float32(source.nodata)] = np.nan
+    return values

@@ -1,0 +1,47 @@
+"""XML as QGIS and GDAL read it, written with the standard library."""
+
+from xml.etree import ElementTree
+
+QGIS_HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+
+
+def node(tag, attributes=None, *children, text=None):
+    """An element with `attributes` (any values, written by str), `text` and `children` (elements; None is left out)."""
+    element = ElementTree.Element(tag, {key: str(value) for key, value in (attributes or {}).items()})
+    element.text = None if text is None else str(text)
+    element.extend(child for child in children if child is not None)
+    return element
+
+
+def qgis_document(root):
+    """Text of a QGIS style or project file."""
+    return QGIS_HEAD + ElementTree.tostring(root, encoding="unicode")
+
+
+def options(values):
+    """The settings of a symbol layer twice: as 3.44 writes them and as 3.22 also reads them."""
+    newer = node(
+        "Option",
+        {"type": "Map"},
+        *(node("Option", {"type": "QString", "name": k, "value": v}) for k, v in values.items()),
+    )
+    return [newer, *(node("prop", {"k": k, "v": v}) for k, v in values.items())]
+
+
+def reference_system(crs):
+    """`spatialrefsys` of a CRS; a local frame without place (None) is an engineering CRS in metres."""
+    wkt = LOCAL_FRAME if crs is None else crs.to_wkt()
+    authority = None if crs is None else crs.to_authority()
+    return node(
+        "spatialrefsys",
+        {"nativeFormat": "Wkt"},
+        node("wkt", text=wkt),
+        node("authid", text=":".join(authority)) if authority else None,
+    )
+
+
+LOCAL_FRAME = (
+    'ENGCRS["local frame in metres",EDATUM["local frame"],CS[Cartesian,2],'
+    'AXIS["easting (E)",east,ORDER[1],LENGTHUNIT["metre",1]],'
+    'AXIS["northing (N)",north,ORDER[2],LENGTHUNIT["metre",1]]]'
+)

@@ -1,0 +1,226 @@
+"""The flow as a UGRID mesh in NetCDF: what QGIS draws as moving arrows, and what xarray opens.
+
+Only the cells that the flow ever reached are faces, so that a thin flow on a wide terrain stays small.
+Conventions: UGRID 1.0 and CF-1.8, in the corner of them that QGIS (MDAL) reads: a face's corners run
+counter-clockwise, the CRS is ASCII WKT 1 in the variable that the node heights name, and the two components of a
+vector share a long name up to ", x-component" and ", y-component".
+"""
+
+import numpy as np
+from pyproj.exceptions import CRSError
+
+from ..fields import NODATA
+from .clock import Clock
+from .styles import look_of
+
+MESH_BANDS = ("h", "t", "Un", "Ut")
+VELOCITY = "velocity along the slope (m/s)"
+BED = "Bed Elevation"  # QGIS' own name for node heights
+COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
+COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fill_value": np.float32(NODATA)}
+
+
+def write_mesh(run, velocity=None):
+    """Write the mesh of a run: h, t, Un, Ut and the velocity vector on the ever-wet cells, step by step.
+
+    A run in which no cell was ever wet has no mesh.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    velocity : callable or iterable, optional
+        Horizontal components of the velocity along the slope, each float[rows, columns] [m s-1] with NaN where there
+        is none: `velocity(k)` gives the pair (east, north) of step k; an iterable gives one pair after the other.
+        Without it the steps' own bands Ut_E and Ut_N are taken; where they have none there are no arrows.
+    """
+    (peak,) = run.read(run.maxima_file, ("h_max",))
+    wet = np.isfinite(peak)
+    if not wet.any():
+        return
+    pairs = _velocity_pairs(run, velocity)
+    names = [quantity.name for quantity in run.step_bands if quantity.name in MESH_BANDS]
+    with _open_new(run.folder / run.mesh_file) as file:
+        _write_places(file, run, wet)
+        _write_times(file, run)
+        variables = [_face_variable(file, name, _title(run, name), "m s-1" if name[0] == "U" else "m") for name in names]
+        arrows = [
+            _face_variable(file, name, f"{VELOCITY}, {component}", "m s-1")
+            for name, component in COMPONENTS.items()
+            if pairs is not None
+        ]
+        for k, step_file in enumerate(run.step_files):
+            values = run.read(step_file, names)
+            dry = _dry(dict(zip(names, values, strict=True)), wet)
+            for variable, band in zip(variables, values, strict=True):
+                variable[k] = _filled(np.where(dry, np.nan, band[wet]))
+            for variable, band in zip(arrows, next(pairs) if arrows else (), strict=True):
+                variable[k] = _filled(np.asarray(band)[wet])
+
+
+def group_names(path):
+    """List of the dataset groups that QGIS shows of a mesh written here, in its order; empty where there is no file."""
+    import netCDF4
+
+    if not path.exists():
+        return []
+    with netCDF4.Dataset(path) as file:
+        titles = {
+            variable.long_name.removesuffix(", x-component").removesuffix(", y-component")
+            for variable in file.variables.values()
+            if getattr(variable, "location", "") == "face"
+        }
+    return [BED, *sorted(titles)]
+
+
+def _open_new(path):
+    import netCDF4
+
+    return netCDF4.Dataset(path, "w", format="NETCDF4")
+
+
+def _velocity_pairs(run, velocity):
+    """Iterator of (east, north) per step, or None where there is nothing to make it from."""
+    if callable(velocity):
+        return (velocity(k) for k in range(len(run.times)))
+    if velocity is not None:
+        return iter(velocity)
+    if {quantity.name for quantity in run.step_bands} >= set(COMPONENTS):
+        return (run.read(file, tuple(COMPONENTS)) for file in run.step_files)
+    return None
+
+
+def _dry(values, wet):
+    """bool[faces]: nothing there at this step: no depth, no thickness, no velocity."""
+    dry = np.ones(np.count_nonzero(wet), dtype=bool)
+    for name, band in values.items():
+        inside = band[wet]
+        dry &= ~np.isfinite(inside) if name in ("Un", "Ut") else ~(inside > 0)
+    return dry
+
+
+def _filled(values):
+    return np.where(np.isfinite(values), values, NODATA).astype(np.float32)
+
+
+def _title(run, name):
+    return look_of(next(q for q in run.step_bands if q.name == name)).title(name)
+
+
+def _write_places(file, run, wet):
+    """The mesh's nodes, faces and CRS."""
+    nodes, corners = _corners(wet)
+    x, y = _node_places(run.grid, nodes)
+    file.createDimension("node", len(x))
+    file.createDimension("face", len(corners))
+    file.createDimension("corner", 4)
+    file.setncatts(
+        {"Conventions": "CF-1.8 UGRID-1.0", "title": run.name, "source": "mpmgis", "min_depth": float(run.min_depth)}
+    )
+    _write_reference_system(file, run.grid.crs)
+    mesh = file.createVariable("mesh", "i4")
+    mesh.setncatts(
+        {
+            "cf_role": "mesh_topology",
+            "topology_dimension": np.int32(2),
+            "node_coordinates": "node_x node_y",
+            "face_node_connectivity": "face_nodes",
+            "face_dimension": "face",
+        }
+    )
+    for name, values, standard in (("node_x", x, "projection_x_coordinate"), ("node_y", y, "projection_y_coordinate")):
+        variable = file.createVariable(name, "f8", ("node",), zlib=True, complevel=1, shuffle=True)
+        variable.setncatts({"standard_name": standard, "units": "m", "mesh": "mesh", "location": "node"})
+        variable[:] = values
+    faces = file.createVariable("face_nodes", "i4", ("face", "corner"), zlib=True, complevel=1, shuffle=True, fill_value=-1)
+    faces.setncatts({"cf_role": "face_node_connectivity", "start_index": np.int32(0)})
+    faces[:] = corners
+    bed = file.createVariable("node_z", "f8", ("node",), zlib=True, complevel=1, fill_value=NODATA)
+    bed.setncatts(
+        {
+            "standard_name": "altitude",
+            "long_name": "bed elevation",
+            "units": "m",
+            "mesh": "mesh",
+            "location": "node",
+            "grid_mapping": "projected_coordinate_system",
+        }
+    )
+    heights = _node_heights(run.read_terrain())[nodes]
+    bed[:] = np.where(np.isfinite(heights), heights, NODATA)
+
+
+def _corners(wet):
+    """The lattice nodes that wet cells use, bool[rows + 1, columns + 1], and each face's nodes, int32[faces, 4].
+
+    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner.
+    """
+    used = np.zeros((wet.shape[0] + 1, wet.shape[1] + 1), dtype=bool)
+    row, column = np.nonzero(wet)
+    around = ((row + 1, column), (row + 1, column + 1), (row, column + 1), (row, column))
+    for corner in around:
+        used[corner] = True
+    number = np.cumsum(used.ravel(), dtype=np.int32).reshape(used.shape) - 1
+    return used, np.stack([number[corner] for corner in around], axis=1)
+
+
+def _node_places(grid, used):
+    row, column = np.nonzero(used)
+    return grid.xy(row - 0.5, column - 0.5)
+
+
+def _node_heights(elevation):
+    """float64[rows + 1, columns + 1] [m]: mean of the up to four valid cells around each lattice node."""
+    padded = np.pad(elevation.astype(float), 1, constant_values=np.nan)
+    around = [padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]]
+    count = sum(np.isfinite(part) for part in around)
+    total = sum(np.where(np.isfinite(part), part, 0.0) for part in around)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+
+
+def _write_reference_system(file, crs):
+    """The CRS in plain ASCII: with any other sign netCDF4 writes a kind of text that QGIS does not see."""
+    variable = file.createVariable("projected_coordinate_system", "i4")
+    if crs is None:
+        return
+    try:
+        text = crs.to_wkt("WKT1_GDAL")
+    except CRSError:
+        text = crs.to_wkt()
+    text = text.encode("ascii", "ignore").decode()
+    variable.setncatts({"wkt": text, "crs_wkt": text, "name": crs.name.encode("ascii", "ignore").decode()})
+    if crs.to_epsg():
+        variable.setncatts({"epsg": np.int32(crs.to_epsg()), "EPSG_code": f"EPSG:{crs.to_epsg()}"})
+
+
+def _write_times(file, run):
+    """The stretched time that QGIS plays, and the true one beside it."""
+    clock = Clock.of(run.times)
+    file.createDimension("time", None)
+    time = file.createVariable("time", "f8", ("time",))
+    time.setncatts(
+        {
+            "standard_name": "time",
+            "long_name": f"time as QGIS plays it ({clock.says})",
+            "units": "seconds since 2000-01-01 00:00:00",
+            "calendar": "standard",
+        }
+    )
+    time[:] = np.array(clock.begins, dtype=float)
+    true = file.createVariable("t_s", "f8", ("time",))
+    true.setncatts({"long_name": "simulated time", "units": "s"})
+    true[:] = np.array(run.times, dtype=float)
+
+
+def _face_variable(file, name, title, units):
+    faces = len(file.dimensions["face"])
+    variable = file.createVariable(name, "f4", ("time", "face"), chunksizes=(1, faces), **COMPRESSION)
+    variable.setncatts(
+        {
+            "long_name": title,
+            "units": units,
+            "mesh": "mesh",
+            "location": "face",
+            "grid_mapping": "projected_coordinate_system",
+        }
+    )
+    return variable

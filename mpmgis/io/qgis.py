@@ -1,0 +1,342 @@
+"""The QGIS project of an exported run: double-click it, press play.
+
+Written with the standard library alone. What QGIS needs and does not say, found by trial: every layer its own CRS,
+layer ids of more than 10 characters, `ProjectionsEnabled` for the project's CRS, times in whole seconds, and the list
+of a mesh's groups before it heeds how the mesh is to be drawn. All paths are relative, so that the folder can move.
+"""
+
+import re
+import zipfile
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..errors import InputError
+from .clock import BASE_TEXT, Clock, stamp
+from .markup import node, qgis_document, reference_system
+from .mesh import VELOCITY, group_names
+from .outlines import geometry_type, layer_names, vector_renderer
+from .styles import bands_over_time, contour_interval, contour_pipe, hillshade_pipe, look_of, one_step, value_pipe
+from .symbols import instants
+
+TIME_BY_BAND = (3, 38)  # first QGIS that animates the bands of one layer
+FRAME_RATE = 8  # frames per second in the temporal controller
+ARROW_GRID = 18  # pixels between velocity arrows on the screen
+VECTOR_TITLES = {
+    "outline": "outline of the flow",
+    "envelope": "envelope of all steps",
+    "release": "release area",
+    "particles": "particles (thinned), by speed",
+}
+
+
+class Layer(NamedTuple):
+    """One row of the layer list: its `maplayer` element and whether it is shown at first."""
+
+    title: str
+    maplayer: Element
+    shown: bool = False
+    unfolded: bool = False
+
+
+class Group(NamedTuple):
+    """A group of rows (Layer or Group); `exclusive`: one at a time is shown."""
+
+    title: str
+    rows: list
+    shown: bool = True
+    unfolded: bool = True
+    exclusive: bool = False
+
+
+def write_project(run, qgis_min="3.38"):
+    """Write the project: animation, maxima, deposit, outlines and terrain, with styles, times and a map title.
+
+    Parameters
+    ----------
+    run : ExportedRun
+        Its rasters, stacks, mesh and outlines are written already; a mesh or outline that is not there is left out.
+    qgis_min : str
+        Oldest QGIS that must animate it. From 3.38 on a variable is one layer with time by band; below, one layer
+        for each step and variable.
+
+    Raises
+    ------
+    InputError
+        Where `qgis_min` is no version, or older than 3.22.
+    """
+    by_band = parse_version(qgis_min) >= TIME_BY_BAND
+    clock = Clock.of(run.times)
+    groups = [
+        _animation(run, clock, by_band),
+        _outlines(run),
+        _maxima(run),
+        _deposit(run),
+        _terrain(run),
+    ]
+    text = qgis_document(_project(run, clock, [group for group in groups if group.rows]))
+    with zipfile.ZipFile(run.folder / run.project_file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(f"{run.name}.qgs", text)
+
+
+def parse_version(text):
+    """(major, minor) of a QGIS version; InputError where it is none or older than 3.22."""
+    match = re.fullmatch(r"(\d+)\.(\d+)(\.\d+)?", str(text).strip())
+    if match is None or (int(match[1]), int(match[2])) < (3, 22):
+        raise InputError(f"--qgis-min {text}: wanted a QGIS version from 3.22 on, for example 3.22 or 3.38")
+    return int(match[1]), int(match[2])
+
+
+def _animation(run, clock, by_band):
+    vectors = [
+        _vector_layer(run, clock, name, shown=name == "outline")
+        for name in layer_names(run.folder / run.outlines_file)
+        if name in ("outline", "particles")
+    ]
+    fields = [
+        (_stacked_layer if by_band else _steps_group)(run, clock, quantity, band, shown=band == 1)
+        for band, quantity in enumerate(run.step_bands, start=1)
+    ]
+    return Group(f"{run.name}: animation ({clock.says})", [*_arrows(run, clock), *vectors, *fields])
+
+
+def _outlines(run):
+    names = [name for name in layer_names(run.folder / run.outlines_file) if name in ("release", "envelope")]
+    rows = [_vector_layer(run, None, name, shown=name == "release") for name in names]
+    return Group("release and envelope", rows[::-1], unfolded=False)
+
+
+def _maxima(run):
+    rows = [
+        _raster_layer(run, "maxima", run.maxima_file, quantity, band, shown=band == 1)
+        for band, quantity in enumerate(run.maxima_bands, start=1)
+    ]
+    return Group(f"{run.name}: maxima over all steps", rows, shown=False, unfolded=False, exclusive=True)
+
+
+def _deposit(run):
+    rows = [
+        _raster_layer(run, "deposit", run.deposit_file, quantity, band, shown=band == 1)
+        for band, quantity in enumerate(run.deposit_bands, start=1)
+    ]
+    return Group(f"{run.name}: deposit (last step)", rows, shown=False, unfolded=False, exclusive=True)
+
+
+def _terrain(run):
+    heights = run.read_terrain()
+    heights = heights[np.isfinite(heights)]
+    interval = contour_interval(float(np.ptp(heights)) if heights.size else 0.0)
+    pipes = {f"contours every {interval:g} m": contour_pipe(interval), "hillshade": hillshade_pipe()}
+    rows = [
+        Layer(title, _maplayer(run, "raster", f"terrain_{k}", run.terrain_file, title, "gdal", None, pipe), True)
+        for k, (title, pipe) in enumerate(pipes.items())
+    ]
+    return Group("terrain", rows, unfolded=False)
+
+
+def _stacked_layer(run, clock, quantity, band, shown):
+    title = look_of(quantity).title(quantity.name)
+    maplayer = _maplayer(
+        run,
+        "raster",
+        f"animation_{quantity.name}",
+        run.stack_file(quantity),
+        title,
+        "gdal",
+        bands_over_time(clock),
+        value_pipe(quantity, run, 1),
+    )
+    return Layer(title, maplayer, shown, unfolded=shown)
+
+
+def _steps_group(run, clock, quantity, band, shown):
+    """A group of one layer for each step, which every QGIS since 3.14 animates."""
+    rows = []
+    for k, file in enumerate(run.step_files):
+        title = f"{quantity.name} at t = {run.times[k]:.{clock.decimals}f} s"
+        part = f"step_{quantity.name}_{k:04d}"
+        pipe = value_pipe(quantity, run, band)
+        rows.append(Layer(title, _maplayer(run, "raster", part, file, title, "gdal", one_step(clock, k), pipe), True))
+    return Group(look_of(quantity).title(quantity.name), rows, shown=shown, unfolded=False)
+
+
+def _raster_layer(run, kind, file, quantity, band, shown):
+    title = look_of(quantity).title(quantity.name)
+    pipe = value_pipe(quantity, run, band)
+    return Layer(
+        title, _maplayer(run, "raster", f"{kind}_{quantity.name}", file, title, "gdal", None, pipe), shown, shown
+    )
+
+
+def _vector_layer(run, clock, name, shown):
+    maplayer = _maplayer(
+        run,
+        "vector",
+        f"vector_{name}",
+        f"{run.outlines_file}|layername={name}",
+        VECTOR_TITLES[name],
+        "ogr",
+        instants(clock) if clock else None,
+        vector_renderer(name, run),
+    )
+    maplayer.set("geometry", geometry_type(name)[1])
+    return Layer(VECTOR_TITLES[name], maplayer, shown)
+
+
+def _arrows(run, clock):
+    """The mesh as arrows alone, over whichever field is shown; no layer where there is no mesh or no vector in it."""
+    names = group_names(run.folder / run.mesh_file)
+    if VELOCITY not in names:
+        return []
+    temporal = node(
+        "temporal",
+        {
+            "temporal-active": 1,
+            "matching-method": 0,
+            "reference-time": BASE_TEXT,
+            "start-time-extent": stamp(clock.begins[0]),
+            "end-time-extent": stamp(clock.ends[-1]),
+        },
+    )
+    vector = names.index(VELOCITY)
+    arrow = node(
+        "vector-arrow-settings",
+        {"arrow-head-width-ratio": 0.3, "arrow-head-length-ratio": 0.4},
+        node("shaft-length", {"method": "minmax", "min": 1, "max": 6}),
+    )
+    drawn = {
+        "group": vector,
+        "symbology": 0,
+        "line-width": 0.3,
+        "color": "20,20,20,255",
+        "coloring-method": 0,
+        "filter-min": -1,
+        "filter-max": -1,
+        "user-grid-enabled": 1,
+        "user-grid-width": ARROW_GRID,
+        "user-grid-height": ARROW_GRID,
+    }
+    settings = node(
+        "mesh-renderer-settings",
+        None,
+        node("active-dataset-group", {"scalar": -1, "vector": vector}),
+        node("vector-settings", drawn, arrow),
+    )
+    title = "velocity arrows"
+    maplayer = _maplayer(run, "mesh", "mesh_velocity", run.mesh_file, title, "mdal", temporal, settings)
+    maplayer.extend(node("name-to-global-index", {"name": n, "global-index": k}) for k, n in enumerate(names))
+    return [Layer(title, maplayer, True)]
+
+
+def _maplayer(run, kind, part, source, title, provider, temporal, drawing):
+    """`maplayer` element; `part` makes its id, `drawing` is its pipe or renderer."""
+    return node(
+        "maplayer",
+        {"type": kind, "styleCategories": "AllStyleCategories"},
+        node("id", text=_layer_id(run, part)),
+        node("datasource", text=f"./{source}"),
+        node("layername", text=title),
+        node("srs", None, reference_system(run.grid.crs)),
+        node("provider", {"encoding": "UTF-8"} if provider == "ogr" else None, text=provider),
+        temporal,
+        drawing,
+        node("blendMode", text=0),
+    )
+
+
+def _layer_id(run, part):
+    """An id that QGIS accepts (more than 10 characters) and that tells two runs in one project apart."""
+    return "mpmgis_" + re.sub(r"\W+", "_", f"{run.name}_{part}", flags=re.ASCII)
+
+
+def _project(run, clock, groups):
+    west, south, east, north = _view(run)
+    corners = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
+    start, end = stamp(clock.begins[0]), stamp(clock.ends[-1])
+    canvas = node(
+        "mapcanvas",
+        {"name": "theMapCanvas"},
+        node("units", text="meters"),
+        node("extent", None, *(node(side, text=repr(value)) for side, value in corners.items())),
+        node("destinationsrs", None, reference_system(run.grid.crs)),
+    )
+    times = {"timeStep": clock.step, "timeStepUnit": "s", "frameRate": FRAME_RATE, "cumulativeTemporalRange": 0}
+    return node(
+        "qgis",
+        {"version": "3.22.0", "projectname": run.name},
+        node("title", text=run.name),
+        node("projectCrs", None, reference_system(run.grid.crs)),
+        node("layer-tree-group", None, *(_tree(group) for group in groups)),
+        canvas,
+        node("projectlayers", None, *(layer.maplayer for group in groups for layer in _layers(group))),
+        _properties(run, clock, start, end),
+        node(
+            "ProjectViewSettings",
+            {"UseProjectScales": 0},
+            node("DefaultViewExtent", corners, reference_system(run.grid.crs)),
+        ),
+        node(
+            "ProjectTimeSettings",
+            times,
+            node("TemporalRange", None, node("start", text=start), node("end", text=end)),
+        ),
+    )
+
+
+def _view(run, margin=0.08):
+    """(west, south, east, north) [m] around the cells that the flow reached; the whole grid where it reached none."""
+    (peak,) = run.read(run.maxima_file, ("h_max",))
+    row, column = np.nonzero(peak >= run.min_depth)
+    if row.size == 0:
+        return run.grid.bounds
+    x, y = run.grid.xy(np.array([row.min() - 0.5, row.max() + 0.5]), np.array([column.min() - 0.5, column.max() + 0.5]))
+    rim = margin * max(np.ptp(x), np.ptp(y))
+    return float(x.min() - rim), float(y.min() - rim), float(x.max() + rim), float(y.max() + rim)
+
+
+def _layers(group):
+    """All layers below a group, in order."""
+    for row in group.rows:
+        yield from _layers(row) if isinstance(row, Group) else (row,)
+
+
+def _tree(row):
+    """`layer-tree-group` or `layer-tree-layer` of a row."""
+    shown = {"checked": "Qt::Checked" if row.shown else "Qt::Unchecked", "expanded": int(row.unfolded)}
+    if isinstance(row, Layer):
+        maplayer = row.maplayer
+        named = {"id": maplayer.findtext("id"), "name": row.title, "source": maplayer.findtext("datasource")}
+        return node("layer-tree-layer", named | {"providerKey": maplayer.findtext("provider")} | shown)
+    choice = {"mutually-exclusive": 1, "mutually-exclusive-child": 0} if row.exclusive else {}
+    return node("layer-tree-group", {"name": row.title} | shown | choice, *(_tree(child) for child in row.rows))
+
+
+def _properties(run, clock, start, end):
+    """Project settings: CRS in use, relative paths, controller set to animated, map title with true time, scale bar."""
+    elapsed = "(epoch(@map_start_time) - epoch(make_datetime(2000,1,1,0,0,0)))"
+    label = f"{run.name}   t = [% format_number({elapsed} / 1000.0 / {clock.stretch}, {clock.decimals}) %] s"
+    settings = {
+        "SpatialRefSys": {"ProjectionsEnabled": ("int", 1)},
+        "Paths": {"Absolute": ("bool", "false")},
+        "TemporalControllerWidget": {
+            "NavigationMode": ("int", 1),
+            "StartDateTime": ("QString", start),
+            "EndDateTime": ("QString", end),
+        },
+        "TitleLabel": {
+            "Enabled": ("bool", "true"),
+            "Placement": ("int", 4),
+            "BackgroundColor": ("QString", "255,255,255,200"),
+            "Label": ("QString", label),
+        },
+        "ScaleBar": {"Enabled": ("bool", "true"), "Placement": ("int", 0)},
+    }
+    return node(
+        "properties",
+        None,
+        *(
+            node(scope, None, *(node(key, {"type": kind}, text=value) for key, (kind, value) in entries.items()))
+            for scope, entries in settings.items()
+        ),
+    )

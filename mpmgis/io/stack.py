@@ -1,0 +1,48 @@
+"""The steps of a run stacked as bands of one raster per variable, without copying a value."""
+
+from xml.etree import ElementTree
+
+from ..fields import NODATA
+from .clock import Clock
+from .markup import node
+
+
+def write_stacks(run):
+    """Write a VRT for each band of the steps; its band k + 1 is that band of step k, by relative path."""
+    decimals = Clock.of(run.times).decimals
+    for source_band, quantity in enumerate(run.step_bands, start=1):
+        root = _dataset(run)
+        for k in range(len(run.times)):
+            root.append(_band(run, k, source_band, quantity, decimals))
+        ElementTree.indent(root)
+        (run.folder / run.stack_file(quantity)).write_text(
+            ElementTree.tostring(root, encoding="unicode"), encoding="utf-8"
+        )
+
+
+def _dataset(run):
+    rows, columns = run.grid.shape
+    transform = ", ".join(repr(float(value)) for value in run.grid.transform.to_gdal())
+    return node(
+        "VRTDataset",
+        {"rasterXSize": columns, "rasterYSize": rows},
+        node("SRS", text=run.grid.crs.to_wkt()) if run.grid.crs is not None else None,
+        node("GeoTransform", text=transform),
+    )
+
+
+def _band(run, k, source_band, quantity, decimals):
+    return node(
+        "VRTRasterBand",
+        {"dataType": "Float32", "band": k + 1},
+        node("Description", text=f"{quantity.band} at t = {run.times[k]:.{decimals}f} s"),
+        node("Metadata", None, node("MDI", {"key": "time"}, text=repr(float(run.times[k])))),
+        node("NoDataValue", text=NODATA),
+        node("UnitType", text=quantity.unit),
+        node(
+            "SimpleSource",
+            None,
+            node("SourceFilename", {"relativeToVRT": 1}, text=run.step_files[k]),
+            node("SourceBand", text=source_band),
+        ),
+    )

@@ -1,0 +1,94 @@
+"""How outlines and particles look in QGIS: renderers of vector layers, and their place in time."""
+
+import math
+
+from .markup import node, options, qgis_document
+from .styles import LOOKS, colour_classes
+
+OUTLINE = ("10,10,10,255", 0.5, "solid")
+ENVELOPE = ("10,10,10,255", 0.4, "dash")
+RELEASE = ("0,70,200,255", 0.6, "solid")
+
+
+def outline_renderer(pen):
+    """`renderer-v2` of a hollow polygon: `pen` is its colour, width [mm] and line style."""
+    symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
+    return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
+
+
+def speed_renderer(run):
+    """`renderer-v2` of points by their attribute `speed`, in the classes and colours of the speed rasters.
+
+    By rules, because the checker that people run over projects takes each `range` element for one of time.
+    """
+    classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
+    lower, rules, symbols = None, [], []
+    for k, entry in enumerate(classes):
+        above = [] if lower is None else [f"speed > {lower:g}"]
+        below = [] if math.isinf(entry.upper) else [f"speed <= {entry.upper:g}"]
+        rule = {"key": f"speed_{k}", "filter": " AND ".join(above + below), "symbol": k, "label": entry.label}
+        rules.append(node("rule", rule))
+        symbols.append(_dot(k, entry.colour))
+        lower = entry.upper
+    return node(
+        "renderer-v2",
+        _RENDERER | {"type": "RuleRenderer"},
+        node("rules", {"key": "speed"}, *rules),
+        node("symbols", None, *symbols),
+    )
+
+
+def instants(clock):
+    """`temporal` of a vector layer whose features each show for one frame from the time in `t_qgis`."""
+    return node(
+        "temporal",
+        {
+            "enabled": 1,
+            "mode": 1,
+            "startField": "t_qgis",
+            "endField": "",
+            "durationField": "",
+            "fixedDuration": clock.step - 1,
+            "durationUnit": "s",
+            "accumulate": 0,
+            "limitMode": 0,
+        },
+    )
+
+
+def vector_style_document(renderer, geometry):
+    """Text of a style for a vector layer; `geometry` is QGIS' number of its type: 0 points, 2 polygons."""
+    return qgis_document(
+        node(
+            "qgis",
+            {"version": "3.22.0", "styleCategories": "AllStyleCategories"},
+            renderer,
+            node("blendMode", text=0),
+            node("layerGeometryType", text=geometry),
+        )
+    )
+
+
+_RENDERER = {"symbollevels": 0, "enableorderby": 0, "forceraster": 0}
+
+
+def _line(colour, width, style):
+    pen = {"line_color": colour, "line_width": width, "line_width_unit": "MM", "line_style": style}
+    pen |= {"joinstyle": "round", "capstyle": "round"}
+    return node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
+
+
+def _dot(name, colour):
+    rgb = ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
+    marker = {
+        "name": "circle",
+        "color": f"{rgb},255",
+        "size": 1.6,
+        "size_unit": "MM",
+        "outline_color": "40,40,40,255",
+        "outline_width": 0.15,
+        "outline_width_unit": "MM",
+        "outline_style": "solid",
+    }
+    layer = node("layer", {"class": "SimpleMarker", "enabled": 1, "pass": 0, "locked": 0}, *options(marker))
+    return node("symbol", {"type": "marker", "name": name, "alpha": 1}, layer)
