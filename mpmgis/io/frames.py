@@ -16,7 +16,7 @@ FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
-_CHUNK_ROWS = 65536
+_IDENTITY = ("id", "parent")
 
 
 def write_frame(path, frame):
@@ -65,11 +65,12 @@ def _write_group(file, name, values):
             group.attrs[key] = value
 
 
-def read_frame(path, with_state=True):
+def read_frame(path, with_state=True, with_particles=True, density=1000.0):
     """Read the frame at `path`.
 
-    Needs position, velocity and mass or volume (with density 1000 the other follows and that is recorded in the
-    header as `assumed_density`); what else is missing takes the default that the contract states.
+    Needs position, velocity and mass or volume (with `density` [kg m-3] the other follows and that is recorded in
+    the header as `assumed_density`); what else is missing takes the default that the contract states.
+    Without `with_particles` only attributes are read: `particles` is None, and `header` says their `count`.
 
     Raises
     ------
@@ -83,24 +84,24 @@ def read_frame(path, with_state=True):
         raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
     try:
         with h5py.File(path, "r") as file:
-            return _read(path, file, with_state)
+            return _read(path, file, with_state, with_particles, density)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
         raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
 
 
-def _read(path, file, with_state):
+def _read(path, file, with_state, with_particles, density):
     attrs = dict(file.attrs)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
         raise FormatError(f"{path}: format {got!r}, wanted {FORMAT!r}; it is no mpmgis frame")
-    version = int(attrs.get("format_version", 1))
+    version = _number(path, attrs, "format_version", 1)
     if version > FORMAT_VERSION:
         raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
-    dimension = int(attrs.get("dimension", 3))
+    dimension = _number(path, attrs, "dimension", 3)
     if dimension not in (2, 3):
         raise FormatError(f"{path}: dimension {dimension}, wanted 2 or 3")
-    time = float(attrs.get("time", 0.0))
+    time = float(_number(path, attrs, "time", 0.0))
     origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)), float)
     if origin.shape != (3,) or not np.isfinite(origin).all():
         raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
@@ -109,11 +110,14 @@ def _read(path, file, with_state):
     if not isinstance(file.get("particles"), h5py.Group):
         raise FormatError(f"{path}: no group 'particles'")
     header = dict(file["particles"].attrs)
-    particles = _read_particles(path, file["particles"], dimension, header)
+    if with_particles:
+        particles = _read_particles(path, file["particles"], dimension, header, density)
+    else:
+        particles, header["count"] = None, _count(file["particles"])
     return Frame(
         particles,
         time=time,
-        step=int(attrs.get("step", 0)),
+        step=int(_number(path, attrs, "step", 0)),
         dimension=dimension,
         solver=str(attrs.get("solver", "")),
         crs=_crs(path, attrs.get("crs", "")),
@@ -127,6 +131,14 @@ def _read(path, file, with_state):
     )
 
 
+def _number(path, attrs, name, default):
+    """The attribute `name` as a plain number."""
+    value = np.asarray(attrs.get(name, default))
+    if value.size != 1 or value.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, wanted a number")
+    return value.item()
+
+
 def _crs(path, text):
     if not text:
         return None
@@ -136,7 +148,12 @@ def _crs(path, text):
         raise FormatError(f"{path}: its crs is no readable WKT ({one_line(error)[:80]})") from error
 
 
-def _read_particles(path, group, dimension, header):
+def _count(group):
+    position = group.get("position")
+    return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
+
+
+def _read_particles(path, group, dimension, header, density):
     arrays = {}
     for name in PARTICLE:
         if name not in group:
@@ -150,7 +167,11 @@ def _read_particles(path, group, dimension, header):
         if np.shape(values) != wanted or values.dtype.kind not in "fiu":
             got = f"shape {np.shape(values)} of {values.dtype}"
             raise FormatError(f"{path}: particles/{name} has {got}, wanted numbers of shape {wanted}")
-        if name not in ("id", "parent"):
+        if name in _IDENTITY:
+            if values.dtype.kind == "f" or values.min(initial=0) < 0:
+                raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
+            values = values.astype(np.uint64, copy=False)
+        else:
             values = values if values.dtype == np.float64 else values.astype(np.float64)
             _require_finite(path, name, values)
         arrays[name] = values
@@ -162,13 +183,15 @@ def _read_particles(path, group, dimension, header):
     if "mass" not in arrays and "volume" not in arrays:
         raise FormatError(f"{path}: neither particles/mass nor particles/volume; one of them is needed")
     if "mass" not in arrays or "volume" not in arrays:
-        header["assumed_density"] = 1000.0
-        arrays.setdefault("mass", arrays.get("volume", 0.0) * 1000.0)
-        arrays.setdefault("volume", arrays["mass"] / 1000.0)
+        header["assumed_density"] = density
+        arrays.setdefault("mass", arrays.get("volume", 0.0) * density)
+        arrays.setdefault("volume", arrays["mass"] / density)
     if dimension == 2:
         if "thickness" not in arrays and "area" not in arrays:
             raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
-        arrays.setdefault("area", arrays["volume"] / np.maximum(arrays.get("thickness", 1.0), 1e-300))
+        if "area" not in arrays:
+            _require_above_zero(path, "thickness", arrays["thickness"])
+            arrays["area"] = arrays["volume"] / arrays["thickness"]
         arrays.setdefault("thickness", arrays["volume"] / arrays["area"])
     return Particles(**arrays)
 
@@ -180,11 +203,16 @@ def _require_finite(path, name, values):
             f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
             f"{int(np.argwhere(bad)[0][0])}"
         )
-    if name in _POSITIVE and values.size and values.min() <= 0:
-        raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
+    if name in _POSITIVE:
+        _require_above_zero(path, name, values)
     if name == "thickness" and values.size and values.min() < 0:
         row = int(values.argmin())
         raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, wanted 0 or more")
+
+
+def _require_above_zero(path, name, values):
+    if values.size and values.min() <= 0:
+        raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
 
 
 def _read_group(file, name):
