@@ -1,0 +1,88 @@
+"""The benchmark table: `python tests/bench/run.py [NAME...]`, or `make bench`.
+
+Every `bench_NAME.py` beside this file offers `rows()`, which yields (case, value, unit, reference, ratio): what was
+measured, its number and unit, the named reference measured in the same run (or published), and value over reference.
+`value` may be None with the reason as `reference`: a case that this machine cannot run, said and not left out.
+"""
+
+import argparse
+import importlib
+import os
+import platform
+import sys
+import time
+import traceback
+from importlib.metadata import version
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+HEADINGS = ("case", "value", "unit", "reference", "ratio")
+WIDTHS = (58, 11, 18, 52, 7)
+
+
+def benchmarks():
+    """Name -> module name of every benchmark file."""
+    return {path.stem.removeprefix("bench_"): path.stem for path in sorted(HERE.glob("bench_*.py"))}
+
+
+def number(value, digits=4):
+    """A measured number in a few digits, or a dash."""
+    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
+
+
+def line(case, value, unit, reference, ratio):
+    """One line of the table; long texts make it longer rather than being cut."""
+    cells = (str(case), number(value), str(unit), str(reference or "-"), number(ratio, 3))
+    right = (False, True, False, False, True)
+    padded = [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(cells, WIDTHS, right, strict=True)]
+    return "  ".join(padded).rstrip()
+
+
+def machine():
+    """What this was measured on."""
+    processor = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [row.split(":", 1)[1].strip() for row in info.read_text().splitlines() if row.startswith("model name")]
+        processor = models[0] if models else processor
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "rasterio", "h5py"))
+    return (
+        f"{processor}, {cores} cores, load {os.getloadavg()[0]:.1f}; {platform.system()}; "
+        f"Python {platform.python_version()}, {libraries}"
+    )
+
+
+def run(names):
+    """Print the table of the benchmarks `names`; returns how many of them failed."""
+    header = [h.rjust(w) if h in ("value", "ratio") else h.ljust(w) for h, w in zip(HEADINGS, WIDTHS, strict=True)]
+    print(machine(), "  ".join(header).rstrip(), "-" * (sum(WIDTHS) + 2 * len(WIDTHS) - 2), sep="\n", flush=True)
+    sys.path.insert(0, str(HERE))
+    failed = 0
+    for name, module in names.items():
+        began = time.perf_counter()
+        try:
+            for row in importlib.import_module(module).rows():
+                print(line(*row), flush=True)
+        except Exception:
+            failed += 1
+            print(f"{name}: failed", flush=True)
+            traceback.print_exc()
+        print(f"({name}: {time.perf_counter() - began:.0f} s)", file=sys.stderr, flush=True)
+    return failed
+
+
+def main():
+    """Run the benchmarks named on the command line, or all."""
+    there = benchmarks()
+    parser = argparse.ArgumentParser(description="Print the benchmark table.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(there)} (default: all)")
+    asked = parser.parse_args().names
+    unknown = [name for name in asked if name not in there]
+    if unknown:
+        parser.error(f"no benchmark named {unknown[0]!r}; there are: {', '.join(there)}")
+    raise SystemExit(1 if run({name: there[name] for name in asked or there}) else 0)
+
+
+if __name__ == "__main__":
+    main()
