@@ -1,0 +1,214 @@
+"""`mpmgis export-raster`: frames of particles to GeoTIFF bands and a QGIS project."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+from . import talk
+
+EXAMPLE = """
+mpmgis export-raster results/*.h5
+mpmgis export-raster results/*.h5 --cs-e 1 --dt-e 0.2 --products t_vol,p,maxima -o avalanche_gis
+"""
+AUTO = "auto"
+
+
+def add_arguments(parser):
+    """Declare the verb's options."""
+    parser.add_argument("frames", nargs="+", help="frames (*.h5) of one run, or the folder that holds them")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder to write (default: <name>_gis next to the folder <name> that holds the frames)",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier export of that name, as a whole")
+    _add_terrain_options(parser.add_argument_group("terrain"))
+    _add_sampling_options(parser.add_argument_group("cells and steps"))
+    _add_averaging_options(parser.add_argument_group("averaging"))
+    _add_file_options(parser.add_argument_group("files"))
+    _add_machine_options(parser.add_argument_group("machine"))
+
+
+def _add_terrain_options(group):
+    group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frames name)")
+    group.add_argument("--dem-band", type=_count, metavar="N", help="band of the DTM, where it has several")
+    group.add_argument(
+        "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
+    )
+
+
+def _add_sampling_options(group):
+    group.add_argument(
+        "--cs-e",
+        type=_positive_or_auto,
+        metavar="M|auto",
+        dest="cell_size",
+        help="cell size [m]; auto: Eq 15, few empty cells (default: the DTM's own cells)",
+    )
+    group.add_argument(
+        "--dt-e",
+        type=_positive_or_auto,
+        metavar="S|auto",
+        dest="time_step",
+        help="a step for each multiple of this time [s]; auto: Eq 17 (default: every frame)",
+    )
+    group.add_argument(
+        "--extent", choices=("flow", "dtm"), help="cover the flow or the DTM (default: dtm without --cs-e, else flow)"
+    )
+
+
+def _add_averaging_options(group):
+    group.add_argument(
+        "--percentile",
+        type=_percentile,
+        metavar="P",
+        default=100.0,
+        help="of a cell's distances from the bed, by mass, taken as depth (default 100: the highest)",
+    )
+    group.add_argument(
+        "--bed",
+        choices=("bilinear", "plane"),
+        default="bilinear",
+        help="bed under a particle: bilinear, slopes limited at cliffs; plane: the paper's Eqs 4, 6 "
+        "to the letter (default bilinear)",
+    )
+    group.add_argument(
+        "--min-depth",
+        type=_not_negative,
+        metavar="D",
+        default=0.05,
+        help="velocities of flow shallower than this [m] are nodata (default 0.05)",
+    )
+    group.add_argument(
+        "--standoff",
+        type=_number_or_auto,
+        metavar="M|auto",
+        default=0.0,
+        help="height [m] over the DTM, along its normal, at which a 3D code lets particles rest (often "
+        "below it); auto: in the frame with the largest share of its mass below the bed, the "
+        "distance that 1 %% of the mass lies under; 0 where that share is under 1 %% (default 0)",
+    )
+    group.add_argument(
+        "--density", type=_positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"
+    )
+
+
+def _add_file_options(group):
+    group.add_argument(
+        "--products",
+        type=_names,
+        metavar="NAME,..",
+        default=(),
+        help="more bands in the steps: t_vol, n, mass, p, detached, Ut_E, Ut_N; maxima: those so far",
+    )
+    group.add_argument(
+        "--layout",
+        choices=("steps", "stacks"),
+        default="steps",
+        help="steps: a file per step with a band per variable; stacks: a file per variable with a "
+        "band per step, and a small .vrt for each step (default steps)",
+    )
+    group.add_argument(
+        "--naming",
+        choices=("mpmgis", "iseesnow"),
+        default="mpmgis",
+        help="iseesnow: besides, peak thickness (t_vol) [m], speed [m/s] and pressure [kPa] on the DTM's "
+        "grid as <release>_<digest>_null_mpmgis_{pft,pfv,ppr}.asc (default mpmgis)",
+    )
+    group.add_argument("--cog", action="store_true", help="Cloud Optimized GeoTIFFs")
+    group.add_argument(
+        "--no-qgis", dest="qgis", action="store_false", help="rasters only: no project, styles, mesh, outlines"
+    )
+    group.add_argument(
+        "--qgis-min",
+        choices=("3.38", "3.22"),
+        default="3.38",
+        help="oldest QGIS to open the project; 3.22 takes a layer per step (default 3.38)",
+    )
+
+
+def _add_machine_options(group):
+    group.add_argument(
+        "--workers",
+        type=_count,
+        metavar="N",
+        help="frames at a time (default: one per core); the result is the same for any N",
+    )
+    group.add_argument("--dask", metavar="ADDRESS", help="average frames on the Dask cluster with this scheduler")
+
+
+def run(arguments):
+    """Export; the paths written go to stdout, one a line."""
+    from ..pipeline.export import ExportRequest, export_raster
+
+    asked = {key: value for key, value in vars(arguments).items() if key in ExportRequest.__dataclass_fields__}
+    notes = []  # told when all went well, so that a refusal stands alone
+    paths = export_raster(
+        ExportRequest(**asked | {"frames": tuple(arguments.frames)}),
+        say=talk.say if talk.volume > 0 else notes.append,
+        progress=_progress if talk.volume >= 0 and sys.stderr.isatty() else lambda done, total: None,
+    )
+    for note in notes:
+        talk.say(note)
+    for path in paths:
+        print(path)
+    return 0
+
+
+def _progress(done, total):
+    print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
+
+
+def _number(text):
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a finite number")
+    return value
+
+
+def _positive(text):
+    value = _number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
+    return value
+
+
+def _not_negative(text):
+    value = _number(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted 0 or more")
+    return value
+
+
+def _percentile(text):
+    value = _number(text)
+    if not 0 < value <= 100:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0 and up to 100")
+    return value
+
+
+def _positive_or_auto(text):
+    return AUTO if text == AUTO else _positive(text)
+
+
+def _number_or_auto(text):
+    return AUTO if text == AUTO else _number(text)
+
+
+def _count(text):
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a whole number above 0")
+    return int(text)
+
+
+def _names(text):
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted names with commas between them")
+    return names

@@ -1,0 +1,177 @@
+"""GeoTIFFs as `contract.md` section 3 lays them out: north-up, float32, nodata -9999, tiled, band by band, sparse."""
+
+import mmap
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import rasterio.shutil
+from rasterio.enums import ColorInterp
+
+from ..errors import OutputError, one_line
+from ..fields import NODATA
+from .atomic import whole_file
+
+NAMESPACE = "mpmgis"
+BLOCK = 256
+LAYOUT = {
+    "driver": "GTiff",
+    "dtype": "float32",
+    "nodata": NODATA,
+    "tiled": True,
+    "blockxsize": BLOCK,
+    "blockysize": BLOCK,
+    "compress": "deflate",
+    "predictor": 3,
+    "interleave": "band",
+    "sparse_ok": True,
+    "bigtiff": "if_safer",
+}
+COG_LAYOUT = {
+    "driver": "COG",
+    "compress": "deflate",
+    "predictor": "YES",
+    "blocksize": BLOCK,
+    "overview_resampling": "average",  # nearest loses thin fronts (qgis.md section 4)
+    "sparse_ok": True,
+    "bigtiff": "if_safer",
+    "copy_src_mdd": "YES",
+}
+# GDAL takes the first band of any such file for grey and has no way to write "undefined". It writes a name that it
+# does not expect there, and reads a name that it does not know as undefined; these two are equally long.
+_WRITTEN_COLOUR, _MEANT_COLOUR = (f'role="colorinterp">{name}<'.encode() for name in ("Lightness", "Undefined"))
+
+
+def write_geotiff(path, grid, bands, tags, cog=False):
+    """Write a raster that appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    grid : Grid
+        North-up.
+    bands : list of (Quantity, float array [rows, columns])
+        NaN where there is no data.
+    tags : dict
+        Written in the namespace `mpmgis`.
+    cog : bool
+        A Cloud Optimized GeoTIFF.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    arrays = [values for _, values in bands]
+    with whole_file(path) as part:
+        write_rows(
+            part, grid, [quantity for quantity, _ in bands], tags, lambda k, first, last: arrays[k][first:last], cog
+        )
+
+
+def write_rows(path, grid, quantities, tags, rows_of, cog=False):
+    """As `write_geotiff`, straight to `path` and in strips, so that no band need ever be whole in memory.
+
+    `rows_of(band, first, last)` answers float[last - first, columns] of band number `band`.
+    """
+    with _new_file(path, grid, quantities, tags, cog) as target:
+        for first, last in strips(grid):
+            for band in range(len(quantities)):
+                _write_strip(target, band + 1, first, last, rows_of(band, first, last))
+
+
+class BandStack:
+    """One raster per variable whose bands are the steps, written step by step and all open at once.
+
+    Parameters
+    ----------
+    paths : dict of str to path
+        Variable name -> file.
+    grid : Grid
+    quantities : list of Quantity
+        One per file.
+    times : sequence of float [s]
+        One per band; a tag of the band.
+    tags : dict
+    cog : bool
+    """
+
+    def __init__(self, paths, grid, quantities, times, tags, cog=False):
+        self.grid = grid
+        self._stack = ExitStack()
+        self._files = []
+        with ExitStack() as opening:
+            for quantity in quantities:
+                file = _new_file(paths[quantity.name], grid, [quantity] * len(times), tags, cog)
+                self._files.append(opening.enter_context(file))
+                for band, time in enumerate(times, start=1):
+                    self._files[-1].update_tags(band, ns=NAMESPACE, time=tag(float(time)))
+            self._stack = opening.pop_all()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *problem):
+        return self._stack.__exit__(*problem)
+
+    def write(self, step, rows_of):
+        """Write step number `step`; `rows_of` as in `write_rows`, by number of the variable."""
+        for number, target in enumerate(self._files):
+            for first, last in strips(self.grid):
+                _write_strip(target, step + 1, first, last, rows_of(number, first, last))
+
+
+def strips(grid):
+    """(first, last) rows of each strip of tiles."""
+    rows = grid.shape[0]
+    return [(first, min(first + BLOCK, rows)) for first in range(0, rows, BLOCK)]
+
+
+def tag(value):
+    """`value` as a tag holds it: numbers with every digit that they have."""
+    return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
+
+
+@contextmanager
+def _new_file(path, grid, quantities, tags, cog):
+    path = Path(path)
+    plain = path.with_name(f".{path.name}.plain.tif") if cog else path
+    try:
+        with rasterio.open(plain, "w", **LAYOUT, **_place(grid), count=len(quantities)) as target:
+            target.colorinterp = [ColorInterp.lightness] + [ColorInterp.undefined] * (len(quantities) - 1)
+            for band, quantity in enumerate(quantities, start=1):
+                target.set_band_description(band, quantity.band)
+                target.set_band_unit(band, quantity.unit)
+            target.update_tags(ns=NAMESPACE, **{key: tag(value) for key, value in tags.items()})
+            yield target
+        if cog:
+            rasterio.shutil.copy(plain, path, **COG_LAYOUT)
+        _leave_colour_undefined(path)
+    except rasterio.errors.RasterioError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from error
+    finally:
+        if cog:
+            plain.unlink(missing_ok=True)
+
+
+def _place(grid):
+    rows, columns = grid.shape
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    return {"crs": crs, "transform": grid.transform, "width": columns, "height": rows}
+
+
+def _write_strip(target, band, first, last, values):
+    values = np.asarray(values, dtype=np.float32)
+    gaps = np.isnan(values)
+    if gaps.any():
+        values = np.where(gaps, np.float32(NODATA), values)
+    target.write(values, band, window=((first, last), (0, target.width)))
+
+
+def _leave_colour_undefined(path):
+    with open(path, "r+b") as file, mmap.mmap(file.fileno(), 0) as content:
+        place = content.find(_WRITTEN_COLOUR)
+        while place >= 0:
+            content[place : place + len(_MEANT_COLOUR)] = _MEANT_COLOUR
+            place = content.find(_WRITTEN_COLOUR, place)

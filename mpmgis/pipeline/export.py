@@ -1,0 +1,237 @@
+"""`mpmgis export-raster`: frames to a folder for GIS (Vicari et al. 2025, NHESS 25:3897)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..geo.terrain import Terrain
+from ..io.ascii_grid import require_square
+from ..io.atomic import whole_folder
+from ..io.frame_list import list_frames
+from ..products.bed import Bed
+from ..products.frame_values import Averaging
+from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
+from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
+from ..products.survey import automatic_standoff, fastest_mean, survey_frame
+from ..products.table import PRODUCTS, RUNNING, choose_products
+from .export_inputs import output_folder, refuse_nowhere, release_density, run_terrain
+from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, Spool, spool_folder, write_rasters
+from .frame_pool import frame_pool
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What was asked for: the command's options by name, with `auto` where they can say so. Its help tells more."""
+
+    frames: tuple
+    output: Path | None = None
+    overwrite: bool = False
+    dem: Path | None = None
+    dem_band: int | None = None
+    crs: str | None = None
+    cell_size: float | str | None = None  # [m]
+    time_step: float | str | None = None  # [s]
+    extent: str | None = None
+    percentile: float = 100.0
+    bed: str = "bilinear"
+    min_depth: float = 0.05  # [m]
+    standoff: float | str = 0.0  # [m]
+    density: float | None = None  # [kg m-3]
+    products: tuple = ()
+    layout: str = "steps"
+    naming: str = "mpmgis"
+    cog: bool = False
+    qgis: bool = True
+    qgis_min: str = "3.38"
+    workers: int | None = None
+    dask: str | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is going to be done: the run's `name`, its frames, which of them are `steps`, how they are averaged."""
+
+    name: str
+    entries: tuple
+    steps: tuple
+    averaging: Averaging
+    bands: tuple
+    terrain: Terrain
+    time_step: float | None
+
+    def terrain_rows(self, grid, first, last):
+        """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
+        row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
+        x, y = grid.xy(row, column)
+        between = self.terrain.sample(x, y)
+        i, j = (np.floor(place + 0.5).astype(np.int64) for place in self.terrain.grid.rowcol(x, y))
+        rows, columns = self.terrain.grid.shape
+        on = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+        own = np.where(on, self.terrain.elevation[np.where(on, i, 0), np.where(on, j, 0)], np.nan)
+        return np.where(np.isfinite(between), between, own)
+
+
+def export_raster(request, say=lambda text: None, progress=lambda done, total: None):
+    """Write the folder that `contract.md` section 3 describes; it appears whole or not at all.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    say : callable
+        Told in one line what the user should know.
+    progress : callable
+        Told (frames done, frames in all).
+
+    Returns
+    -------
+    list of Path
+        Every file written, the QGIS project first.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    products = choose_products(request.products)
+    entries = list_frames(request.frames)
+    output = output_folder(request, entries)
+    terrain = run_terrain(request, entries, output, say)
+    if request.naming == "iseesnow":
+        require_square(terrain.grid, "--naming iseesnow")
+    with frame_pool(request.workers, request.dask) as pool:
+        plan = make_plan(request, entries, terrain, products, pool, say)
+        with whole_folder(output, request.overwrite) as folder, spool_folder() as spooled:
+            spool = Spool(spooled, plan.averaging.grid) if request.qgis else None
+            run, tally = write_rasters(request, plan, folder, pool, spool, progress)
+            if request.qgis:
+                write_qgis_files(run, spool, request.qgis_min, pool)
+            files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
+    tell(request, plan, tally, say)
+    return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
+
+
+def make_plan(request, entries, terrain, products, pool, say):
+    """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
+    density = release_density(request, entries, say)
+    if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
+        say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
+    bed = Bed.of(terrain, request.bed, 0.0 if request.standoff == AUTO else request.standoff)
+    facts = _survey(request, entries, bed, density, terrain, pool)
+    if request.standoff == AUTO:
+        bed = replace(bed, standoff=automatic_standoff(facts))
+        say(f"--standoff auto: {bed.standoff:.3g} m")
+    grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts))
+    time_step = _time_step(request, entries, bed, grid, density, pool, say)
+    steps = choose_steps([entry.time for entry in entries], time_step)
+    needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.qgis else ()))
+    averaging = Averaging(
+        bed=bed,
+        grid=grid,
+        density=density,
+        names=tuple(name for name in PRODUCTS if name in needed),
+        percentile=request.percentile,
+        min_depth=request.min_depth,
+        second_grid=export_grid(terrain.grid) if request.naming == "iseesnow" else None,
+        second_names=ISEESNOW_PRODUCTS,
+    )
+    bands = (*products, *(RUNNING_BANDS if RUNNING in request.products else ()))
+    name = entries[0].path.resolve().parent.name or "frames"
+    return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step)
+
+
+def _extent(request):
+    return request.extent or ("dtm" if request.cell_size is None else "flow")
+
+
+def _survey(request, entries, bed, density, terrain, pool):
+    if _extent(request) == "dtm" and AUTO not in (request.cell_size, request.standoff):
+        return []
+    facts = list(pool.map(_survey_entry, entries, bed, density))
+    for entry, fact in zip(entries, facts, strict=True):
+        if fact.bounds is None:
+            refuse_nowhere(entry, terrain)
+    return facts
+
+
+def _survey_entry(entry, bed, density):
+    return survey_frame(entry.read(density), bed, density)
+
+
+def _fastest_entry(entry, bed, grid, density):
+    return fastest_mean(entry.read(density), bed, grid, density)
+
+
+def _bounds(request, facts):
+    """(west, south, east, north) [m] of the flow in all frames; None for all of the DTM."""
+    if _extent(request) == "dtm":
+        return None
+    bounds = np.array([fact.bounds for fact in facts])
+    return (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist())
+
+
+def _cell_size(request, facts, terrain, say):
+    if request.cell_size != AUTO:
+        return request.cell_size
+    cell_size, why = automatic_cell_size(facts, terrain.grid.cell_size)
+    say(f"--cs-e auto: {cell_size:.4g} m; {why}")
+    return cell_size
+
+
+def _time_step(request, entries, bed, grid, density, pool, say):
+    if request.time_step != AUTO:
+        return request.time_step
+    fastest = max(pool.map(_fastest_entry, entries, bed, grid, density))
+    time_step = automatic_time_step(grid.cell_size, fastest)
+    say(f"--dt-e auto: {time_step:.4g} s (Eq 17: cells of {grid.cell_size:.4g} m, mean speed up to {fastest:.4g} m/s)")
+    return time_step
+
+
+def write_qgis_files(run, spool, qgis_min, pool):
+    """Write styles, stacks, mesh, outlines and the project of an ExportedRun."""
+    from ..io.mesh import write_mesh
+    from ..io.outlines import write_outlines
+    from ..io.qgis import write_project
+    from ..io.stack import write_stacks
+    from ..io.styles import write_styles
+
+    outlines = pool.threads.submit(write_outlines, run, None, spool.particles())
+    write_stacks(run)
+    write_styles(run)
+    write_mesh(run, spool.velocity)
+    outlines.result()
+    write_project(run, qgis_min)
+
+
+def tell(request, plan, tally, say):
+    """Say what the user should know about the frames, each thing once."""
+    count, mass, name = tally.outside
+    if count:
+        say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
+    count, name = tally.without_slope
+    if count:
+        say(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")
+    share, lowest, name = tally.below
+    if share >= 0.01 and request.standoff != AUTO:
+        say(
+            f"{name}: {100 * share:.0f} % of the mass lies below the bed (lowest {lowest:.2f} m), as grid-based codes "
+            "leave it; --standoff auto moves the surface, t_vol comes from mass and is right as it is"
+        )
+    grid = plan.averaging.grid
+    if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
+        say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
+    _tell_of_time(request, plan, tally, say)
+
+
+def _tell_of_time(request, plan, tally, say):
+    times = [entry.time for entry in plan.entries]
+    if plan.time_step is None or len(times) < 2:
+        return
+    interval = float(np.median(np.diff(times)))
+    if plan.time_step < interval * (1 - 1e-6):
+        wanted = automatic_time_step(plan.averaging.grid.cell_size, tally.fastest)
+        say(
+            f"the frames lie {interval:.4g} s apart, so --dt-e {plan.time_step:.4g} takes each of them once; Eq 17 "
+            f"asks for {wanted:.3g} s (cells of {plan.averaging.grid.cell_size:.4g} m, {tally.fastest:.3g} m/s)"
+        )

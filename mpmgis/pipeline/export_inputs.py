@@ -1,0 +1,110 @@
+"""What an export starts from: where it goes, the DTM, the density of the release. Every refusal before any work."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import GeoreferenceError, InputError, OutputError
+from ..geo.georeference import name_of, same_place
+from ..io.atomic import refuse_existing
+from ..io.raster import open_raster, read_terrain
+
+
+def output_folder(request, entries):
+    """Path that was asked for, else `<name>_gis` next to the folder `<name>` that holds the frames.
+
+    Raises
+    ------
+    OutputError
+        It exists and was not to be replaced, or holds what the export is made from.
+    """
+    if request.output is not None:
+        output = Path(request.output)
+    else:
+        folder = entries[0].path.parent
+        folder = folder if folder.name not in ("", "..") else folder.resolve()
+        output = folder.parent / f"{folder.name}_gis"
+    refuse_existing(output, request.overwrite)
+    for entry in entries:
+        _refuse_within(output, entry.path)
+    return output
+
+
+def _refuse_within(output, path):
+    if output.resolve() in path.resolve().parents:
+        raise OutputError(
+            f"{output} holds {path.name}, which the export is made from, and would be replaced; give another -o"
+        )
+
+
+def run_terrain(request, entries, output, say):
+    """The DTM asked for, or the one that the frames name. It must lie in the frames' CRS.
+
+    Raises
+    ------
+    MpmgisError
+        Missing, not usable, in another CRS, or inside the folder that is going to be replaced.
+    """
+    header, first = entries[0].header, entries[0].path
+    path, crs = request.dem, request.crs
+    if path is None:
+        if not header.dem:
+            raise InputError(f"{first} names no DTM; give it with --dem")
+        path = first.parent / header.dem
+        if not path.exists():
+            raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
+        if crs is None and not _carries_crs(path):
+            crs = _word_of(header.crs)
+    terrain = read_terrain(path, crs, request.dem_band, say)
+    _refuse_within(output, Path(path))
+    if header.crs is None and terrain.grid.crs is not None:
+        say(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
+    elif not same_place(header.crs, terrain.grid.crs):
+        raise GeoreferenceError(
+            f"{first} is in {name_of(header.crs)}, but {path} is in {name_of(terrain.grid.crs)}; give the DTM that the "
+            "run used, or reproject it (gdalwarp)"
+        )
+    if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
+        say(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
+    return terrain
+
+
+def _carries_crs(path):
+    with open_raster(path) as source:
+        return source.crs is not None
+
+
+def _word_of(crs):
+    """What --crs would have to say for `crs`; None where it cannot say it."""
+    if crs is None:
+        return "local"
+    code = crs.to_epsg()
+    return f"EPSG:{code}" if code else None
+
+
+def release_density(request, entries, say):
+    """Density of the release [kg m-3]: what the frames say, else --density, else mass over volume of the first one."""
+    first = entries[0]
+    said = first.header.header.get("density")
+    if said is not None:
+        said = float(said)
+        if not (np.isfinite(said) and said > 0):
+            raise InputError(f"{first.path}: density {said:g} kg m-3, wanted a number above 0")
+        if request.density not in (None, said):
+            say(f"the frames say that their density is {said:g} kg m-3; --density {request.density:g} is not used")
+        return said
+    if request.density is not None:
+        return request.density
+    particles = first.read().particles
+    density = float(particles.mass.sum() / particles.volume.sum())
+    say(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
+    return density
+
+
+def refuse_nowhere(entry, terrain):
+    """Raise the refusal of a frame that has no particle on the DTM."""
+    west, south, east, north = terrain.grid.bounds
+    raise GeoreferenceError(
+        f"{entry.path}: none of its {entry.count} particles lies on {terrain.path} (E {west:.0f} to {east:.0f}, N "
+        f"{south:.0f} to {north:.0f}); give the DTM that the run used"
+    )

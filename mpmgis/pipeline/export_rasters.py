@@ -1,0 +1,271 @@
+"""The rasters of an export: one pass over the frames, steps written on the way, maxima and deposit at the end."""
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..fields import BAND, Quantity
+from ..io.ascii_grid import write_ascii_grid
+from ..io.exported import ExportedRun
+from ..io.geotiff import write_rows
+from ..io.outlines import thin
+from ..io.step_rasters import SparseBands, StepFiles, StepStacks, finished
+from ..products.frame_values import average_frame
+from ..products.maxima import MAXIMA_BANDS, Peak, RunningMaxima
+from ..products.table import PRODUCTS
+from .export_inputs import refuse_nowhere
+
+DEPOSIT_BANDS = ("h", "t", "t_vol")
+ARROW_BANDS = ("Ut_E", "Ut_N")
+TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
+# ISeeSnow: peak flow thickness [m], peak flow velocity [m s-1], peak pressure [kPa]
+ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
+ISEESNOW_PRODUCTS = ("h", "Ut", "t_vol", "p")
+PASCAL_PER_KILOPASCAL = 1000.0
+
+
+def average_entry(entry, averaging, traced):
+    """The values of one frame on disk, with its particles to show, thinned as if from `traced` (0: none)."""
+    frame = entry.read(averaging.density)
+    values = average_frame(frame, averaging)
+    if not traced:
+        return values, None
+    particles = frame.particles
+    ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
+    chosen = np.flatnonzero(thin(ids, traced))
+    place = particles.position[chosen] + np.asarray(frame.origin)
+    return values, {"ids": ids[chosen], "place": place, "velocity": particles.velocity[chosen]}
+
+
+class Spool:
+    """What the mesh and the GeoPackage need of every step besides the rasters, kept on disk until they are made."""
+
+    def __init__(self, folder, grid):
+        self.folder, self.grid, self.times = Path(folder), grid, []
+
+    def add(self, values, traced):
+        """Keep the velocity along the slope of one step and its particles to show."""
+        arrows = {name: values.values[name] for name in ARROW_BANDS}
+        np.savez(self._file(len(self.times)), index=values.index, **arrows, **traced)
+        self.times.append(values.time)
+
+    def velocity(self, step):
+        """(east, north), each float32[rows, columns] [m s-1], NaN where there is no velocity."""
+        with np.load(self._file(step)) as kept:
+            bands = SparseBands(self.grid, kept["index"], [(kept[name], np.nan) for name in ARROW_BANDS])
+            return tuple(bands(k, 0, self.grid.shape[0]) for k in range(len(ARROW_BANDS)))
+
+    def particles(self):
+        """Yield (time, ids, x, y, z, velocity) of every step."""
+        for step, time in enumerate(self.times):
+            with np.load(self._file(step)) as kept:
+                yield time, kept["ids"], *kept["place"].T, kept["velocity"]
+
+    def _file(self, step):
+        return self.folder / f"{step}.npz"
+
+
+@dataclass
+class Tally:
+    """The worst frame of each kind, and the largest values, told when all frames are done."""
+
+    outside: tuple = (0, 0.0, "")
+    without_slope: tuple = (0, "")
+    below: tuple = (0.0, 0.0, "")
+    column_side: float = 0.0
+    fastest: float = 0.0
+    largest: dict = field(default_factory=dict)
+
+    def add(self, name, values):
+        """Take in the values of the frame called `name`."""
+        self.outside = max(self.outside, (values.outside, values.mass_outside, name))
+        self.without_slope = max(self.without_slope, (values.without_slope, name))
+        self.below = max(self.below, (values.below, values.lowest, name))
+        self.column_side = max(self.column_side, values.column_side)
+        self.fastest = max(self.fastest, values.fastest)
+
+    def add_step(self, values):
+        """Take in the values of an exported step."""
+        for name, value in values.values.items():
+            largest = float(np.fmax.reduce(np.abs(value), initial=0.0))
+            self.largest[name] = max(self.largest.get(name, 0.0), largest)
+
+
+def write_rasters(request, plan, folder, pool, spool, progress):
+    """Average every frame of `plan` and write all rasters into `folder`.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    plan : Plan
+    folder : Path
+        In the making.
+    pool : FramePool
+    spool : Spool or None
+        Filled where the QGIS files are going to be made.
+    progress : callable
+        Told (frames done, frames in all).
+
+    Returns
+    -------
+    (ExportedRun, Tally)
+    """
+    rasters = folder / "rasters"
+    rasters.mkdir()
+    averaging, grid = plan.averaging, plan.averaging.grid
+    maxima = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth)
+    second = _second_maxima(averaging)
+    tally, step_of = Tally(), {frame: step for step, frame in enumerate(plan.steps)}
+    traced = plan.entries[0].count if spool is not None else 0
+    with finished(_step_writer(request, plan, rasters, pool)) as writer:
+        results = pool.map(average_entry, plan.entries, averaging, traced)
+        for frame, (entry, (values, shown)) in enumerate(zip(plan.entries, results, strict=True)):
+            if values.outside == values.count:
+                refuse_nowhere(entry, plan.terrain)
+            tally.add(entry.path.name, values)
+            maxima.absorb(values.index, values.values, values.time)
+            if second is not None:
+                second.absorb(*values.second, values.time)
+            if frame in step_of:
+                last = values
+                tally.add_step(values)
+                _write_step(plan, writer, step_of[frame], entry, values, maxima)
+                if spool is not None:
+                    spool.add(values, shown)
+            progress(frame + 1, len(plan.entries))
+    _write_maxima(plan, rasters, maxima, tally, request.cog)
+    _write_deposit(plan, rasters, last, request.cog)
+    _write_terrain(plan, folder, request.cog)
+    if second is not None:
+        _write_iseesnow(plan, rasters, second)
+    return _exported(plan, folder, writer.files, maxima, tally), tally
+
+
+def _second_maxima(averaging):
+    if averaging.second_grid is None:
+        return None
+    rows, columns = averaging.second_grid.shape
+    return RunningMaxima(rows * columns, averaging.min_depth, ISEESNOW)
+
+
+def _step_writer(request, plan, rasters, pool):
+    quantities = [BAND[name] for name in plan.bands]
+    grid, times = plan.averaging.grid, [plan.entries[frame].time for frame in plan.steps]
+    if request.layout == "stacks":
+        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), request.cog)
+    return StepFiles(rasters, plan.name, grid, quantities, len(times), request.cog, pool.threads, pool.workers)
+
+
+def _write_step(plan, writer, step, entry, values, maxima):
+    products = [name for name in plan.bands if name in PRODUCTS]
+    running = plan.bands[len(products) :]
+    known = SparseBands(
+        plan.averaging.grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in products]
+    )
+
+    def rows_of(band, first, last):
+        if band < len(products):
+            return known(band, first, last)
+        return maxima.rows(running[band - len(products)], first, last, known.columns)
+
+    tags = run_tags(plan) | {
+        "time": values.time,
+        "step": step,
+        "frame": entry.path.name,
+        "particles": values.count,
+        "particles_outside": values.outside,
+        "mass_outside": values.mass_outside,
+    }
+    writer.write(step, tags, rows_of, at_once=bool(running))
+
+
+def _write_maxima(plan, rasters, maxima, tally, cog):
+    columns = plan.averaging.grid.shape[1]
+    tags = run_tags(plan) | {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
+    write_rows(
+        rasters / f"{plan.name}_max.tif",
+        plan.averaging.grid,
+        [BAND[name] for name in MAXIMA_BANDS],
+        tags,
+        lambda band, first, last: maxima.rows(MAXIMA_BANDS[band], first, last, columns),
+        cog,
+    )
+
+
+def _write_deposit(plan, rasters, values, cog):
+    bands = [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS]
+    write_rows(
+        rasters / f"{plan.name}_deposit.tif",
+        plan.averaging.grid,
+        [BAND[name] for name in DEPOSIT_BANDS],
+        run_tags(plan)
+        | {"time": values.time, "particles_outside": values.outside, "mass_outside": values.mass_outside},
+        SparseBands(plan.averaging.grid, values.index, bands),
+        cog,
+    )
+
+
+def _write_terrain(plan, folder, cog):
+    grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
+    write_rows(
+        folder / "dtm.tif", grid, [TERRAIN_BAND], tags, lambda _, first, last: plan.terrain_rows(grid, first, last), cog
+    )
+
+
+def _write_iseesnow(plan, rasters, maxima):
+    """Peaks on the DTM's grid under the names of the model intercomparison; 0 where the flow never was."""
+    grid, header = plan.averaging.second_grid, plan.entries[0].header
+    release = header.header.get("release") or plan.name
+    rows, columns = grid.shape
+    on_terrain = np.isfinite(plan.terrain_rows(grid, 0, rows))
+    for kind in ISEESNOW:
+        values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
+        values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values
+        file = f"{release}_{header.digest or 'unknown'}_null_mpmgis_{kind}.asc"
+        write_ascii_grid(rasters / file, grid, np.where(on_terrain, values, np.nan))
+
+
+def run_tags(plan):
+    """What every raster of the export says about how it was made."""
+    averaging, first = plan.averaging, plan.entries[0]
+    return {
+        "version": __version__,
+        "digest": first.header.digest,
+        "dem": Path(plan.terrain.path).name,
+        "cs_e": averaging.grid.cell_size,
+        "dt_e": "every frame" if plan.time_step is None else plan.time_step,
+        "percentile": averaging.percentile,
+        "min_depth": averaging.min_depth,
+        "bed": averaging.bed.kind,
+        "standoff": averaging.bed.standoff,
+        "density": averaging.density,
+        "thickness": "normal to the bed",
+        "frames": f"{len(plan.entries)}, {first.path.name} to {plan.entries[-1].path.name}",
+    }
+
+
+def _exported(plan, folder, step_files, maxima, tally):
+    largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
+    return ExportedRun(
+        folder=folder,
+        name=plan.name,
+        grid=plan.averaging.grid,
+        terrain_file="dtm.tif",
+        times=tuple(plan.entries[frame].time for frame in plan.steps),
+        step_files=tuple(f"rasters/{file}" for file in step_files),
+        step_bands=tuple(BAND[name] for name in plan.bands),
+        maxima_file=f"rasters/{plan.name}_max.tif",
+        maxima_bands=tuple(BAND[name] for name in MAXIMA_BANDS),
+        deposit_file=f"rasters/{plan.name}_deposit.tif",
+        deposit_bands=tuple(BAND[name] for name in DEPOSIT_BANDS),
+        largest={name: value for name, value in largest.items() if name in BAND},
+        min_depth=plan.averaging.min_depth,
+    )
+
+
+def spool_folder():
+    """A temporary folder for a Spool, removed when its block ends."""
+    return tempfile.TemporaryDirectory(prefix="mpmgis-export-")

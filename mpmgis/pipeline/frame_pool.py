@@ -1,0 +1,85 @@
+"""Work mapped over frames: on threads of this machine, or on a Dask cluster. The same values either way."""
+
+import os
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from ..errors import InputError, one_line
+
+
+@dataclass(frozen=True)
+class FramePool:
+    """`threads` for files here, `cluster` (a Dask client, or None) for frames, `workers` of them at a time."""
+
+    threads: ThreadPoolExecutor
+    cluster: object
+    workers: int
+
+    def map(self, function, entries, *shared):
+        """Yield `function(entry, *shared)` for every frame's entry, in order.
+
+        Only a few results are ever waiting, so that memory does not grow with the number of frames.
+        """
+        submit, ahead = self.threads.submit, self.workers
+        if self.cluster is not None:
+            # frames are read where the work is done, so that their paths must hold there too
+            entries = [replace(entry, path=entry.path.resolve()) for entry in entries]
+            shared = [self.cluster.scatter(value, broadcast=True, hash=False) for value in shared]
+            ahead = max(2, 2 * sum(self.cluster.nthreads().values()))
+
+            def submit(*work):
+                return self.cluster.submit(*work, pure=False)
+
+        waiting = deque()
+        try:
+            for entry in entries:
+                waiting.append(submit(function, entry, *shared))
+                if len(waiting) > ahead:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+@contextmanager
+def frame_pool(workers=None, dask=None):
+    """A FramePool with `workers` threads (None: one per core), and the Dask scheduler at address `dask` if given.
+
+    Threads do, because kernels, GDAL and HDF5 let go of the interpreter's lock.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers at that address.
+    """
+    workers = workers or _cores()
+    with _cluster(dask) as cluster, ThreadPoolExecutor(workers) as threads:
+        yield FramePool(threads, cluster, workers)
+
+
+def _cores():
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _cluster(address):
+    if address is None:
+        yield None
+        return
+    import logging
+
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # one line is ours, not a page of theirs
+    try:
+        client = Client(address, timeout="5s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError, ImportError) as error:
+        raise InputError(
+            f"--dask {address}: no scheduler answers there ({one_line(error)[:80]}); start one with: dask scheduler"
+        ) from error
+    with client:
+        yield client

@@ -1,0 +1,159 @@
+"""Particles to cells: the sums behind every product, for points and for columns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..kernels import binning
+
+
+@dataclass(frozen=True)
+class Cells:
+    """What the particles of one frame sum to in every export cell that holds any.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat index of the cell in the export grid, ascending.
+    top, lowest : float64[k] [m]
+        Largest (or percentile) and smallest distance from the bed; NaN where no particle has a slope under it.
+        A column's are its thickness normal to the bed, and 0.
+    count : int64[k]
+        Particles whose position lies in the cell.
+    sums : float64[k, SUMS]
+        Sums over mass, as `mpmgis.kernels.binning` names its columns.
+    cell_area : float [m2]
+    density : float [kg m-3]
+        Of the release.
+    spacing : float [m]
+        Grid spacing of the code that made the particles, 0 where the flow is columns (they never leave the bed).
+    outside, mass_outside, without_slope : int, float [kg], int
+        Particles that are not on the DTM, their mass, and particles on it whose pixel has no slope.
+    """
+
+    index: np.ndarray
+    top: np.ndarray
+    lowest: np.ndarray
+    count: np.ndarray
+    sums: np.ndarray
+    cell_area: float
+    density: float
+    spacing: float
+    outside: int
+    mass_outside: float
+    without_slope: int
+
+    def mean(self, column):
+        """Mass-weighted mean of a column of `sums`; NaN where nothing in the cell has a slope under it."""
+        weight = self.sums[:, binning.SLOPED]
+        return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
+
+    def mean_vector(self, column):
+        """float64[k, 3]: as `mean`, of the three columns from `column`."""
+        return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
+
+
+def bin_frame(frame, placed, bed, grid, density, percentile=100.0):
+    """Sum the particles of `frame` into the cells of the north-up export `grid`.
+
+    Parameters
+    ----------
+    frame : Frame
+    placed : Placed
+        Where its particles are on `bed`.
+    bed : Bed
+    grid : Grid
+        North-up; its cells may be oblong.
+    density : float [kg m-3]
+    percentile : float
+        Of the points' distances, mass-weighted, in (0, 100]; columns have none.
+
+    Returns
+    -------
+    Cells
+    """
+    row, column, bounds = _cells_of(frame, placed, grid)
+    left_out = row < 0
+    totals = {
+        "cell_area": grid.cell_area,
+        "density": density,
+        "outside": int(np.count_nonzero(left_out)),
+        "mass_outside": float(frame.particles.mass[left_out].sum()),
+        "without_slope": int(np.count_nonzero(~left_out & np.isnan(placed.distance))),
+    }
+    bin_particles = _bin_columns if frame.dimension == 2 else _bin_points
+    return bin_particles(frame, placed, bed, grid, row, column, bounds, percentile, totals)
+
+
+def _corner_and_cell(grid):
+    t = grid.transform
+    return np.array([t.c, t.f]), np.array([t.a, -t.e])
+
+
+def _cells_of(frame, placed, grid):
+    n = len(frame.particles)
+    row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
+    origin = np.asarray(frame.origin, float)
+    binning.cells_of_points(
+        frame.particles.position, placed.pixel, origin, *_corner_and_cell(grid), grid.shape, row, column, bounds
+    )
+    return row, column, bounds
+
+
+def _numbered(marker, bounds, grid):
+    """Number the cells that `marker` (a function of the empty window) marks: (window, flat index of each cell)."""
+    window = np.zeros((max(bounds[1] - bounds[0], 0), max(bounds[3] - bounds[2], 0)), np.int32)
+    marker(window)
+    cells = np.empty(int(np.count_nonzero(window)), np.int64)
+    binning.number_cells(window, bounds, grid.shape[1], cells)
+    return window, cells
+
+
+def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, totals):
+    particles = frame.particles
+    window, cells = _numbered(lambda mark: binning.mark_points(row, column, bounds, mark), bounds, grid)
+    k = len(cells)
+    sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
+    top, lowest, slot = np.full(k, -np.inf), np.full(k, np.inf), np.empty(len(particles), np.int64)
+    binning.bin_points(
+        row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel,
+        particles.velocity, particles.mass, particles.volume, sums, count, top, lowest, slot,
+    )  # fmt: skip
+    if percentile < 100:
+        _take_percentile(top, slot, placed.distance, particles.mass, percentile)
+    top[top == -np.inf] = np.nan
+    lowest[lowest == np.inf] = np.nan
+    return Cells(cells, top, lowest, count, sums, spacing=grid_spacing(frame), **totals)
+
+
+def _take_percentile(top, slot, distance, mass, percentile):
+    start, order = np.empty(len(top) + 1, np.int64), np.empty(int(np.count_nonzero(slot >= 0)), np.int64)
+    binning.group_by_cell(slot, start, order)
+    binning.cell_quantiles(start, order, distance, mass, percentile / 100.0, top)
+
+
+def _bin_columns(frame, placed, bed, grid, row, column, _, percentile, totals):
+    particles = frame.particles
+    footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
+    origin = np.asarray(frame.origin, float)
+    binning.footprints(
+        particles.position, particles.area, row, origin, *_corner_and_cell(grid), grid.shape, footprint, bounds
+    )
+    window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
+    k = len(cells)
+    sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
+    binning.bin_columns(
+        footprint, row, column, bounds, window, placed.pixel, bed.gradient_by_pixel,
+        particles.velocity, particles.mass, particles.volume, sums, count,
+    )  # fmt: skip
+    covered = np.minimum(sums[:, binning.COVERED], 1.0)
+    volume = sums[:, binning.UPRIGHT] / totals["density"]
+    top = np.where(sums[:, binning.SLOPED] > 0, volume / (totals["cell_area"] * covered), np.nan)
+    lowest = np.where(np.isnan(top), np.nan, 0.0)
+    return Cells(cells, top, lowest, count, sums, spacing=0.0, **totals)
+
+
+def grid_spacing(frame):
+    """Grid spacing [m] of the code that made `frame`: as its header says, else for the usual 8 points a cell."""
+    said = frame.header.get("cell_size")
+    return float(said) if said is not None else 2.0 * float(frame.particles.volume.mean()) ** (1.0 / 3.0)

@@ -1,0 +1,73 @@
+"""Depth-averaged quantities of a cell, one function per equation of Vicari et al. (2025, NHESS 25:3897).
+
+Each takes `Cells` and gives float64[k], NaN where the cell has none. They hold for points and for columns, because
+a column's thickness stands in `Cells` as its highest distance from the bed, above a lowest of 0.
+"""
+
+import numpy as np
+
+from ..kernels import binning
+
+
+def flow_depth(cells):
+    """h [m]: largest distance from the bed, normal to it, at least 0 (Eq 7)."""
+    return np.maximum(cells.top, 0.0)
+
+
+def flow_thickness(cells):
+    """t [m]: largest minus smallest distance from the bed (Eq 8)."""
+    return cells.top - cells.lowest
+
+
+def normal_velocity(cells):
+    """Un [m s-1]: mean of U . n, weighted by mass; positive leaves the bed (Eqs 9, 13; X2)."""
+    return cells.mean(binning.NORMAL)
+
+
+def parallel_speed(cells):
+    """Ut [m s-1]: length of the mean slope-parallel velocity, weighted by mass (Eqs 10, 14; X2)."""
+    return np.linalg.norm(cells.mean_vector(binning.PARALLEL), axis=1)
+
+
+def parallel_velocity_east(cells):
+    """Ut_E [m s-1]: east part of the mean slope-parallel velocity."""
+    return cells.mean(binning.PARALLEL)
+
+
+def parallel_velocity_north(cells):
+    """Ut_N [m s-1]: north part of the mean slope-parallel velocity."""
+    return cells.mean(binning.PARALLEL + 1)
+
+
+def volume_thickness(cells):
+    """t_vol [m]: sum of m / density times n_H, over the cell's area; conserves mass (physics.md X5)."""
+    thickness = cells.sums[:, binning.UPRIGHT] / (cells.density * cells.cell_area)
+    return np.where(cells.sums[:, binning.SLOPED] > 0, thickness, np.nan)
+
+
+def particle_count(cells):
+    """n [1]: particles whose position lies in the cell."""
+    return cells.count.astype(float)
+
+
+def areal_mass(cells):
+    """mass [kg m-2]: per plan area; times the cell's area it sums to the particles' mass (physics.md 5.3)."""
+    return cells.sums[:, binning.MASS] / cells.cell_area
+
+
+def impact_pressure(cells):
+    """p [Pa]: density of the release times the squared mean velocity."""
+    return cells.density * np.sum(cells.mean_vector(binning.MOMENTUM) ** 2, axis=1)
+
+
+def detached(cells):
+    """1 where the lowest particle is clear of the bed by more than a solver cell and a fifth of h, else 0 (X10)."""
+    if cells.spacing == 0:
+        return np.zeros(len(cells.index))
+    clear = cells.lowest > np.maximum(cells.spacing, 0.2 * flow_depth(cells))
+    return np.where(np.isnan(cells.lowest), np.nan, clear)
+
+
+def map_speed(cells):
+    """Speed of the mean velocity in the map plane [m s-1], the one that Eq 17 means."""
+    return np.hypot(cells.mean(binning.MOMENTUM), cells.mean(binning.MOMENTUM + 1))

@@ -1,0 +1,140 @@
+"""How finely to export: cell size, time step, steps and the export grid (Vicari et al. 2025, Eqs 15, 17)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from affine import Affine
+
+from ..errors import InputError
+from ..geo.grid import Grid
+
+POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (physics.md 5.3)
+MOST_CELLS = 400_000_000
+
+
+class FrameFacts(NamedTuple):
+    """What one frame contributes to the choice of cells.
+
+    `bounds` (west, south, east, north) [m] of what lies on the DTM, None where nothing does; `particle_volume` [m3]
+    mean at release; `dilation` [1], the 10 % quantile of release volume over current volume; `thickness` [m], median
+    volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m] of the code's own grid; `below` [1], share
+    of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns).
+    """
+
+    bounds: tuple | None
+    particle_volume: float
+    dilation: float
+    thickness: float
+    spacing: float
+    below: float
+    offset: float
+
+
+def automatic_cell_size(facts, terrain_cell):
+    """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (physics.md 5.3).
+
+    The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid;
+    then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it.
+
+    Returns
+    -------
+    (float, str)
+        cs_e [m] and the inputs that decided, in words.
+    """
+    facts = [fact for fact in facts if fact.bounds is not None]
+    volume = float(np.median([fact.particle_volume for fact in facts]))
+    dilation = min(fact.dilation for fact in facts)
+    thickness = float(np.median([fact.thickness for fact in facts]))
+    spacing = float(np.median([fact.spacing for fact in facts]))
+    by_volume = (volume / dilation) ** (1.0 / 3.0)
+    by_coverage = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
+    by_grids = min(terrain_cell, spacing)
+    wanted = max(by_volume, by_coverage, by_grids)
+    if wanted <= terrain_cell:
+        cell = terrain_cell / math.floor(terrain_cell / wanted * (1 + 1e-9))
+    else:
+        cell = 0.5 * spacing * math.ceil(wanted / (0.5 * spacing) * (1 - 1e-9))
+    why = (
+        f"Eq 15 gives {by_volume:.3g} m (particle volume {volume:.3g} m3, density down to {dilation:.2f} of the "
+        f"release's), {POINTS_PER_CELL} particles a cell {by_coverage:.3g} m (median thickness {thickness:.3g} m), "
+        f"the finer of DTM ({terrain_cell:g} m) and solver grid ({spacing:.3g} m) {by_grids:.3g} m"
+    )
+    return cell, why
+
+
+def automatic_time_step(cell_size, fastest):
+    """dt_e [s] by Eq 17: what moves at `fastest` [m s-1] in the map plane crosses one export cell; inf at rest."""
+    return cell_size / fastest if fastest > 0 else math.inf
+
+
+def choose_steps(times, time_step=None):
+    """Indices of the frames to export: for each multiple of `time_step` [s] the nearest in time, each once.
+
+    `times` [s] ascend. None takes every frame. Of two equally near frames the earlier one is taken. Where no multiple
+    falls between the first and the last time, the frame nearest to one is taken.
+    """
+    times = np.asarray(times, float)
+    if time_step is None:
+        return list(range(len(times)))
+    if not math.isfinite(time_step):
+        return [0]
+    count = times / time_step
+    count = np.where(np.abs(count - np.rint(count)) < 1e-9 * np.maximum(1.0, np.abs(count)), np.rint(count), count)
+    # a frame is nearest to some multiple if it is so to the one before or the one after it
+    multiples = np.unique(np.concatenate([np.floor(count), np.ceil(count)]))
+    between = multiples[(multiples >= count[0]) & (multiples <= count[-1])]
+    if not len(between):
+        between = np.rint(count[:1])
+    return _nearest(times, between * time_step)
+
+
+def _nearest(times, moments):
+    after = np.minimum(np.searchsorted(times, moments), len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    to_earlier, to_later = np.abs(times[before] - moments), np.abs(times[after] - moments)
+    earlier = to_earlier <= to_later * (1 + 1e-12)
+    return sorted({int(i) for i in np.where(earlier, before, after)})
+
+
+def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
+    """The north-up grid to export on, aligned with the upper left corner of the DTM's bounds.
+
+    Without `cell_size` [m] it has the DTM's own cells (a rotated DTM: squares of the same area). Without `bounds` it
+    covers the DTM, and its last row and column may reach over the rim; with `bounds` (west, south, east, north) [m]
+    it is the part of that which holds them, with `margin` cells around.
+
+    Raises
+    ------
+    InputError
+        More than 400 million cells.
+    """
+    t = terrain_grid.transform
+    if cell_size is not None:
+        width = height = float(cell_size)
+    elif t.b == 0 and t.d == 0:
+        width, height = abs(t.a), abs(t.e)
+    else:
+        width = height = terrain_grid.cell_size
+    west, south, east, north = terrain_grid.bounds
+    columns, rows = _cells_along(east - west, width), _cells_along(north - south, height)
+    first_column = first_row = 0
+    if bounds is not None:
+        first_column, columns = _part(bounds[0] - west, bounds[2] - west, width, columns, margin)
+        first_row, rows = _part(north - bounds[3], north - bounds[1], height, rows, margin)
+    if not columns * rows <= MOST_CELLS:
+        raise InputError(
+            f"cells of {width:g} m make a raster of {columns * rows:.3g} cells, wanted at most {MOST_CELLS:.0e}; "
+            "take a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
+        )
+    corner = west + first_column * width, north - first_row * height
+    return Grid(terrain_grid.crs, Affine(width, 0.0, corner[0], 0.0, -height, corner[1]), (int(rows), int(columns)))
+
+
+def _cells_along(length, cell):
+    return max(1, math.ceil(min(length / cell, 1e18) - 1e-6))
+
+
+def _part(low, high, cell, most, margin):
+    first = max(math.floor(low / cell) - margin, 0)
+    return first, min(math.floor(high / cell) + 1 + margin, most) - first
