@@ -6,14 +6,14 @@ mesh, the outlines and the project. The true time stays in `t_s` columns, band n
 """
 
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError
 
-BASE = datetime(2000, 1, 1, tzinfo=timezone.utc)
+BASE = datetime(2000, 1, 1, tzinfo=UTC)
 BASE_TEXT = "2000-01-01T00:00:00Z"
 STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
 SHORTEST_STEP = 2  # QGIS seconds: a layer of its own shows from a second after its step to one before the next

@@ -5,6 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from affine import Affine
 
 from ..geo.grid import Grid
 
@@ -75,7 +76,7 @@ class ExportedRun:
         return f"{self.name}_{getattr(band, 'name', band)}.vrt"
 
     def read(self, file, names):
-        """The named bands of one of the run's rasters.
+        """The named bands of one of the run's rasters, within `flow_window`.
 
         Parameters
         ----------
@@ -86,24 +87,51 @@ class ExportedRun:
         Returns
         -------
         list of float32[rows, columns]
-            NaN where there is no data; None for a band that the file does not have.
+            On `flow_grid`, NaN where there is no data; None for a band that the file does not have.
         """
+        return self._read(file, names, self.flow_window)
+
+    def _read(self, file, names, window):
         import rasterio
 
         bands = [quantity.name for quantity in self.bands_of(file)]
         with rasterio.open(self.folder / file) as source:
-            return [_with_nan(source, bands.index(name) + 1) if name in bands else None for name in names]
+            return [_with_nan(source, bands.index(name) + 1, window) if name in bands else None for name in names]
 
     def bands_of(self, file):
         """Tuple of Quantity: the bands of one of the run's rasters, in order."""
         return {self.maxima_file: self.maxima_bands, self.deposit_file: self.deposit_bands}.get(file, self.step_bands)
 
     def read_terrain(self):
-        """float32[rows, columns] [m]: elevation on the export grid, NaN where there is none."""
+        """float32[rows, columns] [m]: elevation on `flow_grid`, NaN where there is none."""
         import rasterio
 
         with rasterio.open(self.folder / self.terrain_file) as source:
-            return _with_nan(source, 1)
+            return _with_nan(source, 1, self.flow_window)
+
+    @cached_property
+    def flow_window(self):
+        """(row slice, column slice) of the cells that the flow ever reached and one more on each side.
+
+        Most of a terrain stays dry, and need not be read at every step. The whole grid where no cell was reached.
+        """
+        everything = tuple(slice(0, size) for size in self.grid.shape)
+        (peak,) = self._read(self.maxima_file, ("h_max",), everything)
+        reached = np.isfinite(peak)
+        if not reached.any():
+            return everything
+        found = (np.flatnonzero(reached.any(axis=axis)) for axis in (1, 0))
+        return tuple(
+            slice(max(int(along[0]) - 1, 0), min(int(along[-1]) + 2, size))
+            for along, size in zip(found, self.grid.shape, strict=True)
+        )
+
+    @cached_property
+    def flow_grid(self):
+        """Grid of `flow_window`."""
+        rows, columns = self.flow_window
+        corner = self.grid.transform * Affine.translation(columns.start, rows.start)
+        return Grid(self.grid.crs, corner, (rows.stop - rows.start, columns.stop - columns.start))
 
     @cached_property
     def typical(self):
@@ -129,9 +157,9 @@ class ExportedRun:
         return typical | {name: peak for name, peak in peaks.items() if name not in names}
 
 
-def _with_nan(source, band):
-    """float32[rows, columns]: one band of an open raster with NaN for its nodata value."""
-    values = source.read(band, out_dtype="float32")
+def _with_nan(source, band, window):
+    """float32[rows, columns]: part of a band of an open raster, with NaN for its nodata value."""
+    values = source.read(band, window=tuple((part.start, part.stop) for part in window), out_dtype="float32")
     if source.nodata is not None:
         values[values == np.float32(source.nodata)] = np.nan
     return values

@@ -29,8 +29,8 @@ def options(values):
 
 
 def reference_system(crs):
-    """`spatialrefsys` of a CRS; a local frame without place (None) is an engineering CRS in metres."""
-    wkt = LOCAL_FRAME if crs is None else crs.to_wkt()
+    """`spatialrefsys` of a CRS, or of a local frame (None)."""
+    wkt = reference_text(crs)
     authority = None if crs is None else crs.to_authority()
     return node(
         "spatialrefsys",
@@ -38,6 +38,11 @@ def reference_system(crs):
         node("wkt", text=wkt),
         node("authid", text=":".join(authority)) if authority else None,
     )
+
+
+def reference_text(crs):
+    """WKT of a CRS; a local frame without place (None) is an engineering CRS in metres, which QGIS takes as one."""
+    return LOCAL_FRAME if crs is None else crs.to_wkt()
 
 
 LOCAL_FRAME = (

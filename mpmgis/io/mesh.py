@@ -11,13 +11,14 @@ from pyproj.exceptions import CRSError
 
 from ..fields import NODATA
 from .clock import Clock
+from .markup import LOCAL_FRAME
 from .styles import look_of
 
 MESH_BANDS = ("h", "t", "Un", "Ut")
 VELOCITY = "velocity along the slope (m/s)"
 BED = "Bed Elevation"  # QGIS' own name for node heights
 COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
-COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fill_value": np.float32(NODATA)}
+LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
 def write_mesh(run, velocity=None):
@@ -37,24 +38,26 @@ def write_mesh(run, velocity=None):
     wet = np.isfinite(peak)
     if not wet.any():
         return
-    pairs = _velocity_pairs(run, velocity)
+    pairs = _velocity_pairs(run, velocity, wet)
     names = [quantity.name for quantity in run.step_bands if quantity.name in MESH_BANDS]
     with _open_new(run.folder / run.mesh_file) as file:
         _write_places(file, run, wet)
         _write_times(file, run)
-        variables = [_face_variable(file, name, _title(run, name), "m s-1" if name[0] == "U" else "m") for name in names]
+        variables = [
+            _face_variable(file, name, _title(run, name), "m s-1" if name[0] == "U" else "m") for name in names
+        ]
         arrows = [
             _face_variable(file, name, f"{VELOCITY}, {component}", "m s-1")
             for name, component in COMPONENTS.items()
             if pairs is not None
         ]
         for k, step_file in enumerate(run.step_files):
-            values = run.read(step_file, names)
-            dry = _dry(dict(zip(names, values, strict=True)), wet)
+            values = [band[wet] for band in run.read(step_file, names)]
+            dry = _dry(dict(zip(names, values, strict=True)))
             for variable, band in zip(variables, values, strict=True):
-                variable[k] = _filled(np.where(dry, np.nan, band[wet]))
+                variable[k] = _filled(np.where(dry, np.nan, band))
             for variable, band in zip(arrows, next(pairs) if arrows else (), strict=True):
-                variable[k] = _filled(np.asarray(band)[wet])
+                variable[k] = _filled(band)
 
 
 def group_names(path):
@@ -78,24 +81,21 @@ def _open_new(path):
     return netCDF4.Dataset(path, "w", format="NETCDF4")
 
 
-def _velocity_pairs(run, velocity):
-    """Iterator of (east, north) per step, or None where there is nothing to make it from."""
-    if callable(velocity):
-        return (velocity(k) for k in range(len(run.times)))
+def _velocity_pairs(run, velocity, wet):
+    """Iterator of (east, north), each float[faces], per step; None where there is nothing to make it from."""
     if velocity is not None:
-        return iter(velocity)
+        pairs = map(velocity, range(len(run.times))) if callable(velocity) else velocity
+        return ([np.asarray(band)[run.flow_window][wet] for band in pair] for pair in pairs)
     if {quantity.name for quantity in run.step_bands} >= set(COMPONENTS):
-        return (run.read(file, tuple(COMPONENTS)) for file in run.step_files)
+        return ([band[wet] for band in run.read(file, tuple(COMPONENTS))] for file in run.step_files)
     return None
 
 
-def _dry(values, wet):
+def _dry(values):
     """bool[faces]: nothing there at this step: no depth, no thickness, no velocity."""
-    dry = np.ones(np.count_nonzero(wet), dtype=bool)
-    for name, band in values.items():
-        inside = band[wet]
-        dry &= ~np.isfinite(inside) if name in ("Un", "Ut") else ~(inside > 0)
-    return dry
+    return np.logical_and.reduce(
+        [~np.isfinite(band) if name in ("Un", "Ut") else ~(band > 0) for name, band in values.items()]
+    )
 
 
 def _filled(values):
@@ -109,7 +109,7 @@ def _title(run, name):
 def _write_places(file, run, wet):
     """The mesh's nodes, faces and CRS."""
     nodes, corners = _corners(wet)
-    x, y = _node_places(run.grid, nodes)
+    x, y = _node_places(run.flow_grid, nodes)
     file.createDimension("node", len(x))
     file.createDimension("face", len(corners))
     file.createDimension("corner", 4)
@@ -127,26 +127,19 @@ def _write_places(file, run, wet):
             "face_dimension": "face",
         }
     )
-    for name, values, standard in (("node_x", x, "projection_x_coordinate"), ("node_y", y, "projection_y_coordinate")):
-        variable = file.createVariable(name, "f8", ("node",), zlib=True, complevel=1, shuffle=True)
-        variable.setncatts({"standard_name": standard, "units": "m", "mesh": "mesh", "location": "node"})
-        variable[:] = values
-    faces = file.createVariable("face_nodes", "i4", ("face", "corner"), zlib=True, complevel=1, shuffle=True, fill_value=-1)
+    faces = file.createVariable("face_nodes", "i4", ("face", "corner"), fill_value=-1, **LIGHT)
     faces.setncatts({"cf_role": "face_node_connectivity", "start_index": np.int32(0)})
     faces[:] = corners
-    bed = file.createVariable("node_z", "f8", ("node",), zlib=True, complevel=1, fill_value=NODATA)
-    bed.setncatts(
-        {
-            "standard_name": "altitude",
-            "long_name": "bed elevation",
-            "units": "m",
-            "mesh": "mesh",
-            "location": "node",
-            "grid_mapping": "projected_coordinate_system",
-        }
-    )
-    heights = _node_heights(run.read_terrain())[nodes]
-    bed[:] = np.where(np.isfinite(heights), heights, NODATA)
+    _write_node_variable(file, "node_x", x, {"standard_name": "projection_x_coordinate"})
+    _write_node_variable(file, "node_y", y, {"standard_name": "projection_y_coordinate"})
+    bed = {"standard_name": "altitude", "long_name": "bed elevation", "grid_mapping": "projected_coordinate_system"}
+    _write_node_variable(file, "node_z", _node_heights(run.read_terrain())[nodes], bed)
+
+
+def _write_node_variable(file, name, values, attributes):
+    variable = file.createVariable(name, "f8", ("node",), fill_value=NODATA, **LIGHT)
+    variable.setncatts(attributes | {"units": "m", "mesh": "mesh", "location": "node"})
+    variable[:] = np.where(np.isfinite(values), values, NODATA)
 
 
 def _corners(wet):
@@ -180,15 +173,13 @@ def _node_heights(elevation):
 def _write_reference_system(file, crs):
     """The CRS in plain ASCII: with any other sign netCDF4 writes a kind of text that QGIS does not see."""
     variable = file.createVariable("projected_coordinate_system", "i4")
-    if crs is None:
-        return
     try:
-        text = crs.to_wkt("WKT1_GDAL")
+        text = LOCAL_FRAME if crs is None else crs.to_wkt("WKT1_GDAL")
     except CRSError:
         text = crs.to_wkt()
     text = text.encode("ascii", "ignore").decode()
-    variable.setncatts({"wkt": text, "crs_wkt": text, "name": crs.name.encode("ascii", "ignore").decode()})
-    if crs.to_epsg():
+    variable.setncatts({"wkt": text, "crs_wkt": text})
+    if crs is not None and crs.to_epsg():
         variable.setncatts({"epsg": np.int32(crs.to_epsg()), "EPSG_code": f"EPSG:{crs.to_epsg()}"})
 
 
@@ -213,7 +204,9 @@ def _write_times(file, run):
 
 def _face_variable(file, name, title, units):
     faces = len(file.dimensions["face"])
-    variable = file.createVariable(name, "f4", ("time", "face"), chunksizes=(1, faces), **COMPRESSION)
+    variable = file.createVariable(
+        name, "f4", ("time", "face"), chunksizes=(1, faces), fill_value=np.float32(NODATA), **LIGHT
+    )
     variable.setncatts(
         {
             "long_name": title,

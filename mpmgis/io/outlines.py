@@ -9,6 +9,7 @@ import shapely
 
 from ..errors import OutputError, one_line
 from .clock import BASE, Clock
+from .markup import reference_text
 from .symbols import (
     ENVELOPE,
     OUTLINE,
@@ -28,13 +29,14 @@ def write_outlines(run, release=None, particles=None):
 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
     (of all steps together), `release`, `particles` (about 300 a step, the same ones throughout) and `layer_styles`.
-    A layer with nothing in it is left out. Times are `t_s` (simulated seconds) and `t_qgis` (stretched, see `clock`).
+    A layer with nothing in it is left out. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
+    (stretched, see `clock`).
 
     Parameters
     ----------
     run : ExportedRun
     release : sequence of shapely polygons, optional
-        In the run's CRS.
+        In the run's CRS. Without it the cells of a first step at time 0 are taken.
     particles : iterable of (time, ids, x, y, z, velocity), optional
         For exported steps in their order: time [s], ids uint64[n] or None, x, y, z float[n] [m], velocity
         float[n, 3] [m s-1]. Only the thinned ones are kept. Items at times that were not exported are skipped.
@@ -48,7 +50,7 @@ def write_outlines(run, release=None, particles=None):
     layers = {
         "outline": _outline_layer(run, clock),
         "envelope": _envelope_layer(run),
-        "release": _release_layer(release),
+        "release": _release_layer(run, release),
         "particles": _particle_layer(run, clock, particles),
     }
     layers = {name: layer for name, layer in layers.items() if layer is not None}
@@ -111,8 +113,8 @@ def _outline_layer(run, clock):
     geometry, kept = [], []
     for k, file in enumerate(run.step_files):
         depth, speed = run.read(file, ("h", "Ut"))
-        mask = depth >= run.min_depth if run.min_depth > 0 else depth > 0
-        outline = mask_outline(mask, run.grid.transform)
+        mask = _deep(depth, run)
+        outline = mask_outline(mask, run.flow_grid.transform)
         if outline is not None:
             geometry.append(outline)
             kept.append((k, np.count_nonzero(mask) * run.grid.cell_area, depth[mask].max(), _largest(speed, mask)))
@@ -122,12 +124,17 @@ def _outline_layer(run, clock):
     columns = {
         "step": step.astype(np.int32),
         "t_s": np.array(run.times, dtype=float)[step],
-        "t_qgis": _dates(clock, step),
+        **_spans(clock, step),
         "area_m2": area.astype(float),
         "h_max_m": depth.astype(float),
         "Ut_max_m_s": speed.astype(float),
     }
     return np.array(geometry, dtype=object), columns
+
+
+def _deep(depth, run):
+    """bool[rows, columns]: the cells that outlines enclose."""
+    return (depth >= run.min_depth) & (depth > 0)
 
 
 def _largest(values, mask):
@@ -139,8 +146,8 @@ def _largest(values, mask):
 def _envelope_layer(run):
     """(geometry, columns) of the cells that were ever at least `min_depth` deep."""
     (depth,) = run.read(run.maxima_file, ("h_max",))
-    mask = depth >= run.min_depth if run.min_depth > 0 else depth > 0
-    outline = mask_outline(mask, run.grid.transform)
+    mask = _deep(depth, run)
+    outline = mask_outline(mask, run.flow_grid.transform)
     if outline is None:
         return None
     columns = {
@@ -151,14 +158,20 @@ def _envelope_layer(run):
     return np.array([outline], dtype=object), columns
 
 
-def _release_layer(release):
-    """(geometries, columns) of the release polygons."""
-    if release is None or len(release) == 0:
+def _release_layer(run, release):
+    """(geometries, columns) of the release: as given, else the cells of a first step at time 0."""
+    source = "release area"
+    if release is None and run.times[0] == 0:
+        (depth,) = run.read(run.step_files[0], ("h",))
+        outline = mask_outline(_deep(depth, run), run.flow_grid.transform)
+        source, release = "cells of the flow at t = 0 s", [outline] if outline is not None else []
+    if not release:
         return None
     parts = [shapely.MultiPolygon(_polygons(part)) for part in release]
     columns = {
         "part": np.arange(1, len(parts) + 1, dtype=np.int32),
         "area_m2": np.array([part.area for part in parts]),
+        "source": np.array([source] * len(parts), dtype=object),
     }
     return np.array(parts, dtype=object), columns
 
@@ -191,7 +204,7 @@ def _particle_layer(run, clock, particles):
         "id": ids.astype(np.int64),
         "step": step.astype(np.int32),
         "t_s": np.array(run.times, dtype=float)[step],
-        "t_qgis": _dates(clock, step),
+        **_spans(clock, step),
         "speed": np.linalg.norm(velocity, axis=1),
         "v_E": velocity[:, 0],
         "v_N": velocity[:, 1],
@@ -200,10 +213,11 @@ def _particle_layer(run, clock, particles):
     return shapely.points(place), columns
 
 
-def _dates(clock, step):
-    """datetime64[ms] of steps on the stretched clock."""
+def _spans(clock, step):
+    """Columns of when steps show on the stretched clock, datetime64[ms]; `t_qgis_end` is a second before the next."""
     base = np.datetime64(BASE.replace(tzinfo=None), "ms")
-    return base + np.array(clock.begins, dtype=np.int64)[step] * np.timedelta64(1000, "ms")
+    seconds = {"t_qgis": np.array(clock.begins), "t_qgis_end": np.array(clock.ends) - 1}
+    return {name: base + value.astype(np.int64)[step] * np.timedelta64(1000, "ms") for name, value in seconds.items()}
 
 
 def _write_layer(path, name, geometry, columns, crs, append):
@@ -220,9 +234,9 @@ def _write_layer(path, name, geometry, columns, crs, append):
             layer=name,
             driver="GPKG",
             geometry_type="Point Z" if name == "particles" else "MultiPolygon",
-            crs=None if crs is None else crs.to_wkt(),
+            crs=reference_text(crs),
             append=False,
-            gdal_tz_offsets={key: np.full(len(geometry), UTC) for key in columns if key == "t_qgis"},
+            gdal_tz_offsets={key: np.full(len(geometry), UTC) for key in columns if key.startswith("t_qgis")},
             **({} if append else {"dataset_options": {"VERSION": "1.2"}}),
         )
     except (DataSourceError, DataLayerError) as error:

@@ -18,7 +18,7 @@ from .markup import node, qgis_document, reference_system
 from .mesh import VELOCITY, group_names
 from .outlines import geometry_type, layer_names, vector_renderer
 from .styles import bands_over_time, contour_interval, contour_pipe, hillshade_pipe, look_of, one_step, value_pipe
-from .symbols import instants
+from .symbols import feature_times
 
 TIME_BY_BAND = (3, 38)  # first QGIS that animates the bands of one layer
 FRAME_RATE = 8  # frames per second in the temporal controller
@@ -29,6 +29,7 @@ VECTOR_TITLES = {
     "release": "release area",
     "particles": "particles (thinned), by speed",
 }
+MOVING = ("outline", "particles")
 
 
 class Layer(NamedTuple):
@@ -90,9 +91,9 @@ def parse_version(text):
 
 def _animation(run, clock, by_band):
     vectors = [
-        _vector_layer(run, clock, name, shown=name == "outline")
+        _vector_layer(run, name, shown=name == "outline")
         for name in layer_names(run.folder / run.outlines_file)
-        if name in ("outline", "particles")
+        if name in MOVING
     ]
     fields = [
         (_stacked_layer if by_band else _steps_group)(run, clock, quantity, band, shown=band == 1)
@@ -102,8 +103,8 @@ def _animation(run, clock, by_band):
 
 
 def _outlines(run):
-    names = [name for name in layer_names(run.folder / run.outlines_file) if name in ("release", "envelope")]
-    rows = [_vector_layer(run, None, name, shown=name == "release") for name in names]
+    names = [name for name in layer_names(run.folder / run.outlines_file) if name not in MOVING]
+    rows = [_vector_layer(run, name, shown=name == "release") for name in names]
     return Group("release and envelope", rows[::-1], unfolded=False)
 
 
@@ -169,7 +170,7 @@ def _raster_layer(run, kind, file, quantity, band, shown):
     )
 
 
-def _vector_layer(run, clock, name, shown):
+def _vector_layer(run, name, shown):
     maplayer = _maplayer(
         run,
         "vector",
@@ -177,7 +178,7 @@ def _vector_layer(run, clock, name, shown):
         f"{run.outlines_file}|layername={name}",
         VECTOR_TITLES[name],
         "ogr",
-        instants(clock) if clock else None,
+        feature_times() if name in MOVING else None,
         vector_renderer(name, run),
     )
     maplayer.set("geometry", geometry_type(name)[1])
@@ -290,7 +291,9 @@ def _view(run, margin=0.08):
     row, column = np.nonzero(peak >= run.min_depth)
     if row.size == 0:
         return run.grid.bounds
-    x, y = run.grid.xy(np.array([row.min() - 0.5, row.max() + 0.5]), np.array([column.min() - 0.5, column.max() + 0.5]))
+    x, y = run.flow_grid.xy(
+        np.array([row.min() - 0.5, row.max() + 0.5]), np.array([column.min() - 0.5, column.max() + 0.5])
+    )
     rim = margin * max(np.ptp(x), np.ptp(y))
     return float(x.min() - rim), float(y.min() - rim), float(x.max() + rim), float(y.max() + rim)
 

@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 from ..fields import NODATA
 from .clock import Clock
-from .markup import node
+from .markup import node, reference_text
 
 
 def write_stacks(run):
@@ -26,7 +26,7 @@ def _dataset(run):
     return node(
         "VRTDataset",
         {"rasterXSize": columns, "rasterYSize": rows},
-        node("SRS", text=run.grid.crs.to_wkt()) if run.grid.crs is not None else None,
+        node("SRS", text=reference_text(run.grid.crs)),
         node("GeoTransform", text=transform),
     )
 

@@ -301,9 +301,7 @@ def bands_over_time(clock):
         )
         for k, (begin, end) in enumerate(zip(clock.begins, clock.ends, strict=True), start=1)
     ]
-    return node(
-        "temporal", {"enabled": 1, "mode": 3, "fetchMode": 0, "bandNumber": 1}, node("ranges", None, *ranges)
-    )
+    return node("temporal", {"enabled": 1, "mode": 3, "fetchMode": 0, "bandNumber": 1}, node("ranges", None, *ranges))
 
 
 def one_step(clock, k):

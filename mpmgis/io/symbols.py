@@ -38,17 +38,17 @@ def speed_renderer(run):
     )
 
 
-def instants(clock):
-    """`temporal` of a vector layer whose features each show for one frame from the time in `t_qgis`."""
+def feature_times():
+    """`temporal` of a vector layer whose features each show from `t_qgis` to `t_qgis_end`."""
     return node(
         "temporal",
         {
             "enabled": 1,
-            "mode": 1,
+            "mode": 2,
             "startField": "t_qgis",
-            "endField": "",
+            "endField": "t_qgis_end",
             "durationField": "",
-            "fixedDuration": clock.step - 1,
+            "fixedDuration": 0,
             "durationUnit": "s",
             "accumulate": 0,
             "limitMode": 0,

@@ -30,7 +30,9 @@ def make_run(folder, crs, name="slide", times=None, shape=(120, 160), step_bands
             largest[band] = max(largest.get(band, 0.0), float(np.nanmax(np.abs(fields[band]))))
         peaks = peak(peaks, fields, time)
     write(folder / "rasters" / f"{name}_max.tif", grid, [BAND[b].band for b in MAXIMA], [peaks[b] for b in MAXIMA])
-    write(folder / "rasters" / f"{name}_deposit.tif", grid, [BAND[b].band for b in DEPOSIT], [fields[b] for b in DEPOSIT])
+    write(
+        folder / "rasters" / f"{name}_deposit.tif", grid, [BAND[b].band for b in DEPOSIT], [fields[b] for b in DEPOSIT]
+    )
     return ExportedRun(
         folder=folder,
         name=name,
