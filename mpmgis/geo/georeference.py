@@ -1,0 +1,187 @@
+"""Is this CRS, with these coordinates, a map in metres? The refusals of physics.md D7, each with its cure."""
+
+import math
+
+import numpy as np
+import pyproj
+
+from ..errors import GeoreferenceError, InputError, one_line
+
+LOCAL = "local"
+_FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
+_FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
+_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] physics.md D7
+
+
+def parse_crs(text):
+    """The CRS that ``--crs`` names: a pyproj.CRS, or None for ``local`` (metres without a place).
+
+    Raises
+    ------
+    InputError
+        Neither ``local`` nor ``EPSG:n`` with an n that exists.
+    """
+    word = str(text).strip()
+    if word.lower() == LOCAL:
+        return None
+    authority, _, code = word.partition(":")
+    if authority.upper() != "EPSG" or not code.isdigit():
+        raise InputError(f"--crs got {word!r}, wanted EPSG:n, for example EPSG:32632, or local")
+    try:
+        return pyproj.CRS.from_epsg(int(code))
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(f"--crs got {word!r}, but PROJ knows no such EPSG code; look it up at epsg.io") from error
+
+
+def name_of(crs):
+    """Short name of a CRS for messages: EPSG:n where it has one, else its name."""
+    if crs is None:
+        return "a local frame"
+    epsg = crs.to_epsg()
+    return f"EPSG:{epsg}" if epsg else one_line(crs.name)
+
+
+def horizontal(crs):
+    """The horizontal part of `crs`, without a vertical datum or a bound transformation."""
+    if crs is None:
+        return None
+    if crs.is_bound:
+        return horizontal(crs.source_crs)
+    if crs.is_compound:
+        return horizontal(crs.sub_crs_list[0])
+    return crs.to_2d() if len(crs.axis_info) == 3 else crs
+
+
+def metric_equivalent(longitude, latitude):
+    """EPSG code (as text) of a metric CRS for a place: its UTM zone, or polar stereographic near the poles."""
+    if latitude > 84:
+        return "EPSG:32661"
+    if latitude < -80:
+        return "EPSG:32761"
+    zone = int((longitude + 180) // 6) % 60 + 1
+    return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+
+
+def same_place(first, second):
+    """True where two CRS are one and the same on the map (vertical datum and axis order apart)."""
+    if first is None or second is None:
+        return first is second
+    return horizontal(first).equals(horizontal(second), ignore_axis_order=True)
+
+
+def require_metric(crs, bounds, where, say):
+    """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean (physics.md D7).
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+    bounds : (west, south, east, north) in units of the CRS
+    where : str
+        The file, for messages.
+    say : callable
+        Told where the projection's scale factor biases areas.
+
+    Raises
+    ------
+    GeoreferenceError
+        Geographic or geocentric, not in metres (horizontally or vertically), degrees under a projected tag, or
+        coordinates far outside the CRS's area of use.
+    """
+    plane = horizontal(crs)
+    name = name_of(crs)
+    centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
+    if plane.is_geographic or plane.is_geocentric:
+        cure = _reprojection(where, *_longitude_latitude(plane, centre))
+        unit = "degrees" if plane.is_geographic else "geocentric coordinates"
+        raise GeoreferenceError(f"{where} is in {name} ({unit}); mpmgis needs metres. {cure}")
+    if not plane.is_projected:
+        raise GeoreferenceError(
+            f"{where} is in {name}, which is no map projection; if its coordinates are metres, remove the CRS "
+            f"(gdal_edit -a_srs None) and give --crs local or --crs EPSG:n"
+        )
+    _require_metres(plane, crs, where, centre)
+    if max(abs(v) for v in bounds[::2]) <= 360 and max(abs(v) for v in bounds[1::2]) <= 90 and _span(bounds) < 5:
+        raise GeoreferenceError(
+            f"{where} is tagged {name} (metres), but its coordinates {_pair(centre)} look like degrees; correct the "
+            f"tag (gdal_edit -a_srs EPSG:4326), then reproject, for example to {metric_equivalent(*centre)}"
+        )
+    scale_error = _require_place(plane, centre, where, name)
+    if scale_error > _LARGEST_SILENT_SCALE_ERROR:
+        say(
+            f"{where}: {name} stretches lengths here by {100 * scale_error:.2f} %, so areas and volumes are off "
+            f"by about {200 * scale_error:.2f} %; a projection made for this place, for example "
+            f"{metric_equivalent(*_longitude_latitude(plane, centre))}, would be truer"
+        )
+
+
+def _span(bounds):
+    return max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+
+
+def _pair(point):
+    return f"({point[0]:.6g}, {point[1]:.6g})"
+
+
+def _longitude_latitude(plane, point):
+    """(longitude, latitude) in WGS 84 of a point, or infinities where the projection has none."""
+    try:
+        transformer = pyproj.Transformer.from_crs(plane, "EPSG:4326", always_xy=True)
+        return transformer.transform(*point)
+    except pyproj.exceptions.ProjError:
+        return math.inf, math.inf
+
+
+def _reprojection(where, longitude, latitude):
+    if not (math.isfinite(longitude) and math.isfinite(latitude)):
+        return "Reproject it to a projected CRS in metres (gdalwarp -t_srs EPSG:n)"
+    return f"Reproject it, for example: gdalwarp -t_srs {metric_equivalent(longitude, latitude)} -r bilinear"
+
+
+def _require_metres(plane, crs, where, centre):
+    """Horizontal axes, and the vertical axis where the CRS has one, must be in metres."""
+    for axis in plane.axis_info:
+        if abs(axis.unit_conversion_factor - 1.0) > 1e-12:
+            cure = _reprojection(where, *_longitude_latitude(plane, centre))
+            raise GeoreferenceError(
+                f"{where} is in {name_of(crs)}, whose unit is {axis.unit_name}, wanted metre. {cure}"
+            )
+    for axis in crs.axis_info:
+        if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > 1e-12:
+            raise GeoreferenceError(
+                f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), wanted metre; "
+                "convert "
+                f"them (gdal_calc --calc='A*{axis.unit_conversion_factor:.10g}') and give the result a CRS in metres"
+            )
+
+
+def _require_place(plane, centre, where, name):
+    """Refuse coordinates that the CRS cannot mean; returns the scale error |k - 1| at `centre`."""
+    longitude, latitude = _longitude_latitude(plane, centre)
+    if not (math.isfinite(longitude) and math.isfinite(latitude)):
+        raise GeoreferenceError(
+            f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie nowhere in it; the tag is false: give "
+            f"the file its true CRS (gdal_edit -a_srs EPSG:n)"
+        )
+    factors = pyproj.Proj(plane).get_factors(longitude, latitude)
+    scales = np.array([factors.meridional_scale, factors.parallel_scale])
+    scale_error = float(np.abs(scales - 1.0).max()) if np.isfinite(scales).all() else 0.0
+    outside = _degrees_outside(plane.area_of_use, longitude, latitude)
+    if outside > _FAR_OUTSIDE or (outside > 3.0 and scale_error > _FAR_FROM_AREA_OF_USE):
+        raise GeoreferenceError(
+            f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie {outside:.0f} degrees outside that "
+            "CRS's "
+            f"area of use ({plane.area_of_use.name.split(';')[0].split(' - ')[0][:60]}); the tag is false: give the "
+            "file "
+            f"its true CRS (gdal_edit -a_srs EPSG:n)"
+        )
+    return scale_error
+
+
+def _degrees_outside(area, longitude, latitude):
+    """How far [deg] a place lies outside an area of use; 0 inside, or where the CRS states none."""
+    if area is None:
+        return 0.0
+    width = (area.east - area.west) % 360 or 360.0
+    beyond = (longitude - area.west) % 360 - width
+    east_west = 0.0 if beyond <= 0 else min(beyond, 360 - width - beyond)
+    return max(east_west, area.south - latitude, latitude - area.north, 0.0)

@@ -1,0 +1,154 @@
+"""Release areas: where mass starts, and how thick it is."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from ..errors import InputError
+from .grid import Grid
+
+NORMAL, VERTICAL = "normal", "vertical"
+_TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
+_COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
+
+
+@dataclass(frozen=True, eq=False)
+class ThicknessRaster:
+    """Thickness [m] per pixel of `grid` (in the terrain's CRS), `values` float64[rows, columns].
+
+    NaN where there is no material; a pixel's value holds at its centre.
+    """
+
+    values: np.ndarray
+    grid: Grid
+
+
+@dataclass(frozen=True)
+class ReleasePart:
+    """One feature: its name, its `polygon` (Polygon or MultiPolygon, holes allowed) [m], its thickness.
+
+    `thickness` is a number [m] or a ThicknessRaster.
+    """
+
+    name: str
+    polygon: shapely.Geometry
+    thickness: float | ThicknessRaster
+
+
+@dataclass(frozen=True)
+class ReleaseArea:
+    """All features of a release, which do not overlap, in the terrain's CRS.
+
+    `thickness_mode` says how every thickness is meant: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
+    where it came from; `record` holds what was noted while reading (numbers and strings).
+    """
+
+    parts: tuple
+    thickness_mode: str = NORMAL
+    name: str = "release"
+    path: str = ""
+    sha256: str = ""
+    record: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.thickness_mode not in (NORMAL, VERTICAL):
+            raise InputError(f"thickness mode {self.thickness_mode!r}, wanted {NORMAL!r} or {VERTICAL!r}")
+        if not self.parts:
+            raise InputError(f"release {self.name!r} has no area at all")
+
+    @property
+    def area(self):
+        """Plan area of all parts [m2]."""
+        return float(sum(part.polygon.area for part in self.parts))
+
+    @property
+    def polygons(self):
+        """The outlines [m], one shapely geometry a part."""
+        return [part.polygon for part in self.parts]
+
+
+def without_overlaps(parts, say):
+    """`parts` with those of one thickness united into one, so that no ground is counted twice (physics.md H19).
+
+    Raises
+    ------
+    InputError
+        Two features of different thickness overlap; both are named.
+    """
+    groups = {}
+    for part in parts:
+        key = id(part.thickness) if isinstance(part.thickness, ThicknessRaster) else float(part.thickness)
+        groups.setdefault(key, []).append(part)
+    united = [_unite(group, say) for group in groups.values()]
+    tree = shapely.STRtree([part.polygon for part in united])
+    pairs = tree.query([part.polygon for part in united], predicate="intersects")
+    for i, j in sorted({(int(i), int(j)) for i, j in pairs.T if i < j}):
+        united[j] = _cut_common_border(united[i], united[j])
+    return tuple(united)
+
+
+def _unite(group, say):
+    """One part from features of one thickness; a true overlap is said."""
+    if len(group) == 1:
+        return group[0]
+    names = [part.name for part in group]
+    joined = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    whole = shapely.union_all([part.polygon for part in group])
+    twice = sum(part.polygon.area for part in group) - whole.area
+    if twice > _TOUCHING * min(part.polygon.area for part in group):
+        say(f"release: {joined} overlap by {twice:.4g} m2 and have one thickness; that ground is counted once")
+    return replace(group[0], name=joined, polygon=whole)
+
+
+def _cut_common_border(first, second):
+    """`second` without what it shares with `first`: rounding only, more is refused."""
+    shared = first.polygon.intersection(second.polygon).area
+    if shared <= 0:
+        return second
+    if shared > _TOUCHING * min(first.polygon.area, second.polygon.area):
+        raise InputError(
+            f"release features '{first.name}' and '{second.name}' overlap by {shared:.4g} m2 and differ in thickness; "
+            f"cut one of them (QGIS: Difference), or give both the same thickness to unite them"
+        )
+    return replace(second, polygon=polygons_only(second.polygon.difference(first.polygon)))
+
+
+def polygons_only(geometry):
+    """The areas in `geometry`: Polygon or MultiPolygon (maybe empty), lines and points left by a repair dropped."""
+    if geometry.geom_type in ("Polygon", "MultiPolygon"):
+        return geometry
+    pieces = [g for g in getattr(geometry, "geoms", []) if g.geom_type in ("Polygon", "MultiPolygon")]
+    return shapely.union_all(pieces) if pieces else shapely.MultiPolygon()
+
+
+def require_on_terrain(part, grid):
+    """Refuse a part that leaves the raster of `grid`, saying by how much and where.
+
+    Raises
+    ------
+    InputError
+    """
+    frame = shapely.Polygon(grid.corners())
+    beyond = part.polygon.difference(frame)
+    if beyond.area <= 1e-9 * part.polygon.area:
+        return
+    points = shapely.points(shapely.get_coordinates(beyond))
+    distances = shapely.distance(points, frame)
+    farthest = points[int(np.argmax(distances))]
+    start, end = shapely.get_coordinates(shapely.shortest_line(frame, farthest))
+    sector = round(np.degrees(np.arctan2(*(end - start)[::-1])) / 45) % 8
+    far = _metres(distances.max())
+    if beyond.area >= (1 - 1e-9) * part.polygon.area:
+        raise InputError(
+            f"release '{part.name}' lies outside the terrain, up to {far} to the {_COMPASS[sector]}; use the DTM that "
+            f"covers it, or check the CRS of both"
+        )
+    raise InputError(
+        f"release '{part.name}' leaves the terrain by {far} to the {_COMPASS[sector]}; clip the polygon or use a "
+        "larger DTM"
+    )
+
+
+def _metres(length):
+    return f"{length / 1000:.1f} km" if length >= 10_000 else f"{length:.3g} m" if length < 100 else f"{length:.0f} m"

@@ -1,0 +1,254 @@
+"""Rasters in: a DTM with every refusal that physics.md D4 to D7 and D12 ask for, and any other raster."""
+
+import hashlib
+import math
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import rasterio
+from affine import Affine
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+from ..errors import FormatError, GeoreferenceError, InputError, one_line
+from ..geo.georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place
+from ..geo.grid import Grid
+from ..geo.terrain import Terrain
+
+METRES = {"", "m", "metre", "metres", "meter", "meters"}
+_OTHER_UNITS = {  # unit type of a band -> metres
+    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "intlft": 0.3048,
+    "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937, "us survey feet": 1200 / 3937, "ftus": 1200 / 3937,
+    "sftus": 1200 / 3937, "foot_us": 1200 / 3937, "us_survey_foot": 1200 / 3937, "us foot": 1200 / 3937,
+    "km": 1000.0, "kilometre": 1000.0, "dm": 0.1, "cm": 0.01, "centimetre": 0.01, "mm": 0.001, "yd": 0.9144,
+    "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
+}  # fmt: skip
+_USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
+_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
+STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # physics.md D7
+_ROWS_AT_ONCE = 512
+
+
+def read_terrain(path, crs=None, band=None, say=None):
+    """The DTM at `path`, or a refusal with its cure.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any raster that GDAL reads; north-up, south-up, rotated, non-square.
+    crs : str, optional
+        ``EPSG:n`` or ``local`` (metres without a place) for a file that carries none.
+    band : int, optional
+        Counted from 1; needed where there are several.
+    say : callable, optional
+        Told in one line what the user should know.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    say = say or (lambda text: None)
+    path = Path(path)
+    with open_raster(path) as source:
+        band = _band(source, path, band)
+        crs = _terrain_crs(source, path, crs, say)
+        _require_metres_up(source, path, band, say)
+        grid = Grid(crs, _transform(source, path, local=crs is None), source.shape)
+        if min(grid.shape) < 2:
+            raise InputError(f"{path} has {grid.shape[0]} x {grid.shape[1]} cells, wanted at least 2 x 2")
+        if crs is not None:
+            require_metric(_crs(source, path) or crs, grid.bounds, str(path), say)
+        elevation = _values(source, path, band)
+    _mask_false_heights(elevation, path, say)
+    terrain = Terrain(grid, elevation, str(path), file_sha256(path))
+    _tell_of_cliffs(terrain, path, say)
+    return terrain
+
+
+def read_raster(path, band=None):
+    """(values float64[rows, columns] with NaN for nodata, Grid) of any raster; the grid's crs may be None.
+
+    Raises
+    ------
+    FormatError, InputError
+        Missing, unreadable, without a georeference, or with several bands where none is named.
+    """
+    path = Path(path)
+    with open_raster(path) as source:
+        band = _band(source, path, band, option="a file with one band")
+        grid = Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)
+        return _values(source, path, band), grid
+
+
+@contextmanager
+def open_raster(path):
+    """rasterio's dataset at `path`, with its errors and warnings turned into one line."""
+    path = Path(path)
+    if not str(path).startswith("/vsi"):
+        if not path.exists():
+            raise FormatError(f"{path}: no such file")
+        if path.is_file() and path.stat().st_size == 0:
+            raise FormatError(f"{path} is empty (0 bytes), wanted a raster")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        try:
+            source = rasterio.open(path)
+        except (RasterioError, OSError, ValueError) as error:
+            raise FormatError(f"{path} is no raster that GDAL reads ({_reason(error, path)})") from error
+        with source:
+            if source.count == 0:
+                raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")
+            yield source
+
+
+def file_sha256(path):
+    """Hex digest of a file; '' for what is no plain file (a folder, a GDAL virtual path)."""
+    path = Path(path)
+    if not path.is_file():
+        return ""
+    with open(path, "rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def _reason(error, path):
+    return one_line(error).replace(str(path), path.name)[:120]
+
+
+def _band(source, path, band, option="--dem-band N"):
+    if band is None:
+        if source.count > 1:
+            raise InputError(f"{path} has {source.count} bands; say which holds the values with {option}")
+        band = 1
+    if not 1 <= band <= source.count:
+        raise InputError(f"{path}: band {band} asked for, but it has {source.count} (counted from 1)")
+    if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette:
+        raise InputError(
+            f"{path} is a picture with a palette, wanted numbers in metres; use the raster it was made from"
+        )
+    if np.dtype(source.dtypes[band - 1]).kind not in "fiu":
+        raise InputError(f"{path}: band {band} holds {source.dtypes[band - 1]}, wanted real numbers")
+    return band
+
+
+def _values(source, path, band):
+    """float64[rows, columns]: band values with scale and offset applied, NaN for nodata, mask and infinities."""
+    try:
+        data = source.read(band, out_dtype="float64")
+        valid = source.read_masks(band) != 0
+    except (RasterioError, OSError, ValueError) as error:
+        raise FormatError(
+            f"{path} is truncated or damaged ({_reason(error, path)}); copy or download it again"
+        ) from error
+    data[~(valid & np.isfinite(data))] = np.nan
+    scale, offset = source.scales[band - 1], source.offsets[band - 1]
+    if (scale, offset) != (1.0, 0.0):
+        data = data * scale + offset
+    if not np.isfinite(data).any():
+        raise InputError(f"{path}: every cell is nodata")
+    return data
+
+
+def _transform(source, path, local):
+    """The pixel-corner transform (GDAL honours AREA_OR_POINT); identity means that there is none."""
+    t = source.transform
+    numbers = np.array(t[:6], dtype=float)
+    if not np.isfinite(numbers).all() or abs(t.a * t.e - t.b * t.d) <= 0:
+        raise GeoreferenceError(
+            f"{path}: its transform {tuple(numbers.tolist())} cannot be inverted; georeference it anew"
+        )
+    if source.gcps[0] and t == Affine.identity():
+        raise GeoreferenceError(f"{path} is placed by control points only; warp it first (gdalwarp -t_srs EPSG:n)")
+    if t == Affine.identity() and not local:
+        raise GeoreferenceError(
+            f"{path} has no georeference; give it one (gdal_edit -a_ullr), or --crs local for pixels of 1 m"
+        )
+    return t
+
+
+def _crs(source, path):
+    if source.crs is None or not source.crs.to_wkt():
+        return None
+    try:
+        crs = pyproj.CRS.from_user_input(source.crs.to_wkt())
+    except pyproj.exceptions.CRSError as error:
+        raise GeoreferenceError(
+            f"{path}: its CRS cannot be read ({one_line(error)[:80]}); set it anew (gdal_edit -a_srs EPSG:n)"
+        ) from error
+    epsg = crs.to_epsg()  # the register's own entry knows the area of use, a file's WKT does not
+    registered = pyproj.CRS.from_epsg(epsg) if epsg else crs
+    return registered if registered.equals(crs, ignore_axis_order=True) else crs
+
+
+def _terrain_crs(source, path, asked, say):
+    """The DTM's horizontal CRS, None for a local frame; what was asked for must not contradict the file."""
+    own = _crs(source, path)
+    given = parse_crs(asked) if asked is not None else None
+    if own is not None and own.is_engineering:  # a local frame by its own word
+        own = None
+        asked = asked or LOCAL
+        say(f"{path}: its CRS is a local frame; taken as metres without a place")
+    if own is None:
+        if asked is None:
+            raise GeoreferenceError(
+                f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place"
+            )
+        return horizontal(given)
+    if asked is not None and (given is None or not same_place(own, given)):
+        raise GeoreferenceError(
+            f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
+            f"or reproject (gdalwarp) or correct the tag (gdal_edit -a_srs)"
+        )
+    return horizontal(own)
+
+
+def _require_metres_up(source, path, band, say):
+    """Refuse a band whose unit is a known one but metre (D7); an unknown unit is said."""
+    unit = (source.units[band - 1] or "").strip()
+    factor = _OTHER_UNITS.get(unit.lower())
+    if factor is not None:
+        raise GeoreferenceError(
+            f"{path}: heights are in {unit}, wanted metres; convert them, for example: gdal_calc -A {path.name} "
+            f"--calc='A*{factor:.10g}' --outfile={path.stem}_m.tif, and set the unit to m"
+        )
+    if unit.lower() not in METRES:
+        say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
+
+
+def _mask_false_heights(elevation, path, say):
+    """Turn undeclared nodata into NaN, and say so; refuse heights that are none (D12)."""
+    for value in _USUAL_NODATA:
+        false = elevation == value
+        count = int(false.sum())
+        if count:
+            elevation[false] = np.nan
+            say(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
+    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
+    if not np.isfinite(elevation).any():
+        raise InputError(f"{path}: every cell is nodata")
+    if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
+        raise InputError(
+            f"{path}: heights reach from {lowest:g} to {highest:g}, wanted metres between {_BELOW_EARTH:g} and "
+            f"{_ABOVE_EARTH:g}; declare its nodata value (gdal_edit -a_nodata), or choose the band that holds heights"
+        )
+
+
+def _tell_of_cliffs(terrain, path, say):
+    """Warn where more than 1 % of the cells are steeper than 85 degrees: a mix-up of units or nodata (D7)."""
+    limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
+    rows = terrain.grid.shape[0]
+    for first in range(0, rows, _ROWS_AT_ONCE):
+        last = min(first + _ROWS_AT_ONCE, rows)
+        low, high = max(first - 1, 0), min(last + 1, rows)
+        heights = terrain.elevation[low:high]
+        band = Terrain(Grid(None, terrain.grid.transform, heights.shape), heights)
+        slope = np.hypot(band.gradient[..., 0], band.gradient[..., 1])[first - low : last - low]
+        steep += int(np.count_nonzero(slope > limit))
+        total += int(np.count_nonzero(np.isfinite(slope)))
+    if total and steep > STEEP_SHARE * total:
+        say(
+            f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
+            "units "
+            f"(feet, degrees) and its nodata value"
+        )

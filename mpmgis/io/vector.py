@@ -1,0 +1,479 @@
+"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (physics.md D2, D9, D10, H16 to "
+"H19)."""
+
+import difflib
+import math
+import warnings
+from pathlib import Path
+
+import geopandas
+import numpy as np
+import pyogrio
+import pyproj
+import rasterio.features
+import shapely
+from affine import Affine
+
+from ..errors import FormatError, GeoreferenceError, InputError, one_line
+from ..geo.georeference import horizontal, name_of, same_place
+from ..geo.grid import Grid
+from ..geo.release import (
+    NORMAL,
+    VERTICAL,
+    ReleaseArea,
+    ReleasePart,
+    ThicknessRaster,
+    polygons_only,
+    require_on_terrain,
+    without_overlaps,
+)
+from ..geo.terrain import bilinear
+from .raster import file_sha256, open_raster, read_raster
+
+USUAL_COLUMNS = ("thickness", "d0", "relth")
+_RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
+_LAYER = "|layername="  # as QGIS writes a source with several layers
+_SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
+_AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
+
+
+def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None, say=None):
+    """The release areas at `path`, in the terrain's CRS, with their thickness.
+
+    Parameters
+    ----------
+    path : str or Path
+        Vector file (polygons; ``file.gpkg|layername=name`` picks a layer) or raster (mask, or thickness per cell).
+    terrain : Terrain
+    thickness : float, str or Path, optional
+        A number [m], a column's name, or a raster's path. Without it the first of the columns thickness, d0, relth is
+        used, or the values of a release raster.
+    thickness_mode : {"normal", "vertical"}
+    surface : str or Path, optional
+        Raster of the material's surface [m]: thickness is surface minus bed, vertical, clipped at 0.
+    say : callable, optional
+        Told in one line what was assumed, repaired or reprojected.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    say = say or (lambda text: None)
+    if surface is not None and thickness is not None:
+        raise InputError("--thickness and --surface exclude each other; give one of them")
+    wanted = _Thickness.parse(thickness, surface)
+    if _is_raster(path):
+        features, own = _raster_features(path, terrain, wanted, say)
+    else:
+        features, own = _vector_features(path, terrain, wanted, say), None
+    record = {}
+    if wanted.raster is not None:
+        own = _surface_thickness(wanted.raster, terrain, features, record, say) if surface is not None else (
+            _thickness_raster(wanted.raster, terrain, say)
+        )
+    if own is not None:
+        features = [_where_thick(part, own, say) for part in features]
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    plain = Path(str(path).split(_LAYER)[0])
+    return ReleaseArea(
+        without_overlaps(features, say),
+        VERTICAL if surface is not None else thickness_mode,
+        name=plain.stem,
+        path=str(plain),
+        sha256=file_sha256(plain),
+        record=record,
+    )
+
+
+class _Thickness:
+    """What --thickness or --surface asks for: a number, a column's name, or a raster."""
+
+    def __init__(self, number=None, column=None, raster=None):
+        self.number, self.column, self.raster = number, column, raster
+
+    @classmethod
+    def parse(cls, thickness, surface):
+        if surface is not None:
+            return cls(raster=Path(surface))
+        if thickness is None:
+            return cls()
+        try:
+            return cls(number=require_thickness(float(thickness), "--thickness"))
+        except (TypeError, ValueError):
+            pass
+        text = str(thickness)
+        if Path(text).exists() or Path(text).suffix.lower() in _RASTER_SUFFIXES or "/" in text:
+            return cls(raster=Path(text))
+        return cls(column=text)
+
+
+def require_thickness(value, where):
+    """`value` [m] if it is a finite number above 0; `where` names it in the refusal."""
+    if not math.isfinite(value) or value <= 0:
+        raise InputError(f"{where}: thickness is {value:g}, wanted a number of metres above 0")
+    return value
+
+
+# ---------------------------------------------------------------------------------------------------- vector sources
+
+
+def _vector_features(path, terrain, wanted, say):
+    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
+    table = _read_table(path)
+    table = _require_polygons(table, path, say)
+    names = _names(table)
+    heights = _feature_thickness(table, names, path, wanted, say)
+    shapes = _to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
+    shapes = [_repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
+    return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
+
+
+def _read_table(path):
+    """The GeoDataFrame at `path`; a file with several polygon layers asks for one by name."""
+    text, _, layer = str(path).partition(_LAYER)
+    source = Path(text)
+    if not source.exists():
+        raise FormatError(f"{source}: no such file")
+    if source.is_file() and source.stat().st_size == 0:
+        raise FormatError(f"{source} is empty (0 bytes), wanted polygons")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            if source.suffix.lower() in (".parquet", ".geoparquet"):
+                return geopandas.read_parquet(source)
+            return geopandas.read_file(source, layer=layer or _only_layer(source), engine="pyogrio")
+        except InputError:
+            raise
+        except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
+            raise FormatError(_unreadable(source, error)) from error
+
+
+def _only_layer(source):
+    layers = pyogrio.list_layers(source)
+    with_geometry = [name for name, kind in layers if kind is not None]
+    polygons = [name for name, kind in layers if kind is not None and ("Polygon" in kind or kind == "Unknown")]
+    choice = polygons or with_geometry
+    if len(choice) > 1:
+        raise InputError(
+            f"{source} has {len(choice)} layers with polygons ({', '.join(choice[:6])}); name one: "
+            f"--release '{source.name}{_LAYER}{choice[0]}'"
+        )
+    if not choice:
+        raise FormatError(f"{source} holds no layer with geometry, wanted polygons")
+    return choice[0]
+
+
+def _unreadable(source, error):
+    reason = one_line(error).replace(str(source), source.name)[:140]
+    if source.suffix.lower() == ".shp" and not source.with_suffix(".shx").exists():
+        parts = "copy all parts of the shapefile (.shp, .shx, .dbf, .prj)"
+        return f"{source} cannot be read without its {source.stem}.shx; {parts}"
+    return f"{source} is neither a vector file nor a raster that GDAL reads ({reason})"
+
+
+def _require_polygons(table, path, say):
+    """The features with an area; other kinds of geometry are refused, empty ones are said."""
+    if not isinstance(table, geopandas.GeoDataFrame):
+        raise InputError(f"{path} holds a table without geometry, wanted polygons")
+    if len(table) == 0:
+        raise InputError(f"{path} holds no feature at all, wanted polygons")
+    kinds = table.geometry.geom_type
+    foreign = sorted(set(kinds.dropna()) - {"Polygon", "MultiPolygon"})
+    if foreign:
+        cure = "Lines to polygons" if any("Line" in kind for kind in foreign) else "draw the area, or buffer the points"
+        raise InputError(f"{path} holds {', '.join(foreign)}, wanted polygons; {cure} in QGIS makes them")
+    empty = table.geometry.isna() | table.geometry.is_empty
+    if empty.all():
+        raise InputError(f"{path}: all {len(table)} features have an empty geometry, wanted polygons")
+    if empty.any():
+        say(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
+        table = table[~empty]
+    if not np.isfinite(table.geometry.bounds.to_numpy()).all():
+        raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
+    return table
+
+
+def _names(table):
+    """A name per feature: the column 'name' where there is one, else its number in the file."""
+    column = next((c for c in table.columns if str(c).lower() == "name"), None)
+    numbered = [f"feature {i + 1}" for i in range(len(table))]
+    if column is None:
+        return numbered
+    return [
+        str(value) if isinstance(value, str) and value.strip() else number
+        for value, number in zip(table[column], numbered, strict=True)
+    ]
+
+
+def _feature_thickness(table, names, path, wanted, say):
+    """Thickness [m] per feature: the number, or the column's values; NaN where a raster gives it."""
+    if wanted.raster is not None:
+        return [math.nan] * len(names)
+    if wanted.number is not None:
+        return [wanted.number] * len(names)
+    column = _thickness_column(table, path, wanted.column, say)
+    values = table[column]
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"{path}: column {column!r} holds {_kind(values)}, wanted numbers (thickness in metres)")
+    values = values.to_numpy(dtype=float, na_value=math.nan).tolist()
+    return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
+
+
+def _kind(values):
+    return "text" if values.map(lambda value: isinstance(value, str)).any() else str(values.dtype)
+
+
+def _thickness_column(table, path, asked, say):
+    """The column to use: the one asked for, or the first of the usual ones (which is said)."""
+    columns = [str(c) for c in table.columns if c != table.geometry.name]
+    if asked is None:
+        lower = {c.lower(): c for c in reversed(columns)}
+        found = next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
+        if found is None:
+            raise InputError(
+                f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness a "
+                f"number of metres, a column or a raster"
+            )
+        say(f"{path}: thickness is taken from column {found!r}")
+        return found
+    if asked in columns:
+        return asked
+    near = difflib.get_close_matches(asked, columns, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise InputError(
+        f"--thickness {asked!r} is no number, no raster and no column of {path}; {hint}{_listing(columns)}"
+    )
+
+
+def _listing(columns):
+    return f"it has {', '.join(columns[:8])}" if columns else "it has no columns"
+
+
+def _repaired(shape, name, path, say):
+    """`shape` as valid areas; a repair is said with the areas before and after."""
+    if not shapely.is_valid(shape):
+        reason = shapely.is_valid_reason(shape).split("[")[0].strip().lower()
+        fixed = polygons_only(_make_valid(shape))
+        say(f"{path}: '{name}' was invalid ({reason}) and is repaired; its area is {fixed.area:.6g} m2")
+        shape = fixed
+    if shape.is_empty or shape.area <= 0:
+        raise InputError(f"{path}: '{name}' has no area; draw it anew, or remove it")
+    return shape
+
+
+def _make_valid(shape):
+    """GEOS's repair that unites overlapping parts (the other method would cut them out as holes)."""
+    try:
+        return shapely.make_valid(shape, method="structure", keep_collapsed=False)
+    except TypeError:  # shapely before 2.1 knows only the other method: unite part by part
+        parts = [shapely.make_valid(part) for part in shapely.get_parts(shape)]
+        return shapely.union_all(parts)
+
+
+def _to_terrain(shapes, crs, terrain, path, say):
+    """2D shapes in the terrain's CRS; reprojection and assumptions are said."""
+    shapes = shapely.force_2d(shapes)
+    target = terrain.grid.crs
+    if crs is None or target is None:
+        _require_lies_on(shapely.total_bounds(shapes), crs, terrain, path, say)
+        return list(shapes)
+    if same_place(crs, target):
+        return list(shapes)
+    transformer = pyproj.Transformer.from_crs(horizontal(pyproj.CRS(crs)), target, always_xy=True)
+    before = shapely.get_coordinates(shapes)
+    after = np.column_stack(transformer.transform(*before.T))
+    if not np.isfinite(after).all():
+        raise GeoreferenceError(
+            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(target)}; check its CRS"
+        )
+    if np.abs(after - before).max() > _SAME_METRES:
+        say(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
+    return list(shapely.set_coordinates(shapes, after))
+
+
+def _require_lies_on(bounds, crs, terrain, path, say):
+    """Without a CRS on one side the coordinates must lie on the terrain (contract.md: said; else refused)."""
+    grid = terrain.grid
+    west, south, east, north = bounds
+    apart = west > grid.bounds[2] or east < grid.bounds[0] or south > grid.bounds[3] or north < grid.bounds[1]
+    if apart:
+        small = max(abs(west), abs(east)) <= 360 and max(abs(south), abs(north)) <= 90
+        degrees = " and look like degrees" if small else ""
+        problem = "carries no CRS" if crs is None else f"is in {name_of(crs)}, the DTM in a local frame"
+        raise GeoreferenceError(
+            f"{path} {problem}, and its coordinates ({west:.6g}, {south:.6g}) do not lie on the DTM{degrees}; assign "
+            "its "
+            f"CRS (QGIS: Define projection), or use the frame of the DTM"
+        )
+    if crs is None and grid.crs is not None:
+        say(f"{path} carries no CRS; its coordinates lie on the terrain, so {name_of(grid.crs)} is assumed")
+    elif crs is not None:
+        say(
+            f"{path} is in {name_of(crs)}, the DTM in a local frame; its coordinates lie on the terrain and are used "
+            "as they are"
+        )
+
+
+# ---------------------------------------------------------------------------------------------------- raster sources
+
+
+def _is_raster(path):
+    """True where GDAL reads `path` as a raster; files that may be both (GeoPackage) count as vector if they can."""
+    text = str(path)
+    if _LAYER in text:
+        return False
+    path = Path(text)
+    if path.suffix.lower() in _RASTER_SUFFIXES:
+        return True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if len(pyogrio.list_layers(path)):
+                return False
+    except Exception:  # not a vector file: the raster door says whether it is one
+        pass
+    try:
+        with open_raster(path):
+            return True
+    except FormatError:
+        return False
+
+
+def _raster_features(path, terrain, wanted, say):
+    """(one ReleasePart, its ThicknessRaster or None) from a release raster: a mask, or thickness per cell."""
+    if wanted.column is not None:
+        raise InputError(
+            f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
+        )
+    values, grid = read_raster(path)
+    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    inside = np.isfinite(values) & (values != 0)
+    if not inside.any():
+        raise InputError(f"{path}: no cell holds a value other than 0, wanted a mask or a thickness in metres")
+    own, number = None, math.nan
+    if wanted.number is not None:
+        number = wanted.number
+    elif wanted.raster is None:
+        if set(np.unique(values[inside]).tolist()) == {1.0}:
+            raise InputError(
+                f"{path} holds only 0 and 1, which is a mask; give --thickness a number of metres or a raster"
+            )
+        own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
+        say(f"{path}: its values are taken as thickness in metres")
+    return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
+
+
+def _outline(inside, grid):
+    """The union of the pixel squares that are `inside` (physics.md D9: no contour through centres)."""
+    shapes = rasterio.features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4)
+    pieces = [shapely.geometry.shape(shape) for shape, _ in shapes]
+    whole = shapely.union_all(pieces)
+    t = grid.transform
+    return shapely.transform(
+        whole, lambda p: np.column_stack((t.a * p[:, 0] + t.b * p[:, 1] + t.c, t.d * p[:, 0] + t.e * p[:, 1] + t.f))
+    )
+
+
+def _require_no_negative(values, path):
+    with np.errstate(invalid="ignore"):
+        bad = values < 0
+    if bad.any():
+        row, column = np.argwhere(bad)[0].tolist()
+        raise InputError(
+            f"{path}: thickness is {values[row, column]:g} in {int(bad.sum())} cells, the first in row {row}, column "
+            f"{column}; wanted metres above 0; declare the nodata value (gdal_edit -a_nodata), or use --surface"
+        )
+    return values
+
+
+def _thickness_raster(path, terrain, say):
+    """The thickness raster at `path` on its own grid, expressed in the terrain's CRS; 0 and nodata are no material."""
+    values, grid = read_raster(path)
+    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    _require_no_negative(values, path)
+    with np.errstate(invalid="ignore"):
+        return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
+
+
+def _surface_thickness(path, terrain, features, record, say):
+    """Surface minus bed on the finer of the two grids, clipped at 0; what was clipped under the release is said "
+    "(D2)."""
+    values, grid = read_raster(path)
+    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    if grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9):
+        bed = terrain.sample(*grid.xy(*np.indices(grid.shape)))
+        thickness = values - bed
+    else:
+        points = terrain.grid.xy(*np.indices(terrain.grid.shape))
+        thickness, grid = bilinear(values, *grid.rowcol(*points)) - terrain.elevation, terrain.grid
+    with np.errstate(invalid="ignore"):
+        below = thickness < 0
+    t = grid.transform
+    under = rasterio.features.geometry_mask([f.polygon for f in features], grid.shape, t, invert=True)
+    clipped = below & under
+    count, volume = int(clipped.sum()), float(-thickness[clipped].sum() * grid.cell_area)
+    record.update(clipped_cells=count, clipped_volume=volume)
+    if count:
+        say(f"{path}: lies below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+    with np.errstate(invalid="ignore"):
+        return ThicknessRaster(np.where(thickness > 0, thickness, np.nan), grid)
+
+
+def _where_thick(part, thickness, say):
+    """`part` cut to the pixels that hold a thickness; what falls away is said."""
+    valid = np.isfinite(thickness.values)
+    polygon = part.polygon
+    if not valid.all():
+        polygon = polygons_only(polygon.intersection(_outline(valid, thickness.grid)))
+    corners = shapely.Polygon(thickness.grid.corners())
+    if valid.all() and not corners.covers(polygon):
+        polygon = polygons_only(polygon.intersection(corners))
+    if polygon.is_empty or polygon.area <= 0:
+        raise InputError(
+            f"release '{part.name}' has zero thickness everywhere: the thickness raster holds nothing above 0 there"
+        )
+    lost = part.polygon.area - polygon.area
+    if lost > 1e-9 * part.polygon.area:
+        say(
+            f"release '{part.name}': {lost:.4g} m2 ({100 * lost / part.polygon.area:.1f} %) without thickness are "
+            "left out"
+        )
+    return ReleasePart(part.name, polygon, thickness)
+
+
+def _grid_on_terrain(values, grid, terrain, path, say):
+    """The raster's grid in the terrain's CRS; another CRS is met by the affine that fits it over the valued pixels."""
+    target = terrain.grid.crs
+    if grid.crs is None or target is None:
+        _require_lies_on(grid.bounds, grid.crs, terrain, path, say)
+        return Grid(target, grid.transform, grid.shape)
+    if same_place(grid.crs, target):
+        return Grid(target, grid.transform, grid.shape)
+    rows, columns = np.nonzero(np.isfinite(values) & (values != 0))
+    if rows.size == 0:
+        raise InputError(f"{path}: no cell holds a value other than 0")
+    i = np.linspace(rows.min() - 0.5, rows.max() + 0.5, 9)
+    j = np.linspace(columns.min() - 0.5, columns.max() + 0.5, 9)
+    i, j = (a.ravel() for a in np.meshgrid(i, j))
+    transformer = pyproj.Transformer.from_crs(grid.crs, target, always_xy=True)
+    x, y = transformer.transform(*grid.xy(i, j))
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise GeoreferenceError(
+            f"{path} is in {name_of(grid.crs)} and cannot be brought to {name_of(target)}; check its CRS"
+        )
+    design = np.column_stack((j + 0.5, i + 0.5, np.ones_like(i)))
+    (a, d), (b, e), (c, f) = np.linalg.lstsq(design - [0, 0, 0], np.column_stack((x, y)), rcond=None)[0]
+    placed = Grid(target, Affine(a, b, c, d, e, f), grid.shape)
+    row, column = placed.rowcol(x, y)
+    misfit = max(np.abs(row - i).max(), np.abs(column - j).max())
+    if misfit > _AFFINE_PIXELS:
+        raise GeoreferenceError(
+            f"{path} is in {name_of(grid.crs)} and too large to be placed in {name_of(target)} without resampling; "
+            f"reproject it: gdalwarp -t_srs {name_of(target)}"
+        )
+    say(
+        f"{path}: placed from {name_of(grid.crs)} in {name_of(target)}, the terrain's CRS (within {misfit:.2g} of a "
+        "pixel)"
+    )
+    return placed

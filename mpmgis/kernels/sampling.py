@@ -1,0 +1,661 @@
+"""Kernels of seeding: exact cover of cells by polygons, rim pieces, counter-based random numbers, the fill.
+
+Everything works in *lattice coordinates* (u, v): a cell of the lattice is a unit square, cell (row, column) is
+[column, column + 1] x [row, row + 1]. An affine of six numbers ``(a, b, c, d, e, f)`` takes (u, v) to
+``(a u + b v + c, d u + e v + f)``. Every loop that runs in parallel owns the rows that it writes.
+"""
+
+import math
+
+import numpy as np
+
+from .jit import jit, jit_inline, jit_parallel, prange
+
+SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour (physics.md 1.4)
+JITTER = 0.5  # full width of a vertex's displacement over the sub-square's side; no more than 0.5 (physics.md 1.4)
+CENTRED, JITTERED, RANDOM = 0, 1, 2
+_ROUNDING = 1e-9
+_NOTHING = 1e-13
+
+# ------------------------------------------------------------------------------------------- counter-based numbers
+
+
+@jit_inline
+def _mix(word):
+    """SplitMix64's finaliser: a bijection of 64-bit words that avalanches (Steele, Lea, Flood 2014)."""
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return word ^ (word >> np.uint64(31))
+
+
+@jit_inline
+def uniform(seed, i, j, k):
+    """A number in [0, 1) that depends on nothing but (seed, i, j, k): the same for any number of threads (D16)."""
+    word = _mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
+    word = _mix(word ^ (np.uint64(i) * np.uint64(0xD1B54A32D192ED03)))
+    word = _mix(word ^ (np.uint64(j) * np.uint64(0xABC98388FB8FAC03)))
+    word = _mix(word ^ (np.uint64(k) * np.uint64(0x8CB92BA72F3D8DD7)))
+    return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@jit_inline
+def radical_inverse(index, base):
+    """Van der Corput's sequence in `base`; two bases make Halton's sequence."""
+    inverse, digit = 0.0, 1.0 / base
+    while index > 0:
+        inverse += digit * (index % base)
+        index //= base
+        digit /= base
+    return inverse
+
+
+# ------------------------------------------------------------------------------------------------ values of rasters
+
+
+@jit_inline
+def linear_at(values, row, column):
+    """Bilinear value at fractional (row, column), whole numbers being centres; extended linearly beyond the last."""
+    rows, columns = values.shape
+    i = min(max(math.floor(row), 0), rows - 2)
+    j = min(max(math.floor(column), 0), columns - 2)
+    fi, fj = row - i, column - j
+    top = values[i, j] * (1 - fj) + values[i, j + 1] * fj
+    bottom = values[i + 1, j] * (1 - fj) + values[i + 1, j + 1] * fj
+    return top * (1 - fi) + bottom * fi
+
+
+@jit_inline
+def valid_at(values, row, column):
+    """Bilinear value of the valid (not NaN) neighbours, weights renormalised (D10); 0 where none is valid."""
+    rows, columns = values.shape
+    row = min(max(row, 0.0), rows - 1.0)
+    column = min(max(column, 0.0), columns - 1.0)
+    i, j = min(int(row), max(rows - 2, 0)), min(int(column), max(columns - 2, 0))
+    i1, j1 = min(i + 1, rows - 1), min(j + 1, columns - 1)
+    fi, fj = row - i, column - j
+    total, weight = 0.0, 0.0
+    for r, wr in ((i, 1 - fi), (i1, fi)):
+        for c, wc in ((j, 1 - fj), (j1, fj)):
+            value = values[r, c]
+            if value == value:
+                total += wr * wc * value
+                weight += wr * wc
+    if weight <= 0.0:
+        return 0.0
+    return total / weight
+
+
+@jit_parallel
+def valid_values(values, row, column):
+    """float64[n]: `valid_at` at each fractional (row, column)."""
+    result = np.empty(row.size)
+    for n in prange(row.size):
+        result[n] = valid_at(values, row[n], column[n])
+    return result
+
+
+# ------------------------------------------------------------------------------------- exact cover by polygon edges
+
+
+@jit_inline
+def _emit(n, row, column, sign, xa, ya, xb, yb, columns, key, terms):
+    """One edge piece within cell (row, column): what lies to its right inside the cell, by Green's theorem."""
+    xa, xb = min(max(xa - column, 0.0), 1.0), min(max(xb - column, 0.0), 1.0)
+    ya, yb = ya - row, yb - row
+    dy = sign * (yb - ya)
+    key[n] = row * columns + column
+    terms[n, 0] = dy
+    terms[n, 1] = dy * 0.5 * (ya + yb)
+    terms[n, 2] = dy * (1.0 - 0.5 * (xa + xb))
+    terms[n, 3] = dy * 0.5 * (1.0 - (xa * xa + xa * xb + xb * xb) / 3.0)
+    terms[n, 4] = dy * (0.5 * (ya + yb) - (ya * (2.0 * xa + xb) + yb * (xa + 2.0 * xb)) / 6.0)
+    return n + 1
+
+
+@jit_inline
+def _cut_in_row(n, row, sign, xa, ya, xb, yb, columns, key, terms):
+    """Cut the piece (xa, ya)-(xb, yb) of one row at the columns' borders."""
+    column, last = math.floor(xa), math.floor(xb)
+    step = 1 if last > column else -1
+    x, y = xa, ya
+    while column != last:
+        border = float(column + 1 if step > 0 else column)
+        at = ya + (yb - ya) * (border - xa) / (xb - xa)
+        at = min(max(at, y), yb)
+        n = _emit(n, row, column, sign, x, y, border, at, columns, key, terms)
+        x, y = border, at
+        column += step
+    return _emit(n, row, column, sign, x, y, xb, yb, columns, key, terms)
+
+
+@jit
+def cut_edges(edges, columns):
+    """Cut polygon edges at the cells' borders.
+
+    Parameters
+    ----------
+    edges : float64[n, 4]
+        (u0, v0, u1, v1), all within 0 <= v and 0 <= u < columns.
+    columns : int
+
+    Returns
+    -------
+    key : int64[m]
+        row * columns + column of each piece.
+    terms : float64[m, 5]
+        Height, height times mean v, and area, u- and v-moment of what lies right of the piece in its cell.
+    """
+    size = 0
+    for e in range(edges.shape[0]):
+        size += abs(math.floor(edges[e, 2]) - math.floor(edges[e, 0]))
+        size += 2 * abs(math.floor(edges[e, 3]) - math.floor(edges[e, 1])) + 4
+    key, terms = np.empty(size, np.int64), np.zeros((size, 5))
+    n = 0
+    for e in range(edges.shape[0]):
+        x0, y0, x1, y1, sign = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3], 1.0
+        if y1 < y0:
+            x0, y0, x1, y1, sign = x1, y1, x0, y0, -1.0
+        first, last = math.floor(y0), math.floor(y1)
+        if y0 == y1:  # adds no area, but marks the cells that it crosses as rim
+            for column in range(math.floor(min(x0, x1)), math.floor(max(x0, x1)) + 1):
+                key[n] = first * columns + column
+                n += 1
+            continue
+        xa, ya = x0, y0
+        for row in range(first, last + 1):
+            yb = min(y1, row + 1.0)
+            if yb <= ya:
+                continue
+            xb = x1 if yb == y1 else x0 + (x1 - x0) * ((yb - y0) / (y1 - y0))
+            n = _cut_in_row(n, row, sign, xa, ya, xb, yb, columns, key, terms)
+            xa, ya = xb, yb
+    return key[:n], terms[:n]
+
+
+@jit
+def accumulate_cover(key, order, terms, columns, orientation):
+    """Rim cells and full spans from cut edges, row by row from left to right.
+
+    Returns
+    -------
+    rim_key : int64[m], ascending
+    rim : float64[m, 4]
+        Covered share of the cell, its centroid (u, v) within the cell, number of edge pieces in it.
+    spans : int64[s, 3]
+        (row, first column, column after the last) of cells without an edge and inside.
+    """
+    n = key.size
+    rim_key, rim = np.empty(n, np.int64), np.empty((n, 4))
+    spans = np.empty((n, 3), np.int64)
+    m, s, i = 0, 0, 0
+    cover, cover_y, row_before, column_before = 0.0, 0.0, np.int64(-1), np.int64(-1)
+    while i < n:
+        k = key[order[i]]
+        row, column = k // columns, k % columns
+        if row != row_before:
+            cover, cover_y = 0.0, 0.0
+        elif cover > 0.5 and column > column_before + 1:
+            spans[s, 0], spans[s, 1], spans[s, 2] = row, column_before + 1, column
+            s += 1
+        area, mu, mv, dy, ydy, pieces = cover, 0.5 * cover, cover_y, 0.0, 0.0, 0
+        while i < n and key[order[i]] == k:
+            t = terms[order[i]]
+            dy += orientation * t[0]
+            ydy += orientation * t[1]
+            area += orientation * t[2]
+            mu += orientation * t[3]
+            mv += orientation * t[4]
+            pieces += 1
+            i += 1
+        cover, cover_y = cover + dy, cover_y + ydy
+        if abs(cover - round(cover)) < _ROUNDING:  # exactly in or out again: no rounding is carried along the row
+            cover = float(round(cover))
+            cover_y = 0.5 * cover
+        row_before, column_before = row, column
+        if area <= _NOTHING:
+            continue
+        rim_key[m] = k
+        if area > 1.0 - 1e-12:
+            rim[m, 0], rim[m, 1], rim[m, 2] = 1.0, 0.5, 0.5
+        else:
+            rim[m, 0] = area
+            rim[m, 1] = min(max(mu / area, 0.0), 1.0)
+            rim[m, 2] = min(max(mv / area, 0.0), 1.0)
+        rim[m, 3] = pieces
+        m += 1
+    return rim_key[:m], rim[:m], spans[:s]
+
+
+@jit
+def row_starts(rows, count):
+    """int64[count + 1]: where each row starts in ascending `rows`."""
+    starts = np.zeros(count + 1, np.int64)
+    for row in rows:
+        starts[row + 1] += 1
+    for i in range(count):
+        starts[i + 1] += starts[i]
+    return starts
+
+
+@jit_inline
+def _mark(status, row, rows, columns, rim_key, rim_start, spans, span_start):
+    """Status of the cells of `row`: 0 outside, 1 full, 2 rim."""
+    status[:] = 0
+    if row < 0 or row >= rows:
+        return
+    for s in range(span_start[row], span_start[row + 1]):
+        status[spans[s, 1] : spans[s, 2]] = 1
+    for i in range(rim_start[row], rim_start[row + 1]):
+        status[rim_key[i] - row * columns] = 2
+
+
+@jit
+def split_cells(rows, columns, rim_key, rim_start, spans, span_start):
+    """Part the covered cells into spans that need no care and cells at or beside the rim.
+
+    Cells beside the rim are cut into pieces like rim cells, because slivers of their neighbours join them.
+
+    Returns
+    -------
+    inner : int64[s, 3]
+        (row, first column, column after the last).
+    near : int64[m, 2]
+        (row, column), ascending.
+    """
+    inner = np.empty((spans.shape[0] + 9 * rim_key.size + 1, 3), np.int64)
+    near = np.empty((9 * rim_key.size + 1, 2), np.int64)
+    below, here, above = np.zeros(columns, np.uint8), np.zeros(columns, np.uint8), np.zeros(columns, np.uint8)
+    _mark(here, 0, rows, columns, rim_key, rim_start, spans, span_start)
+    _mark(above, 1, rows, columns, rim_key, rim_start, spans, span_start)
+    s, m = 0, 0
+    for row in range(rows):
+        start = -1
+        for column in range(columns):
+            if here[column] == 0:
+                rim = True
+            else:
+                rim = False
+                for c in range(max(column - 1, 0), min(column + 2, columns)):
+                    rim |= below[c] == 2 or here[c] == 2 or above[c] == 2
+                if rim:
+                    near[m, 0], near[m, 1] = row, column
+                    m += 1
+            if not rim and start < 0:
+                start = column
+            if rim and start >= 0:
+                inner[s, 0], inner[s, 1], inner[s, 2] = row, start, column
+                s += 1
+                start = -1
+        if start >= 0:
+            inner[s, 0], inner[s, 1], inner[s, 2] = row, start, columns
+            s += 1
+        below, here, above = here, above, below
+        _mark(above, row + 2, rows, columns, rim_key, rim_start, spans, span_start)
+    return inner[:s], near[:m]
+
+
+@jit_inline
+def _find(keys, first, last, key):
+    """Index of `key` in ascending keys[first:last], or -1."""
+    while first < last:
+        middle = (first + last) // 2
+        if keys[middle] < key:
+            first = middle + 1
+        elif keys[middle] > key:
+            last = middle
+        else:
+            return middle
+    return -1
+
+
+@jit_inline
+def _in_span(spans, first, last, column):
+    while first < last:
+        middle = (first + last) // 2
+        if spans[middle, 2] <= column:
+            first = middle + 1
+        elif spans[middle, 1] > column:
+            last = middle
+        else:
+            return True
+    return False
+
+
+@jit
+def gather_pieces(cells, across, down, columns, rim_key, rim, rim_start, spans, span_start):
+    """The pieces of polygon in the across x down sub-squares of each cell.
+
+    Parameters
+    ----------
+    cells : int64[m, 2]
+        (row, column); `columns` of the sub-lattice, whose cover the other arguments hold.
+
+    Returns
+    -------
+    owner : int64[n]
+        Index into `cells`.
+    pieces : float64[n, 5]
+        Centroid (u, v) and area in cell units, area of a whole sub-square, number of edge pieces (0 = whole).
+    """
+    n = 0
+    owner = np.empty(cells.shape[0] * across * down, np.int64)
+    pieces = np.empty((owner.size, 5))
+    unit = 1.0 / (across * down)
+    for m in range(cells.shape[0]):
+        for sy in range(down):
+            row = cells[m, 0] * down + sy
+            for sx in range(across):
+                column = cells[m, 1] * across + sx
+                at = _find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column)
+                if at >= 0:
+                    share, cu, cv, edges = rim[at, 0], rim[at, 1], rim[at, 2], rim[at, 3]
+                elif _in_span(spans, span_start[row], span_start[row + 1], column):
+                    share, cu, cv, edges = 1.0, 0.5, 0.5, 0.0
+                else:
+                    continue
+                owner[n] = m
+                pieces[n, 0], pieces[n, 1] = (column + cu) / across, (row + cv) / down
+                pieces[n, 2], pieces[n, 3], pieces[n, 4] = share * unit, unit, edges
+                n += 1
+    return owner[:n], pieces[:n]
+
+
+@jit
+def merge_slivers(pieces, starts, cells, columns, order, forced):
+    """Join slivers (below 5 % of their sub-square) to the nearest piece, area and first moment kept.
+
+    Parameters
+    ----------
+    pieces : float64[n, 5], changed in place
+        As from `gather_pieces`, sorted by cell; `starts` int64[m + 1] says where each cell's pieces begin.
+    cells : int64[m, 2], ascending
+    order : int64[n]
+        Pieces from small to large.
+    forced : int
+        So many of the smallest are joined whatever their size.
+
+    Returns
+    -------
+    alive : bool[n]
+    """
+    alive = np.ones(pieces.shape[0], np.bool_)
+    key = cells[:, 0] * columns + cells[:, 1]
+    owner = np.empty(pieces.shape[0], np.int64)
+    for m in range(cells.shape[0]):
+        owner[starts[m] : starts[m + 1]] = m
+    done = 0
+    for i in order:
+        small = pieces[i, 2] < SLIVER * pieces[i, 3]
+        if not small and done >= forced:
+            continue
+        j = _nearest(i, pieces, starts, cells, key, columns, owner[i], alive, True)
+        if j < 0:
+            j = _nearest(i, pieces, starts, cells, key, columns, owner[i], alive, False)
+        if j < 0:
+            continue
+        area = pieces[i, 2] + pieces[j, 2]
+        for axis in range(2):
+            pieces[j, axis] = (pieces[i, axis] * pieces[i, 2] + pieces[j, axis] * pieces[j, 2]) / area
+        pieces[j, 2] = area
+        pieces[j, 4] = 99.0  # no longer known to be convex
+        alive[i] = False
+        done += 1
+    return alive
+
+
+@jit_inline
+def _nearest(i, pieces, starts, cells, key, columns, home, alive, large):
+    """The nearest other piece alive in the 3 x 3 cells around, or -1; `large`: no sliver."""
+    best, distance = np.int64(-1), np.inf
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            m = _find(key, 0, key.size, (cells[home, 0] + dr) * columns + cells[home, 1] + dc)
+            if m < 0:
+                continue
+            for j in range(starts[m], starts[m + 1]):
+                if j == i or not alive[j] or (large and pieces[j, 2] < SLIVER * pieces[j, 3]):
+                    continue
+                du, dv = pieces[i, 0] - pieces[j, 0], pieces[i, 1] - pieces[j, 1]
+                if du * du + dv * dv < distance:
+                    best, distance = np.int64(j), du * du + dv * dv
+    return best
+
+
+# ----------------------------------------------------------------------------------------------- inside a polygon
+
+
+@jit
+def edges_by_row(edges, rows):
+    """(starts int64[rows + 1], index int64[m]): the edges that each row of cells meets."""
+    starts = np.zeros(rows + 1, np.int64)
+    for e in range(edges.shape[0]):
+        low, high = min(edges[e, 1], edges[e, 3]), max(edges[e, 1], edges[e, 3])
+        for row in range(math.floor(low), min(math.floor(high), rows - 1) + 1):
+            starts[row + 1] += 1
+    for row in range(rows):
+        starts[row + 1] += starts[row]
+    index, at = np.empty(starts[rows], np.int64), starts[:-1].copy()
+    for e in range(edges.shape[0]):
+        low, high = min(edges[e, 1], edges[e, 3]), max(edges[e, 1], edges[e, 3])
+        for row in range(math.floor(low), min(math.floor(high), rows - 1) + 1):
+            index[at[row]] = e
+            at[row] += 1
+    return starts, index
+
+
+@jit_inline
+def is_inside(u, v, edges, starts, index):
+    """Even-odd rule with half-open edges: a point on a vertex has one owner."""
+    row = math.floor(v)
+    if row < 0 or row >= starts.size - 1:
+        return False
+    odd = False
+    for i in range(starts[row], starts[row + 1]):
+        e = index[i]
+        u0, v0, u1, v1 = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
+        if (v0 > v) != (v1 > v) and u < u0 + (u1 - u0) * ((v - v0) / (v1 - v0)):
+            odd = not odd
+    return odd
+
+
+@jit
+def inside(points, edges, starts, index):
+    """bool[n]: which of the points float64[n, 2] lie inside the polygon of `edges`."""
+    result = np.empty(points.shape[0], np.bool_)
+    for n in range(points.shape[0]):
+        result[n] = is_inside(points[n, 0], points[n, 1], edges, starts, index)
+    return result
+
+
+@jit
+def scatter_in_pieces(points, width, height, keys, seed, spread, edges, starts, index):
+    """Move each rim point to a random place of its sub-square that lies inside the polygon; it stays if 32 tries fail.
+
+    `points` float64[n, 2] is changed in place; the squares of `width` x `height` [cells] hold them; `keys` int64[n, 3]
+    are (cell column, cell row, number) for the random numbers.
+    """
+    for n in range(points.shape[0]):
+        u0, v0 = math.floor(points[n, 0] / width[n]) * width[n], math.floor(points[n, 1] / height[n]) * height[n]
+        for attempt in range(32):
+            counter = (keys[n, 2] + 1) * 1024 + attempt * 2
+            u = u0 + width[n] * (0.5 + spread * (uniform(seed, keys[n, 0], keys[n, 1], counter) - 0.5))
+            v = v0 + height[n] * (0.5 + spread * (uniform(seed, keys[n, 0], keys[n, 1], counter + 1) - 0.5))
+            if is_inside(u, v, edges, starts, index):
+                points[n, 0], points[n, 1] = u, v
+                break
+
+
+# ------------------------------------------------------------------------------------------------------- the fill
+
+
+@jit_inline
+def cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest):
+    """Particles of a whole cell: n0 (1 + beta min(tan slope, 1)) (D14), its fraction decided by chance per cell."""
+    if beta == 0.0:
+        return int(n0)
+    u, v = column + 0.5, row + 0.5
+    i = slope_map[0] * u + slope_map[1] * v + slope_map[2]
+    j = slope_map[3] * u + slope_map[4] * v + slope_map[5]
+    wanted = n0 * (1.0 + beta * min(valid_at(slope, i, j), 1.0))
+    count = math.floor(wanted + uniform(seed, column + column0, row + row0, -1))
+    return min(max(count, 1), largest)
+
+
+@jit
+def cell_counts(cells, n0, beta, slope, slope_map, seed, row0, column0, largest):
+    """int64[m]: `cell_count` of each cell (row, column)."""
+    counts = np.empty(cells.shape[0], np.int64)
+    for m in range(cells.shape[0]):
+        counts[m] = cell_count(
+            n0, beta, slope, slope_map, cells[m, 0], cells[m, 1], seed, row0, column0, largest
+        )
+    return counts
+
+
+@jit_parallel
+def count_rows(rows, inner, inner_start, n0, beta, slope, slope_map, seed, row0, column0, largest):
+    """int64[rows]: particles in the inner cells of each row."""
+    counts = np.zeros(rows, np.int64)
+    for row in prange(rows):
+        n = 0
+        for s in range(inner_start[row], inner_start[row + 1]):
+            if beta == 0.0:
+                n += (inner[s, 2] - inner[s, 1]) * int(n0)
+            else:
+                for column in range(inner[s, 1], inner[s, 2]):
+                    n += cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
+        counts[row] = n
+    return counts
+
+
+@jit_inline
+def _vertex(seed, i, j, sx, sy, across, down):
+    """A sub-square's corner within its cell; corners inside the cell are displaced, those on its border slide on it."""
+    u, v = sx / across, sy / down
+    counter = 2 * (sy * (across + 1) + sx)
+    if 0 < sx < across:
+        u += JITTER * (uniform(seed, i, j, counter) - 0.5) / across
+    if 0 < sy < down:
+        v += JITTER * (uniform(seed, i, j, counter + 1) - 0.5) / down
+    return u, v
+
+
+@jit_inline
+def jittered_quad(seed, i, j, sx, sy, across, down):
+    """(centroid u, v, area) of a sub-square whose corners are displaced: the quads still tile the cell exactly."""
+    x0, y0 = _vertex(seed, i, j, sx, sy, across, down)
+    x1, y1 = _vertex(seed, i, j, sx + 1, sy, across, down)
+    x2, y2 = _vertex(seed, i, j, sx + 1, sy + 1, across, down)
+    x3, y3 = _vertex(seed, i, j, sx, sy + 1, across, down)
+    first = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    second = (x2 - x0) * (y3 - y0) - (x3 - x0) * (y2 - y0)
+    area = 0.5 * (first + second)
+    u = (first * (x0 + x1 + x2) + second * (x0 + x2 + x3)) / (6.0 * area)
+    v = (first * (y0 + y1 + y2) + second * (y0 + y2 + y3)) / (6.0 * area)
+    return u, v, area
+
+
+@jit_inline
+def _at(affine, u, v):
+    return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
+
+
+@jit_inline
+def _put(n, u, v, area, write, place, bed, bed_map, thick, thick_map, law, position, columns):
+    """Evaluate one particle at (u, v); write row n if asked. Returns thickness times area [m3] before closure.
+
+    `law` is (closure factor, density, volume of every particle or 0 where mass follows thickness); `columns` is
+    float64[4, n]: thickness, area, volume, mass.
+    """
+    i, j = _at(thick_map, u, v)
+    thickness = valid_at(thick, i, j)
+    if write:
+        x, y = _at(place, u, v)
+        i, j = _at(bed_map, u, v)
+        position[n, 0], position[n, 1], position[n, 2] = x, y, linear_at(bed, i, j)
+        if law[2] > 0.0:
+            columns[0, n], columns[1, n], columns[2, n] = thickness, law[2] / thickness, law[2]
+        else:
+            columns[0, n], columns[1, n] = law[0] * thickness, area
+            columns[2, n] = columns[0, n] * area
+        columns[3, n] = law[1] * columns[2, n]
+    return thickness * area
+
+
+@jit_parallel
+def fill_rows(
+    first, last, write, offsets, inner, inner_start, piece, piece_start, kind, n0, beta, tile_rows, slope, slope_map,
+    seed, row0, column0, cell_area, place, bed, bed_map, thick, thick_map, law, position, columns,
+):  # fmt: skip
+    """Particles of the lattice rows first <= row < last: whole cells tiled, rim pieces as they are.
+
+    A whole cell of K particles is cut into ``tile_rows[K]`` rows that share K as evenly as whole numbers allow; every
+    tile has the area cell / K and its particle at its centre (`kind` CENTRED), or is displaced (JITTERED), or the
+    particle lies anywhere in the cell (RANDOM).
+
+    Returns
+    -------
+    float64[last - first, 3]
+        Sum, smallest and largest of thickness times area [m3] before closure, a row.
+    """
+    sums = np.zeros((last - first, 3))
+    largest = tile_rows.size - 1
+    for r in prange(last - first):
+        row = first + r
+        n, total, low, high = offsets[r], 0.0, np.inf, 0.0
+        for s in range(inner_start[row], inner_start[row + 1]):
+            for column in range(inner[s, 1], inner[s, 2]):
+                count = cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
+                down = tile_rows[count]
+                for sy in range(down):
+                    k0, k1 = (sy * count) // down, ((sy + 1) * count) // down
+                    for k in range(k0, k1):
+                        u, v, share = (k - k0 + 0.5) / (k1 - k0), 0.5 * (k0 + k1) / count, 1.0 / count
+                        if kind == JITTERED:
+                            u, v, share = jittered_quad(
+                                seed, column + column0, row + row0, k - k0, sy, count // down, down
+                            )
+                        elif kind == RANDOM:
+                            u = uniform(seed, column + column0, row + row0, 2 * k)
+                            v = uniform(seed, column + column0, row + row0, 2 * k + 1)
+                        volume = _put(
+                            n, column + u, row + v, share * cell_area, write, place, bed, bed_map, thick, thick_map,
+                            law, position, columns,
+                        )  # fmt: skip
+                        total, low, high = total + volume, min(low, volume), max(high, volume)
+                        n += 1
+        for p in range(piece_start[row], piece_start[row + 1]):
+            volume = _put(
+                n, piece[p, 0], piece[p, 1], piece[p, 2] * cell_area, write, place, bed, bed_map, thick, thick_map,
+                law, position, columns,
+            )  # fmt: skip
+            total, low, high = total + volume, min(low, volume), max(high, volume)
+            n += 1
+        sums[r, 0], sums[r, 1], sums[r, 2] = total, low, high
+    return sums
+
+
+@jit
+def integrate_cover(values, rim_key, rim, spans, columns, row0, column0):
+    """(sum of h, sum of h^2, covered area), in cells, of pixel `values` over an exact cover (D13).
+
+    A whole pixel counts with its value, a cut one with the value at the centroid of what is left of it. Pixel
+    (0, 0) of `values` is cell (-row0, -column0) of the cover's window.
+    """
+    total, square, area = 0.0, 0.0, 0.0
+    for s in range(spans.shape[0]):
+        row_total, row_square = 0.0, 0.0
+        for column in range(spans[s, 1], spans[s, 2]):
+            value = values[spans[s, 0] + row0, column + column0]
+            row_total += value
+            row_square += value * value
+        total += row_total
+        square += row_square
+        area += spans[s, 2] - spans[s, 1]
+    for i in range(rim_key.size):
+        row, column = rim_key[i] // columns, rim_key[i] % columns
+        value = valid_at(values, row + row0 + rim[i, 2] - 0.5, column + column0 + rim[i, 1] - 0.5)
+        total += value * rim[i, 0]
+        square += value * value * rim[i, 0]
+        area += rim[i, 0]
+    return total, square, area

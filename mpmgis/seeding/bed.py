@@ -1,0 +1,166 @@
+"""The piece of terrain under a release, and the vertical thickness that lies on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from affine import Affine
+
+from ..errors import InputError
+from ..geo.grid import Grid
+from ..geo.release import NORMAL, ThicknessRaster
+from ..geo.terrain import Terrain, bilinear
+from ..kernels import sampling
+from .cover import Lattice, Outline
+
+_MARGIN = 3  # [cells] beyond the release, so that gradients under it are central
+_SAME_CELL = 1 + 1e-9
+
+
+def cropped_terrain(terrain, bounds):
+    """The Terrain around `bounds` (west, south, east, north) [m], with a margin of three cells where there is one."""
+    first, last = _pixel_range(terrain.grid, bounds, _MARGIN)
+    (i0, j0), (i1, j1) = np.minimum(first, np.array(terrain.grid.shape) - 2), last
+    transform = terrain.grid.transform * Affine.translation(int(j0), int(i0))
+    elevation = terrain.elevation[i0:i1, j0:j1]
+    return Terrain(Grid(terrain.grid.crs, transform, elevation.shape), elevation, terrain.path, terrain.sha256)
+
+
+def _pixel_range(grid, bounds, margin):
+    """((first row, first column), (row, column after the last)) of the pixels that meet `bounds`."""
+    west, south, east, north = bounds
+    row, column = grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
+    first = [max(int(np.floor(v.min() + 0.5)) - margin, 0) for v in (row, column)]
+    last = [min(int(np.ceil(v.max() + 0.5)) + margin, n) for v, n in zip((row, column), grid.shape, strict=True)]
+    return np.array(first), np.maximum(np.array(last), np.minimum(np.array(first) + 2, grid.shape))
+
+
+def require_bed(part, terrain):
+    """Refuse a release part over cells without an elevation, naming them (physics.md D12).
+
+    Raises
+    ------
+    InputError
+    """
+    if terrain.valid.all():
+        return
+    outline = Outline.of(part.polygon, Lattice.of_grid(terrain.grid))
+    cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
+    inside = np.all((cells >= 0) & (cells < terrain.grid.shape), axis=1)
+    cells = cells[inside]
+    bad = cells[~terrain.valid[cells[:, 0], cells[:, 1]]]
+    if len(bad):
+        named = ", ".join(f"({row}, {column})" for row, column in sorted(map(tuple, bad.tolist()))[:3])
+        more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
+        raise InputError(
+            f"{terrain.path or 'terrain'}: no elevation under release '{part.name}' in cell (row, column) "
+            f"{named}{more}; "
+            f"fill the DTM (gdal_fillnodata) or clip the release"
+        )
+
+
+def extended_elevation(terrain):
+    """Elevation float64[rows, columns] [m] with the gaps that border on valid pixels filled along the bed's plane.
+
+    Interpolation beside a gap then never meets NaN; what lies further in a gap is the nearest of these values.
+    """
+    elevation = terrain.elevation
+    if terrain.valid.all():
+        return elevation
+    gradient = np.nan_to_num(_pixel_gradient(terrain))
+    rows, columns = elevation.shape
+    total, count = np.zeros_like(elevation), np.zeros_like(elevation)
+    for di in (-1, 0, 1):
+        for dj in (-1, 0, 1):
+            to = slice(max(di, 0), rows + min(di, 0)), slice(max(dj, 0), columns + min(dj, 0))
+            of = slice(max(-di, 0), rows + min(-di, 0)), slice(max(-dj, 0), columns + min(-dj, 0))
+            valid = terrain.valid[of]
+            guess = elevation[of] + di * gradient[..., 1][of] + dj * gradient[..., 0][of]
+            total[to] += np.where(valid, guess, 0.0)
+            count[to] += valid
+    filled = np.divide(total, count, out=np.full_like(elevation, np.nanmean(elevation)), where=count > 0)
+    return np.where(terrain.valid, elevation, filled)
+
+
+def _pixel_gradient(terrain):
+    """Elevation per step in (column, row) [m]."""
+    return terrain.gradient @ terrain.grid.matrix
+
+
+def steepness(terrain):
+    """float64[rows, columns]: |grad b| = tan(slope) at pixel centres; NaN where there is no bed."""
+    return np.hypot(terrain.gradient[..., 0], terrain.gradient[..., 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Deposit:
+    """Vertical thickness [m] of one release part on the raster `raster`, with its exact integral.
+
+    `volume` [m3] is D13's reference: every pixel with its value, times its area, times the exact share of it that the
+    polygon covers; `square` [m4] the same of the squared thickness; `area` [m2] the covered area.
+    """
+
+    raster: ThicknessRaster
+    volume: float
+    square: float
+    area: float
+
+
+def deposit_of(part, mode, terrain):
+    """The Deposit of a ReleasePart on `terrain` (cropped to it or larger).
+
+    Thickness normal to the bed is divided by the cosine of the slope of the DTM cell (vertical = normal / cos).
+    """
+    raster = _vertical_raster(part, mode, terrain)
+    lattice = Lattice.of_grid(raster.grid)
+    outline = Outline.of(part.polygon, lattice)
+    cover = outline.cover()
+    inside = _spans_within(cover.spans, outline.window, raster.values.shape)
+    total, square, area = sampling.integrate_cover(
+        raster.values, cover.rim_key, cover.rim, inside, cover.columns, outline.window.row, outline.window.column
+    )
+    cell = lattice.cell_area
+    return Deposit(raster, total * cell, square * cell, area * cell)
+
+
+def _spans_within(spans, window, shape):
+    """`spans` clipped to a raster of `shape`: rounding may put an outline's last cell beyond the raster's edge."""
+    spans = spans.copy()
+    spans[:, 1] = np.maximum(spans[:, 1], -window.column)
+    spans[:, 2] = np.minimum(spans[:, 2], shape[1] - window.column)
+    rows = spans[:, 0] + window.row
+    return spans[(rows >= 0) & (rows < shape[0]) & (spans[:, 1] < spans[:, 2])]
+
+
+def _vertical_raster(part, mode, terrain):
+    """The part's vertical thickness as a raster: on its own grid, or on the terrain's."""
+    metric = np.sqrt(1.0 + steepness(terrain) ** 2) if mode == NORMAL else np.ones(terrain.grid.shape)
+    if not isinstance(part.thickness, ThicknessRaster):
+        return ThicknessRaster(part.thickness * metric, terrain.grid)
+    own = _cropped_raster(part.thickness, part.polygon.bounds)
+    if mode != NORMAL:
+        return own
+    if own.grid.cell_size <= terrain.grid.cell_size * _SAME_CELL:
+        row, column = terrain.grid.rowcol(*own.grid.xy(*np.indices(own.grid.shape)))
+        return ThicknessRaster(own.values * _valid_bilinear(metric, row, column), own.grid)
+    row, column = own.grid.rowcol(*terrain.grid.xy(*np.indices(terrain.grid.shape)))
+    return ThicknessRaster(_valid_bilinear(own.values, row, column) * metric, terrain.grid)
+
+
+def _cropped_raster(raster, bounds):
+    (i0, j0), (i1, j1) = _pixel_range(raster.grid, bounds, 1)
+    i0, j0 = max(min(i0, i1 - 1), 0), max(min(j0, j1 - 1), 0)
+    transform = raster.grid.transform * Affine.translation(int(j0), int(i0))
+    values = np.ascontiguousarray(raster.values[i0:i1, j0:j1])
+    return ThicknessRaster(values, Grid(raster.grid.crs, transform, values.shape))
+
+
+def _valid_bilinear(values, row, column):
+    """Bilinear over valid neighbours with renormalised weights (D10); NaN where the pixel under the point is not "
+    "valid."""
+    row = np.clip(row, 0, values.shape[0] - 1)
+    column = np.clip(column, 0, values.shape[1] - 1)
+    valid = np.isfinite(values)
+    weight = bilinear(valid.astype(float), row, column)
+    total = bilinear(np.where(valid, values, 0.0), row, column)
+    here = valid[np.round(row).astype(int), np.round(column).astype(int)]
+    return np.divide(total, weight, out=np.full(row.shape, np.nan), where=here & (weight > 0))

@@ -1,0 +1,239 @@
+"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain, with the resolutions of physics.md section 1."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from .. import __version__
+from ..errors import InputError
+from ..geo.grid import Grid
+from ..geo.release import require_on_terrain
+from ..kernels import sampling
+from ..particles import Frame, Particles
+from .bed import cropped_terrain, deposit_of, extended_elevation, require_bed, steepness
+from .options import SeedOptions
+from .sources import column_sources
+
+_LARGEST_CLOSURE = 0.02  # physics.md 1.3: beyond it the region is too coarse for its raster
+_SLAB = 1 << 20  # [columns]
+
+
+def seed_columns(terrain, release, *, say=None, **options):
+    """Columns of material on `terrain`: a Frame of dimension 2 at time 0.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    release : ReleaseArea
+        In the terrain's CRS.
+    say : callable, optional
+        Told in one line what the user should know.
+    **options
+        As in `SeedOptions`: cell_size, anchor, per_cell | count | spacing, points, mass, density, refine_slope,
+        velocity, seed.
+
+    Returns
+    -------
+    Frame
+        Its origin is the terrain's south-west corner in whole metres at height 0, its `header` the record of
+        physics.md 1.5.
+
+    Raises
+    ------
+    InputError
+        The release leaves the terrain, lies on nodata, or is too coarse for its raster; impossible options.
+    """
+    return plan_seed(terrain, release, say=say, **options).frame()
+
+
+def plan_seed(terrain, release, *, say=None, **options):
+    """As `seed_columns`, but answers a `Seed` whose columns are still to be made, in slabs of any size."""
+    say = say or (lambda text: None)
+    options = SeedOptions(**options)
+    for part in release.parts:
+        require_on_terrain(part, terrain.grid)
+        require_bed(part, terrain)
+    near = cropped_terrain(terrain, shapely.total_bounds(release.polygons))
+    deposits = [deposit_of(part, release.thickness_mode, near) for part in release.parts]
+    origin = float(math.floor(terrain.grid.bounds[0])), float(math.floor(terrain.grid.bounds[1]))
+    bed = np.ascontiguousarray(extended_elevation(near))
+    scenes = [PartScene(origin, bed, near.grid, d.raster.values, d.raster.grid) for d in deposits]
+    slope = (steepness(near), near.grid) if options.refine_slope else None
+    sources = column_sources(terrain.grid, release, deposits, scenes, slope, options)
+    closure = _close(sources, scenes, deposits, options)
+    record = _record(terrain, release, options, deposits, closure)
+    if options.mass == "paper":
+        say(
+            f"mass 'paper' gives every column the same mass whatever its thickness, so a grid sees the mean thickness: "
+            f"predicted relative error of the thickness field {100 * record['predicted_field_error']:.1f} %"
+        )
+    return Seed(sources, scenes, closure.law, near, options.velocity, origin, record)
+
+
+@dataclass(frozen=True, eq=False)
+class PartScene:
+    """What a kernel reads for one part: bed and vertical thickness rasters [m] on their grids, origin (x, y) [m]."""
+
+    origin: tuple
+    bed: np.ndarray
+    bed_grid: Grid
+    thickness: np.ndarray
+    thickness_grid: Grid
+
+
+@dataclass(frozen=True, eq=False)
+class _Closure:
+    """How the columns' mass meets the reference: `law` (factor, density, volume of every column or 0) for kernels."""
+
+    law: np.ndarray
+    volume: float
+    lightest: float
+    heaviest: float
+
+
+def _close(sources, scenes, deposits, options):
+    """The closure of physics.md 1.3: one factor k for mode T, one mass for modes E and P."""
+    volume = math.fsum(deposit.volume for deposit in deposits)
+    number = sum(source.count for source in sources)
+    if options.mass != "thickness":
+        each = volume / number
+        return _Closure(np.array([1.0, options.density, each]), volume, each, each)
+    sums = [
+        source.march(0, len(source.counts), scene, np.zeros(3), None, None)
+        for source, scene in zip(sources, scenes, strict=True)
+    ]
+    sums = np.vstack(sums)
+    factor = volume / math.fsum(sums[:, 0])
+    if abs(factor - 1.0) > _LARGEST_CLOSURE:
+        raise InputError(
+            f"release: the columns hold {100 / factor:.1f} % of its volume {volume:.6g} m3, wanted within "
+            f"{100 * _LARGEST_CLOSURE:g} %; the thickness raster is too coarse or too rough for this spacing: use "
+            "more columns"
+        )
+    lightest, heaviest = factor * float(sums[:, 1].min()), factor * float(sums[:, 2].max())
+    return _Closure(np.array([factor, options.density, 0.0]), volume, lightest, heaviest)
+
+
+def _record(terrain, release, options, deposits, closure):
+    """The record of physics.md 1.5, plain numbers and strings."""
+    area = math.fsum(deposit.area for deposit in deposits)
+    mean = closure.volume / area
+    mean_square = math.fsum(deposit.square for deposit in deposits) / area
+    error = math.sqrt(max(mean_square - mean**2, 0.0) / mean_square)
+    cells = options.cells(terrain.grid)
+    record = {
+        "release": release.name,
+        "release_path": release.path,
+        "release_sha256": release.sha256,
+        "release_area": release.area,
+        "thickness_mode": release.thickness_mode,
+        "density": float(options.density),
+        "reference_volume": closure.volume,
+        "reference_mass": closure.volume * options.density,
+        "closure_factor": float(closure.law[0]),
+        "mass_mode": options.mass,
+        "points": options.points,
+        "refine_slope": float(options.refine_slope),
+        "seed": int(options.seed),
+        "cell_corner": list(map(float, cells.origin)),
+        "cell_matrix": cells.matrix.ravel().tolist(),
+        "lightest_column": closure.lightest * options.density,
+        "heaviest_column": closure.heaviest * options.density,
+        "dem_transform": list(map(float, terrain.grid.transform[:6])),
+        "version": __version__,
+        **release.record,
+    }
+    asked = {name: getattr(options, name) for name in ("per_cell", "count", "spacing")}
+    record.update({f"asked_{name}": value for name, value in asked.items() if value is not None})
+    if options.mass == "paper":
+        record["predicted_field_error"] = error
+    return record
+
+
+class Seed:
+    """A planned seed: everything is counted and closed, the columns themselves are made slab by slab.
+
+    Attributes
+    ----------
+    count : int
+    record : dict
+        Numbers and strings that go into the frame's header; among them `reference_volume` [m3], `reference_mass` [kg]
+        and `closure_factor` [1].
+    """
+
+    def __init__(self, sources, scenes, law, terrain, velocity, origin, record):
+        self._sources, self._scenes, self._law = sources, scenes, law
+        self._terrain, self._velocity, self._origin = terrain, tuple(map(float, velocity)), origin
+        self.count = sum(source.count for source in sources)
+        self.record = record
+
+    def empty_frame(self):
+        """The Frame without its particles: time, CRS, origin, header."""
+        return Frame(
+            Particles(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0)),
+            dimension=2,
+            solver="seed",
+            crs=self._terrain.grid.crs,
+            origin=(*self._origin, 0.0),
+            dem=self._terrain.path,
+            dem_sha256=self._terrain.sha256,
+            header=self.record,
+        )
+
+    def frame(self):
+        """All columns in one Frame."""
+        (particles,) = self.slabs(self.count)
+        return replace(self.empty_frame(), particles=particles)
+
+    def slabs(self, size=_SLAB):
+        """Particles in order, about `size` at a time (at least one row of cells)."""
+        start = 0
+        for group in self._groups(size):
+            particles = self._fill(group, start)
+            start += len(particles)
+            yield particles
+
+    def _groups(self, size):
+        """Lists of (source, scene, first block, block after the last) that hold at most about `size` columns."""
+        group, held = [], 0
+        for source, scene in zip(self._sources, self._scenes, strict=True):
+            first, blocks = 0, len(source.counts)
+            ends = np.cumsum(source.counts)
+            while first < blocks:
+                before = ends[first - 1] if first else 0
+                last = int(np.searchsorted(ends, before + size - held, side="right"))
+                if last <= first and not held:
+                    last = first + 1
+                if last > first:
+                    group.append((source, scene, first, last))
+                    held += int(ends[last - 1] - before)
+                    first = last
+                if first < blocks:
+                    yield group
+                    group, held = [], 0
+        if group:
+            yield group
+
+    def _fill(self, group, start):
+        sizes = [int(source.counts[first:last].sum()) for source, _, first, last in group]
+        n = sum(sizes)
+        position, columns, at = np.empty((n, 3)), np.empty((4, n)), 0
+        for (source, scene, first, last), m in zip(group, sizes, strict=True):
+            source.march(first, last, scene, self._law, position[at : at + m], columns[:, at : at + m])
+            at += m
+        thickness, area, volume, mass = columns
+        number = np.arange(start, start + n, dtype=np.uint64)
+        return Particles(position, self._tangent_velocity(position), mass, volume, thickness, area, number)
+
+    def _tangent_velocity(self, position):
+        """float64[n, 3] [m s-1]: the given (east, north) velocity with the vertical part u . grad b."""
+        velocity = np.zeros((len(position), 3))
+        if any(self._velocity):
+            row, column = self._terrain.grid.rowcol(position[:, 0] + self._origin[0], position[:, 1] + self._origin[1])
+            velocity[:, :2] = self._velocity
+            for axis in (0, 1):
+                slope = np.ascontiguousarray(self._terrain.gradient[..., axis])
+                velocity[:, 2] += self._velocity[axis] * sampling.valid_values(slope, row, column)
+        return velocity

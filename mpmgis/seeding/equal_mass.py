@@ -1,0 +1,5 @@
+"""Columns of equal mass."""
+
+
+class EqualMassColumns:
+    """Follows in the next commit."""

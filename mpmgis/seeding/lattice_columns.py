@@ -1,0 +1,165 @@
+"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon (physics.md 1.4)."""
+
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ..kernels import sampling
+from .cover import Outline
+
+KINDS = {"lattice": sampling.CENTRED, "jittered": sampling.JITTERED, "random": sampling.RANDOM}
+_REGULAR = 2.0  # longest side over shortest that a regular tiling may have
+
+
+def tiling_rows(count, aspect):
+    """(rows, regular?): how many rows of tiles cut a cell of height over width `aspect` into `count` equal tiles.
+
+    The divisor that makes the tiles squarest; where all are longer than 2 : 1, rows that share `count` unevenly.
+    """
+    small = np.arange(1, int(np.sqrt(count)) + 1)
+    small = small[count % small == 0]
+    divisors = np.unique(np.concatenate((small, count // small)))
+    shape = np.abs(np.log(aspect * count / divisors.astype(float) ** 2))
+    best = int(np.argmin(shape))
+    if shape[best] <= np.log(_REGULAR) + 1e-12:
+        return int(divisors[best]), True
+    return int(min(max(round(np.sqrt(count * aspect)), 1), count)), False
+
+
+class Tiling:
+    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))`` (physics.md D14)."""
+
+    def __init__(self, n0, beta, aspect):
+        self.n0, self.beta, self.aspect = float(n0), float(beta), aspect
+        self.largest = int(n0) if beta == 0 else int(np.ceil(n0 * (1 + beta))) + 1
+        lowest = int(n0) if beta == 0 else max(int(n0), 1)
+        self.rows = np.ones(self.largest + 1, np.int64)
+        for count in range(lowest, self.largest + 1):
+            self.rows[count] = tiling_rows(count, aspect)[0]
+
+    def cut(self, count):
+        """(across, down): the regular cut of a rim cell that comes closest to `count` sub-squares."""
+        down = int(self.rows[count])
+        return max(1, round(count / down)), down
+
+
+class LatticeColumns:
+    """The columns of one polygon on a lattice, row of cells by row of cells.
+
+    `counts` int64[blocks] says how many columns each row holds; `area` is their total plan area [m2]; `mergeable` is
+    the number of pieces at the rim, `joined` how many slivers went into them.
+    """
+
+    def __init__(self, polygon, lattice, tiling, kind, seed, slope=None, forced=0):
+        self.lattice, self.tiling, self.kind, self.seed = lattice, tiling, KINDS[kind], int(seed)
+        self.outline = Outline.of(polygon, lattice)
+        self.window = self.outline.window
+        self._set_slope(slope)
+        cover = self.outline.cover()
+        self.inner, near = sampling.split_cells(
+            cover.rows, cover.columns, cover.rim_key, cover.rim_start, cover.spans, cover.span_start
+        )
+        self.inner_start = sampling.row_starts(self.inner[:, 0], cover.rows)
+        self._set_pieces(near, forced)
+        inner_counts = sampling.count_rows(self.window.rows, self.inner, self.inner_start, *self._counting)
+        self.counts = inner_counts + np.diff(self.piece_start)
+        whole = int((self.inner[:, 2] - self.inner[:, 1]).sum())
+        self.area = (whole + float(self.piece[:, 2].sum())) * lattice.cell_area
+
+    def _set_slope(self, slope):
+        """`slope` is None or (tan of the slope float64[rows, columns], its Grid)."""
+        values, grid = slope if slope is not None else (np.zeros((2, 2)), None)
+        self._slope = np.ascontiguousarray(values)
+        self._slope_map = self.lattice.raster_affine(self.window, grid) if grid is not None else np.zeros(6)
+
+    @property
+    def _counting(self):
+        tiling = self.tiling
+        return (
+            tiling.n0, tiling.beta, self._slope, self._slope_map, self.seed, self.window.row, self.window.column,
+            tiling.largest,
+        )  # fmt: skip
+
+    def _set_pieces(self, near, forced):
+        """Cut the cells at and beside the rim, join slivers, put every piece's particle inside the polygon."""
+        counts = sampling.cell_counts(near, *self._counting)
+        owner, pieces, cut = self._cut(near, counts)
+        starts = sampling.row_starts(owner, len(near))
+        before = pieces[:, :2].copy()
+        order = np.argsort(pieces[:, 2], kind="stable")
+        alive = sampling.merge_slivers(pieces, starts, near, self.window.columns, order, forced)
+        self.mergeable, self.joined = int(alive.sum()), int((~alive).sum())
+        owner, pieces, before, cut = owner[alive], pieces[alive], before[alive], cut[alive]
+        self._keep_inside(pieces, before, cut)
+        if self.kind == sampling.RANDOM:
+            self._scatter(owner, near, pieces, cut)
+        self.piece = np.ascontiguousarray(pieces[:, :3])
+        self.piece_start = sampling.row_starts(near[owner, 0], self.window.rows)
+
+    def _cut(self, near, counts):
+        """(owner, pieces, sub-square sizes) of all near cells; cells of another count are cut at another level."""
+        owners, pieces, cuts = [], [], []
+        for count in np.unique(counts):
+            across, down = self.tiling.cut(count)
+            cells = np.flatnonzero(counts == count)
+            cover = self.outline.cover(across, down)
+            owner, piece = sampling.gather_pieces(
+                near[cells], across, down, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans,
+                cover.span_start,
+            )  # fmt: skip
+            owners.append(cells[owner])
+            pieces.append(piece)
+            cuts.append(np.tile([1.0 / across, 1.0 / down], (len(piece), 1)))
+        owner = np.concatenate([np.empty(0, np.int64), *owners])
+        order = np.argsort(owner, kind="stable")
+        return owner[order], np.vstack([np.empty((0, 5)), *pieces])[order], np.vstack([np.empty((0, 2)), *cuts])[order]
+
+    def _keep_inside(self, pieces, before, cut):
+        """A centroid outside the polygon goes to a point of its piece inside (contract.md section 1)."""
+        doubtful = np.flatnonzero(pieces[:, 4] >= 2)
+        outside = doubtful[~self.outline.contains(pieces[doubtful, :2])]
+        pieces[outside, :2] = before[outside]
+        outside = outside[~self.outline.contains(pieces[outside, :2])]
+        if not len(outside):
+            return
+        low = np.floor(pieces[outside, :2] / cut[outside]) * cut[outside]
+        squares = shapely.box(low[:, 0], low[:, 1], low[:, 0] + cut[outside, 0], low[:, 1] + cut[outside, 1])
+        shapely.prepare(self.outline.polygon)
+        within = shapely.intersection(self.outline.polygon, squares)
+        points = shapely.point_on_surface(within)
+        found = ~shapely.is_empty(points)
+        pieces[outside[found], :2] = shapely.get_coordinates(points[found])
+
+    def _scatter(self, owner, near, pieces, cut):
+        points = np.ascontiguousarray(pieces[:, :2])
+        number = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        keys = np.column_stack((near[owner, 1] + self.window.column, near[owner, 0] + self.window.row, number))
+        sampling.scatter_in_pieces(
+            points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, 1.0, self.outline.edges,
+            *self.outline.binned_edges,
+        )  # fmt: skip
+        pieces[:, :2] = points
+
+    @cached_property
+    def count(self):
+        """How many columns in all."""
+        return int(self.counts.sum())
+
+    def march(self, first, last, scene, law, position, columns):
+        """Evaluate the rows first <= row < last; write them if `position` is given. Returns sums of thickness x area.
+
+        `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling`.
+        """
+        offsets = np.concatenate(([0], np.cumsum(self.counts[first:last])))[:-1]
+        write = position is not None
+        if not write:
+            position, columns = np.empty((0, 3)), np.empty((4, 0))
+        tiling = self.tiling
+        return sampling.fill_rows(
+            first, last, write, offsets, self.inner, self.inner_start, self.piece, self.piece_start, self.kind,
+            tiling.n0, tiling.beta, tiling.rows, self._slope, self._slope_map, self.seed, self.window.row,
+            self.window.column, self.lattice.cell_area, self.lattice.map_affine(self.window, scene.origin),
+            scene.bed, self.lattice.raster_affine(self.window, scene.bed_grid), scene.thickness,
+            self.lattice.raster_affine(self.window, scene.thickness_grid), law, position, columns,
+        )  # fmt: skip
