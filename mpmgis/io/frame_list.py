@@ -1,9 +1,10 @@
 """The frames of one run, listed by time without their particles, and read one at a time.
 
-A reader is two functions, `read_header(path)` and `read(path, density)`, that answer `Frame`; other codes' files come
-in by a row in `READERS`.
+A reader is two functions, `read_header(path)` and `read(path, density, memory)`, that answer `Frame`; other codes'
+files come in by a row in `READERS`.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from glob import glob
@@ -16,9 +17,14 @@ from ..geo.georeference import name_of, same_place
 from ..particles import Frame
 from .frames import read_frame
 
+_memory = threading.local()
+
 
 class Reader(NamedTuple):
-    """How one code's frames are read: `suffix`, `read_header(path)` and `read(path, density [kg m-3])`."""
+    """How one code's frames are read: `suffix`, `read_header(path)`, `read(path, density [kg m-3], memory)`.
+
+    `memory` is a dict that a reader may keep arrays in, to fill them anew; see `FrameEntry.read`.
+    """
 
     suffix: str
     read_header: Callable
@@ -29,7 +35,7 @@ READERS = {
     "mpmgis": Reader(
         ".h5",
         lambda path: read_frame(path, with_state=False, with_particles=False),
-        lambda path, density: read_frame(path, with_state=False, density=density),
+        lambda path, density, memory: read_frame(path, with_state=False, density=density, memory=memory),
     )
 }
 
@@ -53,8 +59,11 @@ class FrameEntry:
         return self.header.header["count"]
 
     def read(self, density=1000.0):
-        """The whole frame; `density` [kg m-3] makes mass of volume, or the reverse, where only one is stored."""
-        return READERS[self.reader].read(self.path, density)
+        """The whole frame; `density` [kg m-3] makes mass of volume, or the reverse, where only one is stored.
+
+        Its arrays are good until the same thread reads the next frame.
+        """
+        return READERS[self.reader].read(self.path, density, vars(_memory))
 
 
 def list_frames(paths, reader="mpmgis"):

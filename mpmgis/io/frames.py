@@ -65,12 +65,14 @@ def _write_group(file, name, values):
             group.attrs[key] = value
 
 
-def read_frame(path, with_state=True, with_particles=True, density=1000.0):
+def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None):
     """Read the frame at `path`.
 
     Needs position, velocity and mass or volume (with `density` [kg m-3] the other follows and that is recorded in
     the header as `assumed_density`); what else is missing takes the default that the contract states.
     Without `with_particles` only attributes are read: `particles` is None, and `header` says their `count`.
+    With a dict as `memory` the arrays of an earlier frame read with it are filled anew, where they fit: fresh memory
+    costs more than what is read into it.
 
     Raises
     ------
@@ -84,13 +86,13 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0):
         raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
     try:
         with h5py.File(path, "r") as file:
-            return _read(path, file, with_state, with_particles, density)
+            return _read(path, file, with_state, with_particles, density, memory)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
         raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
 
 
-def _read(path, file, with_state, with_particles, density):
+def _read(path, file, with_state, with_particles, density, memory):
     attrs = dict(file.attrs)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
@@ -111,7 +113,9 @@ def _read(path, file, with_state, with_particles, density):
         raise FormatError(f"{path}: no group 'particles'")
     header = dict(file["particles"].attrs)
     if with_particles:
-        particles = _read_particles(path, file["particles"], dimension, header, density)
+        particles = _read_particles(
+            path, file["particles"], dimension, header, density, {} if memory is None else memory
+        )
     else:
         particles, header["count"] = None, _count(file["particles"])
     return Frame(
@@ -153,26 +157,28 @@ def _count(group):
     return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
 
 
-def _read_particles(path, group, dimension, header, density):
-    arrays = {}
+def _read_particles(path, group, dimension, header, density, memory):
+    arrays, memory = {}, {} if memory is None else memory
     for name in PARTICLE:
         if name not in group:
             continue
         values = group[name]
         if not isinstance(values, h5py.Dataset):
             raise FormatError(f"{path}: particles/{name} is no dataset")
-        values = values[()]
-        n = arrays["position"].shape[0] if "position" in arrays else np.shape(values)[0] if np.ndim(values) else 0
+        shape, kind = np.shape(values), values.dtype.kind
+        n = arrays["position"].shape[0] if "position" in arrays else shape[0] if shape else 0
         wanted = (n, _WIDTH[name]) if name in _WIDTH else (n,)
-        if np.shape(values) != wanted or values.dtype.kind not in "fiu":
-            got = f"shape {np.shape(values)} of {values.dtype}"
-            raise FormatError(f"{path}: particles/{name} has {got}, wanted numbers of shape {wanted}")
+        if shape != wanted or kind not in "fiu":
+            raise FormatError(
+                f"{path}: particles/{name} has shape {shape} of {values.dtype}, wanted numbers of shape {wanted}"
+            )
         if name in _IDENTITY:
-            if values.dtype.kind == "f" or values.min(initial=0) < 0:
+            values = values[()]
+            if kind == "f" or values.min(initial=0) < 0:
                 raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
             values = values.astype(np.uint64, copy=False)
         else:
-            values = values if values.dtype == np.float64 else values.astype(np.float64)
+            values = _filled(values, name, memory)
             _require_finite(path, name, values)
         arrays[name] = values
     for name in ("position", "velocity"):
@@ -196,9 +202,20 @@ def _read_particles(path, group, dimension, header, density):
     return Particles(**arrays)
 
 
+def _filled(dataset, name, memory):
+    """The dataset as float64, in the array that `memory` has for it if that fits."""
+    if name not in memory or memory[name].shape != dataset.shape:
+        memory[name] = np.empty(dataset.shape)
+    if memory[name].size:
+        dataset.read_direct(memory[name])
+    return memory[name]
+
+
 def _require_finite(path, name, values):
-    bad = ~np.isfinite(values)
-    if bad.any():
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = values.sum()
+    if not np.isfinite(total) and not np.isfinite(values).all():  # the sum is the quick look
+        bad = ~np.isfinite(values)
         raise FormatError(
             f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
             f"{int(np.argwhere(bad)[0][0])}"
