@@ -659,3 +659,214 @@ def integrate_cover(values, rim_key, rim, spans, columns, row0, column0):
         square += value * value * rim[i, 0]
         area += rim[i, 0]
     return total, square, area
+
+
+# ------------------------------------------------------------------------------------------------ Halton's points
+
+
+@jit_inline
+def _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+    """Is (u, v) inside the polygon? Whole cells are known; only in rim cells are edges asked."""
+    row, column = math.floor(v), math.floor(u)
+    if row < 0 or row >= rim_start.size - 1 or column < 0 or column >= columns:
+        return False
+    if _in_span(spans, span_start[row], span_start[row + 1], column):
+        return True
+    if _find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
+        return False
+    return is_inside(u, v, edges, edge_start, edge_index)
+
+
+@jit_parallel
+def halton_chunks(
+    first, last, size, quota, write, offsets, shift, box, columns, rim_key, rim_start, spans, span_start, edges,
+    edge_start, edge_index, beta, slope, slope_map, seed, area, place, bed, bed_map, thick, thick_map, law, position,
+    out,
+):  # fmt: skip
+    """Points of Halton's sequence (bases 2 and 3, shifted) inside a polygon; chunks of `size` indices.
+
+    With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta) and stands for an area
+    in inverse proportion (physics.md D14). `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
+    points that a chunk gives; `box` is (u0, v0, width, height).
+
+    Returns
+    -------
+    float64[last - first, 5]
+        A chunk's points, sum of weights, and sum, smallest and largest of thickness times area [m3].
+    """
+    sums = np.zeros((last - first, 5))
+    for c in prange(last - first):
+        n, taken, weights, total, low, high = offsets[c], 0, 0.0, 0.0, np.inf, 0.0
+        for k in range(size):
+            if taken >= quota[first + c]:
+                break
+            index = (first + c) * size + k + 1
+            s, t = radical_inverse(index, 2) + shift[0], radical_inverse(index, 3) + shift[1]
+            u, v = box[0] + box[2] * (s - math.floor(s)), box[1] + box[3] * (t - math.floor(t))
+            if not _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+                continue
+            weight = 1.0
+            if beta > 0.0:
+                i, j = _at(slope_map, u, v)
+                density = 1.0 + beta * min(valid_at(slope, i, j), 1.0)
+                if uniform(seed, index, 7, 7) * (1.0 + beta) >= density:
+                    continue
+                weight = 1.0 / density
+            volume = _put(
+                n, u, v, weight * area, write, place, bed, bed_map, thick, thick_map, law, position, out
+            )
+            n += 1
+            taken += 1
+            weights += weight
+            total, low, high = total + volume, min(low, volume), max(high, volume)
+        sums[c, 0], sums[c, 1], sums[c, 2], sums[c, 3], sums[c, 4] = taken, weights, total, low, high
+    return sums
+
+
+# ----------------------------------------------------------------------------------------------------- equal mass
+
+
+@jit_parallel
+def cover_row_sums(rows, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map):
+    """float64[rows, 2]: sum of thickness times covered share, and of covered share, of each row of cells."""
+    sums = np.zeros((rows, 2))
+    for row in prange(rows):
+        total, area = 0.0, 0.0
+        for s in range(span_start[row], span_start[row + 1]):
+            for column in range(spans[s, 1], spans[s, 2]):
+                i, j = _at(thick_map, column + 0.5, row + 0.5)
+                total += valid_at(thick, i, j)
+                area += 1.0
+        for m in range(rim_start[row], rim_start[row + 1]):
+            i, j = _at(thick_map, rim_key[m] - row * columns + rim[m, 1], row + rim[m, 2])
+            total += valid_at(thick, i, j) * rim[m, 0]
+            area += rim[m, 0]
+        sums[row, 0], sums[row, 1] = total, area
+    return sums
+
+
+@jit_inline
+def _add_cell(sums, column, u, v, mass):
+    sums[0, column] += mass
+    sums[1, column] += mass * u
+    sums[2, column] += mass * v
+
+
+@jit_inline
+def _strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map):
+    """float64[3, columns]: thickness times area, and its u- and v-moment, of each column of cells of a strip."""
+    sums = np.zeros((3, columns))
+    for row in range(math.floor(v0), math.ceil(v1)):
+        low, high = max(v0, row), min(v1, row + 1.0)
+        share = high - low
+        if share <= 0.0:
+            continue
+        middle = 0.5 * (low + high)
+        for s in range(span_start[row], span_start[row + 1]):
+            for column in range(spans[s, 1], spans[s, 2]):
+                i, j = _at(thick_map, column + 0.5, row + 0.5)
+                _add_cell(sums, column, column + 0.5, middle, share * valid_at(thick, i, j))
+        for m in range(rim_start[row], rim_start[row + 1]):
+            column = rim_key[m] - row * columns
+            u = column + rim[m, 1]
+            i, j = _at(thick_map, u, row + rim[m, 2])
+            v = min(max(middle + rim[m, 2] - 0.5, low), high)
+            _add_cell(sums, column, u, v, share * rim[m, 0] * valid_at(thick, i, j))
+    return sums
+
+
+@jit_inline
+def _thickest(column, v0, v1, columns, rim_key, rim, rim_start, spans, span_start):
+    """A point inside the polygon in the cell of `column` that the strip covers most."""
+    best, u, v = -1.0, 0.0, 0.0
+    for row in range(math.floor(v0), math.ceil(v1)):
+        share = min(v1, row + 1.0) - max(v0, row)
+        at = _find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column)
+        if at >= 0 and share * rim[at, 0] > best:
+            best, u, v = share * rim[at, 0], column + rim[at, 1], row + rim[at, 2]
+        elif at < 0 and share > best and _in_span(spans, span_start[row], span_start[row + 1], column):
+            best, u, v = share, column + 0.5, row + 0.5
+    return u, v
+
+
+@jit_inline
+def _cut_equal(sums, count, quantile):
+    """Cut a strip's columns into `count` pieces of equal mass, from left to right.
+
+    Returns
+    -------
+    float64[count, 4]
+        Centroid (u, v), the u below which `quantile[i]` of the piece's mass lies, the column at its median.
+    """
+    columns = sums.shape[1]
+    pieces = np.zeros((count, 4))
+    each = sums[0].sum() / count
+    i, filled = 0, 0.0
+    for column in range(columns):
+        mass = sums[0, column]
+        if mass <= 0.0:
+            continue
+        u, v, used = sums[1, column] / mass, sums[2, column] / mass, 0.0
+        half = min(u - column, column + 1.0 - u)
+        while used < mass and i < count:
+            part = mass - used
+            if filled + part > each and i < count - 1:
+                part = each - filled
+            low, high = u - half + 2.0 * half * used / mass, u - half + 2.0 * half * (used + part) / mass
+            pieces[i, 0] += part * 0.5 * (low + high)
+            pieces[i, 1] += part * v
+            if filled <= quantile[i] * each:
+                share = min(max((quantile[i] * each - filled) / part, 0.0), 1.0) if part > 0.0 else 0.0
+                pieces[i, 2] = low + share * (high - low)
+            if filled <= 0.5 * each:
+                pieces[i, 3] = column
+            filled += part
+            used += part
+            if filled >= each and i < count - 1:
+                pieces[i, 0] /= filled
+                pieces[i, 1] /= filled
+                i += 1
+                filled = 0.0
+            elif part <= 0.0:
+                break
+    if filled > 0.0:
+        pieces[i, 0] /= filled
+        pieces[i, 1] /= filled
+    return pieces
+
+
+@jit_parallel
+def fill_strips(
+    first, last, write, borders, counts, offsets, start, spread, halton, seed, shift, columns, rim_key, rim, rim_start,
+    spans, span_start, edges, edge_start, edge_index, place, bed, bed_map, thick, thick_map, law, position, out,
+):  # fmt: skip
+    """Columns of equal mass: every strip borders[s] <= v < borders[s + 1] is cut into counts[s] pieces.
+
+    With `spread` 0 a column lies at its piece's centroid; otherwise at a place of the piece: random numbers (or
+    Halton's, if `halton`) pick the quantile of mass along the strip and the height in it, over the middle `spread` of
+    both. What would fall outside the polygon goes to the thickest cell at the piece's median.
+    """
+    for c in prange(last - first):
+        s = first + c
+        v0, v1, count = borders[s], borders[s + 1], counts[s]
+        across, up = np.full(count, 0.5), np.full(count, 0.5)
+        if spread > 0.0:
+            for k in range(count):
+                number = start[s] + k
+                if halton:
+                    a, b = radical_inverse(number + 1, 2) + shift[0], radical_inverse(number + 1, 3) + shift[1]
+                    a, b = a - math.floor(a), b - math.floor(b)
+                else:
+                    a, b = uniform(seed, s, k, 0), uniform(seed, s, k, 1)
+                across[k], up[k] = 0.5 + spread * (a - 0.5), 0.5 + spread * (b - 0.5)
+        sums = _strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map)
+        pieces = _cut_equal(sums, count, across)
+        for k in range(count):
+            u, v = pieces[k, 0], pieces[k, 1]
+            if spread > 0.0:
+                u, v = pieces[k, 2], v0 + up[k] * (v1 - v0)
+            if not _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+                u, v = _thickest(
+                    np.int64(pieces[k, 3]), v0, v1, columns, rim_key, rim, rim_start, spans, span_start
+                )
+            _put(offsets[c] + k, u, v, 0.0, write, place, bed, bed_map, thick, thick_map, law, position, out)

@@ -111,15 +111,19 @@ def deposit_of(part, mode, terrain):
     Thickness normal to the bed is divided by the cosine of the slope of the DTM cell (vertical = normal / cos).
     """
     raster = _vertical_raster(part, mode, terrain)
+    return Deposit(raster, *integral(part.polygon, raster))
+
+
+def integral(polygon, raster):
+    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon (D13)."""
     lattice = Lattice.of_grid(raster.grid)
-    outline = Outline.of(part.polygon, lattice)
+    outline = Outline.of(polygon, lattice)
     cover = outline.cover()
     inside = _spans_within(cover.spans, outline.window, raster.values.shape)
     total, square, area = sampling.integrate_cover(
         raster.values, cover.rim_key, cover.rim, inside, cover.columns, outline.window.row, outline.window.column
     )
-    cell = lattice.cell_area
-    return Deposit(raster, total * cell, square * cell, area * cell)
+    return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area
 
 
 def _spans_within(spans, window, shape):

@@ -1,5 +1,89 @@
-"""Columns at the points of a Halton sequence."""
+"""Columns at the points of Halton's sequence: evenly spread without rows, every one with an equal share of the area."""
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels import sampling
+from .cover import Outline
+
+_CHUNK = 4096  # indices of the sequence
+_CHUNKS_AT_ONCE = 256
+_MOST_TRIES = 100_000  # indices a point: a region that fills less of its bounding box is no region for this point set
 
 
 class HaltonColumns:
-    """Follows in the next commit."""
+    """Exactly `count` columns of one polygon; `counts` int64[blocks] says how many each chunk of the sequence gives.
+
+    Parameters
+    ----------
+    polygon : Polygon or MultiPolygon [m]
+    count : int
+    lattice : Lattice
+        Its cells sort the plane into inside, outside and rim.
+    beta, slope
+        Refinement on steep ground: beta, and (tan of the slope, Grid) or None.
+    seed : int
+        Shifts the sequence (Cranley and Patterson 1976).
+    """
+
+    def __init__(self, polygon, count, lattice, beta, slope, seed):
+        self.count, self.lattice, self.beta, self.seed = int(count), lattice, float(beta), int(seed)
+        self.outline = Outline.of(polygon, lattice)
+        self.cover = self.outline.cover()
+        self.window = self.outline.window
+        ends = self.outline.edges.reshape(-1, 2)
+        low, size = ends.min(axis=0), np.ptp(ends, axis=0)
+        self._box = np.concatenate((low, size))
+        self._shift = np.array([sampling.uniform(self.seed, 1, 0, 0), sampling.uniform(self.seed, 1, 0, 1)])
+        values, grid = slope if slope is not None else (np.zeros((2, 2)), None)
+        self._slope = np.ascontiguousarray(values)
+        self._slope_map = lattice.raster_affine(self.window, grid) if grid is not None else np.zeros(6)
+        self._count_chunks(polygon.area)
+        self.area = polygon.area
+
+    def _count_chunks(self, area):
+        """Count inside points chunk by chunk until there are enough; the last chunk gives what is still missing."""
+        most = max(_MOST_TRIES * self.count // _CHUNK, _CHUNKS_AT_ONCE)
+        counts, weights, found = [], [], 0
+        while found < self.count:
+            first = len(counts)
+            if first > most:
+                raise InputError("release: too thin a band for halton points; use --points lattice")
+            expected = (self.count - found) * self._box[2] * self._box[3] * self.lattice.cell_area / area / _CHUNK
+            batch = int(min(max(1.1 * expected, 1), _CHUNKS_AT_ONCE * 64)) + 1
+            sums = self._chunks(first, first + batch, np.full(first + batch, _CHUNK), 1.0)
+            counts.extend(sums[:, 0].astype(int).tolist())
+            weights.extend(sums[:, 1].tolist())
+            found += int(sums[:, 0].sum())
+        ends = np.cumsum(counts)
+        last = int(np.searchsorted(ends, self.count))
+        self.counts = np.array(counts[: last + 1])
+        self.counts[last] -= int(ends[last]) - self.count
+        weights = weights[:last] + self._chunks(last, last + 1, self.counts, 1.0)[:, 1].tolist()
+        self._unit_area = area / sum(weights)
+
+    def _chunks(self, first, last, quota, unit_area, scene=None, law=None, position=None, columns=None):
+        offsets = np.zeros(last - first, np.int64)
+        place = np.zeros(6)
+        bed = thick = np.ones((2, 2))
+        bed_map = thick_map = np.zeros(6)
+        if scene is not None:
+            place = self.lattice.map_affine(self.window, scene.origin)
+            bed, bed_map = scene.bed, self.lattice.raster_affine(self.window, scene.bed_grid)
+            thick, thick_map = scene.thickness, self.lattice.raster_affine(self.window, scene.thickness_grid)
+        write = position is not None
+        if write:
+            offsets[1:] = np.cumsum(self.counts[first:last])[:-1]
+        else:
+            position, columns, law = np.empty((0, 3)), np.empty((4, 0)), np.zeros(3)
+        cover = self.cover
+        return sampling.halton_chunks(
+            first, last, _CHUNK, np.asarray(quota), write, offsets, self._shift, self._box, cover.columns,
+            cover.rim_key, cover.rim_start, cover.spans, cover.span_start, self.outline.edges,
+            *self.outline.binned_edges, self.beta, self._slope, self._slope_map, self.seed, unit_area, place, bed,
+            bed_map, thick, thick_map, law, position, columns,
+        )  # fmt: skip
+
+    def march(self, first, last, scene, law, position, columns):
+        """As `LatticeColumns.march`, over chunks of the sequence."""
+        return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns)[:, 2:]

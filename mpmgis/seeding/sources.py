@@ -3,6 +3,8 @@
 import numpy as np
 
 from ..errors import InputError
+from ..geo.release import ThicknessRaster
+from .bed import integral
 from .equal_mass import EqualMassColumns
 from .halton import HaltonColumns
 from .lattice_columns import LatticeColumns, Tiling, tiling_rows
@@ -34,7 +36,7 @@ def column_sources(grid, release, deposits, scenes, slope, options):
             for polygon, n, scene in zip(polygons, shares, scenes, strict=True)
         ]
     if options.points == "halton":
-        mean = 1.0 if slope is None else 1.0 + options.refine_slope * _mean_steepness(slope)
+        mean = 1.0 if slope is None else 1.0 + options.refine_slope * _mean_steepness(slope, polygons)
         shares = shared_out(expected * (1.0 if options.count else mean), [polygon.area for polygon in polygons])
         return [
             HaltonColumns(polygon, n, options.cells(grid), options.refine_slope, slope, options.seed)
@@ -54,8 +56,11 @@ def shared_out(total, weights):
     return (shares + 1).tolist()
 
 
-def _mean_steepness(slope):
-    return float(np.nanmean(np.minimum(slope[0], 1.0)))
+def _mean_steepness(slope, polygons):
+    """Mean of min(tan slope, 1) over the polygons."""
+    raster = ThicknessRaster(np.minimum(slope[0], 1.0), slope[1])
+    totals = [integral(polygon, raster) for polygon in polygons]
+    return sum(total for total, _, _ in totals) / sum(area for _, _, area in totals)
 
 
 def _lattice_sources(grid, polygons, slope, options, expected):
