@@ -17,7 +17,7 @@ BASE = datetime(2000, 1, 1, tzinfo=UTC)
 BASE_TEXT = "2000-01-01T00:00:00Z"
 STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
 SHORTEST_STEP = 2  # QGIS seconds: a layer of its own shows from a second after its step to one before the next
-ROUNDING = 1e-6  # share of a step by which a time may miss a whole QGIS second and still count as one
+ROUNDING = 0.01  # share of the shortest step by which a time may miss a whole QGIS second: more makes frames uneven
 LONGEST_RUN = 1900 * 365 * 86_400  # QGIS seconds: dates stay between the years 100 and 3900
 MOST_FRAMES = 5000  # of the controller, where steps are very uneven
 
@@ -39,9 +39,9 @@ class Clock:
 
     @classmethod
     def of(cls, times):
-        """The clock for increasing `times` [s]: the smallest stretch whose steps are whole and at least 2 long.
+        """The clock for increasing `times` [s]: the smallest stretch whose steps are at least 2 and whole.
 
-        Where no stretch makes them whole, the smallest whose rounded steps are at least 2 long.
+        Whole within a hundredth of the shortest step; where no stretch makes them so, the finest that fits.
 
         Raises
         ------
@@ -61,7 +61,7 @@ class Clock:
                 f"exported steps are {np.diff(times).min():.3g} s apart over {times[-1]:.6g} s, "
                 "too close for a clock of whole seconds in QGIS; use a larger --dt-e, or --no-qgis"
             )
-        stretch = next((stretch for stretch in fitting if _is_whole(times, stretch)), fitting[0])
+        stretch = next((stretch for stretch in fitting if _is_whole(times, stretch)), fitting[-1])
         return cls(stretch, tuple(int(second) for second in np.rint(times * stretch)))
 
     @cached_property
@@ -86,7 +86,7 @@ class Clock:
     def decimals(self):
         """Decimals of simulated seconds that tell neighbouring steps apart."""
         step = self.step / self.stretch
-        enough = max(0, int(np.ceil(-np.log10(step))) + 1)
+        enough = max(1, int(np.ceil(-np.log10(step))) + 1)
         return next((n for n in range(enough) if abs(step * 10**n - round(step * 10**n)) < 1e-6), enough)
 
 
@@ -101,7 +101,7 @@ def _shortest(times, stretch):
 
 def _is_whole(times, stretch):
     stretched = times * stretch
-    return np.all(np.abs(stretched - np.rint(stretched)) <= max(ROUNDING * _shortest(times, stretch), 1e-6))
+    return np.all(np.abs(stretched - np.rint(stretched)) <= ROUNDING * _shortest(times, stretch))
 
 
 def _sample(times):

@@ -130,8 +130,8 @@ class ExportedRun:
     def flow_grid(self):
         """Grid of `flow_window`."""
         rows, columns = self.flow_window
-        corner = self.grid.transform * Affine.translation(columns.start, rows.start)
-        return Grid(self.grid.crs, corner, (rows.stop - rows.start, columns.stop - columns.start))
+        transform = moved_corner(self.grid.transform, rows.start, columns.start)
+        return Grid(self.grid.crs, transform, (rows.stop - rows.start, columns.stop - columns.start))
 
     @cached_property
     def typical(self):
@@ -155,6 +155,12 @@ class ExportedRun:
         if "t_arrival" in names and len(self.times):
             typical["t_arrival"] = float(self.times[-1])
         return typical | {name: peak for name, peak in peaks.items() if name not in names}
+
+
+def moved_corner(transform, row, column):
+    """The transform of the part of a raster that begins at `row`, `column`."""
+    t = transform
+    return Affine(t.a, t.b, t.c + t.a * column + t.b * row, t.d, t.e, t.f + t.d * column + t.e * row)
 
 
 def _with_nan(source, band, window):

@@ -9,6 +9,7 @@ import shapely
 
 from ..errors import OutputError, one_line
 from .clock import BASE, Clock
+from .exported import moved_corner
 from .markup import reference_text
 from .symbols import (
     ENVELOPE,
@@ -92,7 +93,7 @@ def mask_outline(mask, transform):
         return None
     window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     inside = np.ascontiguousarray(mask[window])
-    corner = transform * transform.translation(float(columns[0]), float(rows[0]))
+    corner = moved_corner(transform, int(rows[0]), int(columns[0]))
     rings = [part["coordinates"] for part, _ in shapes(inside.view("uint8"), mask=inside, transform=corner)]
     return shapely.MultiPolygon([shapely.Polygon(ring[0], ring[1:]) for ring in rings])
 

@@ -89,8 +89,8 @@ def class_limits(look, typical):
 
 
 def round_up(value):
-    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 where that is not positive."""
-    if not value > 0 or not math.isfinite(value):
+    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 where that is not positive, or no number."""
+    if not 1e-300 < value < 1e300:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
     return float(f"{next(m for m in (1, 2, 5, 10) if value <= m * power * (1 + 1e-9)) * power:.6g}")

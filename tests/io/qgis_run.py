@@ -1,11 +1,19 @@
 """A small exported run made without a solver: a blob that slides down a rough hill, 12 steps of 0.2 s."""
 
+import zipfile
+from xml.etree import ElementTree
+
 import numpy as np
 import rasterio
 
 from mpmgis.fields import BAND, NODATA
 from mpmgis.geo.grid import Grid
 from mpmgis.io.exported import ExportedRun
+from mpmgis.io.mesh import write_mesh
+from mpmgis.io.outlines import write_outlines
+from mpmgis.io.qgis import write_project
+from mpmgis.io.stack import write_stacks
+from mpmgis.io.styles import write_styles
 
 STEPS = ("h", "t", "Un", "Ut")
 MAXIMA = ("h_max", "t_max", "Un_max", "Un_min", "Ut_max", "p_max", "t_arrival")
@@ -13,7 +21,7 @@ DEPOSIT = ("h", "t", "t_vol")
 
 
 def make_run(folder, crs, name="slide", times=None, shape=(120, 160), step_bands=STEPS, corner=(686000.0, 5212000.0)):
-    """An ExportedRun in `folder`, its rasters written; returns it with the release centre and the step's arrays."""
+    """An ExportedRun in `folder`, its rasters written."""
     times = tuple(np.round(0.2 * np.arange(12), 10)) if times is None else tuple(times)
     grid = Grid.north_up(crs, *corner, 5.0, shape)
     x, y = grid.xy(*np.indices(shape))
@@ -100,3 +108,44 @@ def write(path, grid, descriptions, bands):
         for k, (description, band) in enumerate(zip(descriptions, bands, strict=True), start=1):
             file.write(np.where(np.isfinite(band), band, NODATA).astype("float32"), k)
             file.set_band_description(k, description)
+
+
+def velocity(run):
+    """What `write_mesh` calls for the arrows of a step: the blob's own (Ut_E, Ut_N)."""
+    x, y = run.grid.xy(*np.indices(run.grid.shape))
+    x, y = x - run.grid.transform.c, y - run.grid.transform.f
+
+    def pair(k):
+        fields = blob(x, y, k / max(len(run.times) - 1, 1), run.grid)
+        return fields["Ut_E"], fields["Ut_N"]
+
+    return pair
+
+
+def particles(run, count=5000):
+    """What `write_outlines` reads: a cloud of particles that moves with the blob."""
+    cloud = np.random.default_rng(1).normal(size=(count, 2)) * [30.0, 18.0]
+    west, south, east, north = run.grid.bounds
+    for k, time in enumerate(run.times):
+        progress = k / max(len(run.times) - 1, 1)
+        x = west + (east - west) * (0.2 + 0.5 * progress) + cloud[:, 0]
+        y = north - (north - south) * (0.2 + 0.5 * progress) + cloud[:, 1]
+        flow = np.tile([8.0, -6.0, -3.0], (count, 1)) * (0.2 + progress)
+        yield time, np.arange(count, dtype=np.uint64), x, y, hill(x - west, y - north), flow
+
+
+def write_all(run, release=None, qgis_min="3.38"):
+    """Everything that goes beside the rasters, in the order of the export."""
+    write_styles(run)
+    write_stacks(run)
+    write_mesh(run, velocity(run))
+    write_outlines(run, release, particles(run))
+    write_project(run, qgis_min)
+    return run
+
+
+def project_root(run):
+    """The project's XML."""
+    with zipfile.ZipFile(run.folder / run.project_file) as archive:
+        (inner,) = archive.namelist()
+        return ElementTree.fromstring(archive.read(inner))

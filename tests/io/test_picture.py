@@ -1,0 +1,93 @@
+"""The picture: what it shows is where it should be."""
+
+import matplotlib.image
+import numpy as np
+import pytest
+import qgis_run
+import shapely
+from affine import Affine
+from pyproj import CRS
+
+from mpmgis.errors import OutputError
+from mpmgis.geo.grid import Grid
+from mpmgis.geo.terrain import Terrain
+from mpmgis.io.picture import map_view, shaded_relief, write_picture
+
+GRID = Grid.north_up(CRS.from_epsg(32632), 686000.0, 5212000.0, 5.0, (120, 160))
+
+
+def scene(progress=0.5):
+    x, y = GRID.xy(*np.indices(GRID.shape))
+    x, y = x - GRID.transform.c, y - GRID.transform.f
+    fields = qgis_run.blob(x, y, progress, GRID)
+    return Terrain(GRID, qgis_run.hill(x, y)), fields["Ut"], fields["h"]
+
+
+def coloured(path):
+    """Number of pixels that are no grey."""
+    image = matplotlib.image.imread(path)[..., :3]
+    return np.count_nonzero(np.ptp(image, axis=-1) > 0.2)
+
+
+def test_flow_and_release_add_colour(tmp_path):
+    terrain, speed, depth = scene()
+    release = [shapely.Point(686160, 5211880).buffer(40)]
+    write_picture(tmp_path / "with.png", terrain, GRID, speed, depth, release, "A slide", "Terrain: made up")
+    dry = np.full(GRID.shape, np.nan)
+    write_picture(tmp_path / "dry.png", terrain, GRID, dry, np.zeros(GRID.shape))
+    assert coloured(tmp_path / "with.png") > 20_000
+    assert coloured(tmp_path / "dry.png") < 0.02 * coloured(tmp_path / "with.png")
+    assert matplotlib.image.imread(tmp_path / "with.png").shape[0] > 700
+
+
+def test_view_holds_flow_and_release_and_stays_on_the_terrain():
+    terrain, speed, _ = scene(0.0)
+    release = [shapely.Point(686700, 5211450).buffer(20)]
+    west, south, east, north = map_view(terrain, GRID, np.isfinite(speed), release)
+    row, column = np.nonzero(np.isfinite(speed))
+    x, y = GRID.xy(row, column)
+    assert west < x.min() and north > y.max() and east > 686720 and south < 5211430
+    bounds = GRID.bounds
+    assert bounds[0] <= west < east <= bounds[2] and bounds[1] <= south < north <= bounds[3]
+
+
+def test_view_closes_in_on_a_small_flow():
+    terrain, speed, _ = scene(0.0)
+    west, south, east, north = map_view(terrain, GRID, np.isfinite(speed))
+    assert max(east - west, north - south) < 200
+    assert min(east - west, north - south) > 0.6 * max(east - west, north - south)
+
+
+def test_slopes_that_face_the_light_are_brighter():
+    x, y = np.meshgrid(np.arange(20.0), -np.arange(20.0))
+    facing_north_west = shaded_relief(0.5 * (x - y), 1.0).mean()
+    facing_south_east = shaded_relief(-0.5 * (x - y), 1.0).mean()
+    assert facing_north_west > shaded_relief(0 * x, 1.0).mean() > facing_south_east
+
+
+@pytest.mark.parametrize(
+    "transform", [Affine(5, 0, 686000, 0, 5, 5211400), Affine(3.6, 3.4, 686000, 3.4, -3.6, 5211700)]
+)
+def test_terrain_on_another_kind_of_grid(tmp_path, transform):
+    grid = Grid(GRID.crs, transform, (120, 160))
+    x, y = grid.xy(*np.indices(grid.shape))
+    terrain = Terrain(grid, qgis_run.hill(x - 686000, y - 5212000))
+    _, speed, depth = scene()
+    write_picture(tmp_path / "map.png", terrain, GRID, speed, depth)
+    assert coloured(tmp_path / "map.png") > 20_000
+
+
+def test_flat_terrain_and_missing_heights(tmp_path):
+    _, speed, depth = scene()
+    heights = np.zeros(GRID.shape)
+    heights[:, 100:] = np.nan
+    write_picture(tmp_path / "flat.png", Terrain(GRID, heights), GRID, speed, depth)
+    assert coloured(tmp_path / "flat.png") > 20_000
+
+
+def test_nothing_is_left_where_it_cannot_be_written(tmp_path):
+    terrain, speed, depth = scene()
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OutputError):
+        write_picture(tmp_path / "file" / "map.png", terrain, GRID, speed, depth)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -1,0 +1,149 @@
+"""The exported folder in a real QGIS: it opens, it is styled, it moves."""
+
+import json
+import os
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+import qgis_run
+import shapely
+from pyproj import CRS
+
+pytestmark = pytest.mark.qgis
+HERE = Path(__file__).parent
+MOVING = {"flow depth h (m)", "outline of the flow", "velocity arrows"}
+
+
+@cache
+def python_with_qgis():
+    """Path of a Python that has PyQGIS, or None."""
+    for python in ("/usr/bin/python3", shutil.which("python3"), os.environ.get("MPMGIS_QGIS_PYTHON")):
+        if (
+            python
+            and subprocess.run([python, "-c", "import qgis.core"], capture_output=True, check=False).returncode == 0
+        ):
+            return python
+    return None
+
+
+def look(run, *files):
+    python = python_with_qgis()
+    if python is None:
+        pytest.skip("no PyQGIS on this machine (Debian: apt-get install python3-qgis)")
+    paths = [str(run.folder / file) for file in (run.project_file, *files)]
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV", "GDAL", "PROJ"))}
+    done = subprocess.run(
+        [python, str(HERE / "qgis_check.py"), *paths],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=clean,
+        check=False,
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("REPORT ")]
+    assert lines, done.stderr[-2000:]
+    return json.loads(lines[0].removeprefix("REPORT "))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    run = qgis_run.make_run(tmp_path_factory.mktemp("open") / ".", CRS.from_epsg(32632))
+    return qgis_run.write_all(run, [shapely.Point(686160, 5211880).buffer(40)])
+
+
+@pytest.fixture(scope="module")
+def report(run):
+    rasters = (run.step_files[5], run.maxima_file, run.deposit_file, run.terrain_file)
+    return look(run, *rasters, *map(run.stack_file, run.step_bands), run.outlines_file, run.mesh_file)
+
+
+def require_sound_project(project):
+    assert project["read"]
+    assert project["crs_valid"]
+    assert not project["lost"]
+    assert all(valid and placed for _, valid, placed in project["layers"])
+    assert project["mode"] == 1
+    assert min(project["painted"]) == 300 * 220  # hillshade everywhere
+    assert project["differ"] == 3
+
+
+def test_project_opens_whole(report):
+    require_sound_project(report["project"])
+    assert report["project"]["crs"] == "EPSG:32632"
+    assert report["project"]["visible"][-1] == "hillshade"
+
+
+def test_a_frame_for_each_step(run, report):
+    assert report["project"]["frames"] == len(run.times)
+
+
+def test_flow_outline_and_arrows_move_together(report):
+    moving = report["project"]["moving"]
+    assert set(moving) == MOVING
+    for name, (different, painted) in moving.items():
+        assert different == 3, name
+        assert min(painted) > 20, name
+        assert max(painted) < 0.25 * 300 * 220, name
+
+
+def test_map_title_tells_the_true_time(report):
+    assert report["project"]["map_title"] == ["slide   t = 0.0 s", "slide   t = 1.2 s", "slide   t = 2.2 s"]
+
+
+def test_files_dropped_without_the_project_are_styled_and_placed(run, report):
+    west, south, east, north = run.grid.bounds
+    for file, layers in report["files"].items():
+        for layer in layers:
+            assert layer["valid"] and layer["crs"] == "EPSG:32632", file
+            assert layer["painted"] > 20 and layer["colours"] > 1, (file, layer["name"])
+            assert layer["styled"] is not False, (file, layer["name"])
+            assert west - 1 <= layer["extent"][0] < layer["extent"][2] <= east + 1
+            assert south - 1 <= layer["extent"][1] < layer["extent"][3] <= north + 1
+
+
+def test_rasters_are_no_photographs(report):
+    rasters = {file: layers[0] for file, layers in report["files"].items() if "renderer" in layers[0]}
+    assert len(rasters) == 8
+    for file, layer in rasters.items():
+        assert layer["renderer"] == ("hillshade" if file == "dtm.tif" else "singlebandpseudocolor")
+
+
+def test_vectors_are_sound(report):
+    layers = report["files"]["slide.gpkg"]
+    assert [layer["name"] for layer in layers] == ["outline", "envelope", "release", "particles"]
+    assert all(layer["features"] == layer["sound"] > 0 for layer in layers)
+
+
+def test_mesh_has_its_groups(run, report):
+    (mesh,) = report["files"]["slide.nc"]
+    assert ["velocity along the slope (m/s)", True, len(run.times)] in mesh["groups"]
+    root = qgis_run.project_root(run)
+    named = [e.get("name") for e in root.iter("name-to-global-index")]
+    assert [name for name, *_ in mesh["groups"]] == named
+
+
+def test_old_qgis_moves_by_layers(tmp_path):
+    run = qgis_run.make_run(tmp_path, CRS.from_epsg(32632), times=[0, 0.2, 0.4, 0.6])
+    project = look(qgis_run.write_all(run, qgis_min="3.22"))["project"]
+    require_sound_project(project)
+    assert project["frames"] == 4
+    drawn = {name: painted for name, (_, painted) in project["moving"].items() if name.startswith("h at")}
+    shown = [[painted[k] > 0 for painted in drawn.values()] for k in range(3)]
+    assert [frame.index(True) for frame in shown] == [0, 2, 3]
+    assert [sum(frame) for frame in shown] == [1, 1, 1]  # never two steps at once
+
+
+def test_uneven_steps_are_shown_until_the_next(tmp_path):
+    run = qgis_run.make_run(tmp_path, CRS.from_epsg(32632), times=[0, 0.25, 0.75, 3.0])
+    project = look(qgis_run.write_all(run))["project"]
+    assert project["frames"] == 13
+    assert set(project["moving"]) == MOVING
+    assert all(min(painted) > 20 for _, painted in project["moving"].values())
+
+
+def test_local_frame_opens(tmp_path):
+    run = qgis_run.make_run(tmp_path, None, times=[0, 1, 2], corner=(0.0, 600.0))
+    require_sound_project(look(qgis_run.write_all(run))["project"])
