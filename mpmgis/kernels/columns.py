@@ -407,6 +407,33 @@ def update_nodes(
 
 
 @jit_parallel
+def accumulate_peaks(
+    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric
+):
+    """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
+
+    Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.
+    """
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
+                peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
+                if thickness >= arrival_thickness:
+                    u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+                    w = u * mx + v * my
+                    speed2 = u * u + v * v + w * w
+                    peaks[j, i, 1] = max(peaks[j, i, 1], np.sqrt(speed2))
+                    peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
+                    if peaks[j, i, 3] < 0.0:
+                        peaks[j, i, 3] = time
+
+
+@jit_parallel
 def grid_to_particles(
     rows, keys, order, start, block, bounds, west, south, width, nodes, bed, inside, report,
     dx, dt, density, gravity, clamp, wall, bound_bed, bound_energy, metric, curvature,
@@ -480,7 +507,7 @@ def grid_to_particles(
                         area = smallest
                         clamped += 1.0
                 x, y = row[X] + dt * u, row[Y] + dt * v
-                if not (x + y + area) * 0.0 == 0.0:  # NaN or infinite
+                if (x + y + area) * 0.0 != 0.0:  # NaN or infinite
                     mine[NOT_FINITE] += 1.0
                     mine[BOUND_X], mine[BOUND_Y] = row[X], row[Y]
                     continue
@@ -544,7 +571,16 @@ def grid_to_particles(
 
 
 # why `advance` came back
-RUNNING, REACHED_TIME, STOPPED_MOVING, STOPPED_ENERGY, STOPPED_FOOTPRINT, ALL_LEFT, NOT_FINITE_STATE, TOO_FAST = range(8)
+(
+    RUNNING,
+    REACHED_TIME,
+    STOPPED_MOVING,
+    STOPPED_ENERGY,
+    STOPPED_FOOTPRINT,
+    ALL_LEFT,
+    NOT_FINITE_STATE,
+    TOO_FAST,
+) = range(8)
 # float64 clock: what one step hands to the next, and what a restart needs
 (
     TIME,
@@ -644,7 +680,8 @@ def stop_rule(clock, counts):
 def advance(
     rows_pair, ids_pair, keys_pair, order, nodes, bed, node_gradient, inside, wet, clock, counts, ledger,
     until, max_steps, dx, cfl, fixed_dt, first_limit, density, gravity, clamp, thickness_floor, wet_thickness,
-    wall, stop_at_rest, bound_bed, bound_energy, bound_stop, total_mass, metric, friction, curvature, lake,
+    wall, stop_at_rest, bound_bed, bound_energy, bound_stop, total_mass, keep_peaks, peaks, arrival_thickness,
+    metric, friction, curvature, lake,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
 
@@ -710,6 +747,11 @@ def advance(
             nodes, node_gradient, wet, touched, n_touched, west, south, width, node_report,
             dx, dt, density, gravity, thickness_floor, wet_thickness, metric, friction, curvature,
         )  # fmt: skip
+        if keep_peaks:
+            accumulate_peaks(
+                peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, clock[TIME] + dt,
+                arrival_thickness, metric,
+            )  # fmt: skip
         if wall:
             mirror_walls(nodes)
         grid_to_particles(

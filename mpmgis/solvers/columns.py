@@ -1,14 +1,10 @@
 """The depth-averaged solver: its state, one call to advance it, its frames and its balances (physics.md section 3)."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..effects.curvature import NoCurvature
-from ..effects.friction import Frictionless
 from ..effects.metric import SlopeMetric, WaterMetric
-from ..effects.still_water import NoStillWater
 from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels import columns as kernel
@@ -17,15 +13,6 @@ from .grid import ColumnGrid
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 BOUND_STOP = 4.0  # |U|^2 over its physical bound at which a run stops itself: twice the speed that energy allows
-
-
-class ColumnEffects(NamedTuple):
-    """The slots of the depth-averaged solver, each filled with a law or with its null form."""
-
-    friction: Any = Frictionless()
-    metric: Any = SlopeMetric()
-    curvature: Any = NoCurvature()
-    still_water: Any = NoStillWater()
 
 
 @dataclass(frozen=True)
@@ -44,6 +31,8 @@ class ColumnNumerics:
     density: float = 1000.0
     stop_at_rest: bool = True
     time_step: float | None = None
+    maxima: bool = False
+    arrival_thickness: float = 0.05
 
 
 class ColumnSolver:
@@ -101,6 +90,8 @@ class ColumnSolver:
         shape = grid.bed.shape
         self._nodes = np.zeros((*shape, 4))
         self._wet = np.zeros(shape, np.uint8)
+        self._peaks = np.zeros((*shape, 4)) if numerics.maxima else np.zeros((1, 1, 4))
+        self._peaks[..., 3] = -1.0
         self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
         self._clock = np.zeros(kernel.CLOCK)
         self._counts = np.zeros(kernel.COUNTS, np.int64)
@@ -141,6 +132,11 @@ class ColumnSolver:
         """Number of steps taken."""
         return int(self._counts[kernel.STEP])
 
+    @property
+    def speed_max(self):
+        """Largest horizontal speed now [m s-1]."""
+        return float(self._clock[kernel.SPEED])
+
     def advance(self, until, max_steps=1 << 62):
         """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back."""
         numerics = self.numerics
@@ -150,8 +146,8 @@ class ColumnSolver:
             self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._first_limit),
             float(numerics.density), float(numerics.gravity), self.clamp, self._thickness_floor, self._wet_thickness,
             numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, BOUND_STOP,
-            self.total_mass, self.effects.metric, self.effects.friction, self.effects.curvature,
-            self.effects.still_water,
+            self.total_mass, bool(numerics.maxima), self._peaks, float(numerics.arrival_thickness),
+            self.effects.metric, self.effects.friction, self.effects.curvature, self.effects.still_water,
         )  # fmt: skip
 
     def _alive(self):
@@ -185,7 +181,19 @@ class ColumnSolver:
             dem_sha256=start.dem_sha256,
             digest=start.digest,
             header={"density": density},
+            maxima=self.maxima(),
         )
+
+    def maxima(self):
+        """Running peaks at the nodes, row 0 in the south, with the affine of their cells; empty where not asked for."""
+        if not self.numerics.maxima:
+            return {}
+        dx, half = self.grid.cell_size, 0.5 * self.grid.cell_size
+        inner = self._peaks[1:-1, 1:-1]
+        names = ("thickness", "speed", "pressure", "arrival_time")
+        peaks = {name: np.ascontiguousarray(inner[..., k]) for k, name in enumerate(names)}
+        peaks["transform"] = np.array([dx, 0.0, self.grid.x0 - half, 0.0, dx, self.grid.y0 - half])
+        return peaks
 
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""

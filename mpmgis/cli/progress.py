@@ -1,0 +1,54 @@
+"""Progress bars on stderr: simulated time, speed and remaining time. Quiet where nobody looks."""
+
+import sys
+import time
+from contextlib import contextmanager
+
+from . import talk
+
+LINE_SECONDS = 10.0  # without a terminal: a line this often
+
+
+@contextmanager
+def run_progress():
+    """Gives `watch(solver, end_time)` for a run."""
+    if talk.volume < 0:
+        yield lambda solver, end_time: None
+    elif sys.stderr.isatty():
+        yield from _bar()
+    else:
+        yield _lines()
+
+
+def _bar():
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("t = {task.completed:.1f} of {task.total:.0f} s"),
+        BarColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("run", total=None, speed="compiling")
+
+        def watch(solver, end_time):
+            speed = solver.speed_max
+            progress.update(task, total=end_time, completed=solver.time, speed=f"fastest {speed:.1f} m/s")
+
+        yield watch
+
+
+def _lines():
+    """A line now and then, for logs."""
+    last = [time.monotonic()]
+
+    def watch(solver, end_time):
+        now = time.monotonic()
+        if now - last[0] >= LINE_SECONDS:
+            last[0] = now
+            talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
+
+    return watch

@@ -1,0 +1,79 @@
+"""`mpmgis run`: simulate a scene."""
+
+import sys
+
+from . import talk
+from .progress import run_progress
+
+EXAMPLE = """
+mpmgis run --template > scene.toml
+mpmgis run scene.toml -o results
+"""
+
+
+def add_arguments(parser):
+    """The options of contract.md section 1."""
+    parser.add_argument("scene", nargs="?", metavar="scene.toml", help="the scene to simulate")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder for frames (default: results/ beside the scene)")
+    parser.add_argument("--overwrite", action="store_true", help="replace the frames of an earlier run in that folder")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all); same result")
+    parser.add_argument("--yes", action="store_true", help="do not ask about predicted time and memory")
+    parser.add_argument("--template", action="store_true", help="print a commented scene and stop")
+
+
+def run(arguments):
+    """Run the scene, or print the template."""
+    if arguments.template:
+        from ..scene import template
+
+        print(template(), end="")
+        return 0
+    from ..errors import InputError
+
+    if arguments.scene is None:
+        raise InputError("which scene? give scene.toml, or --template to see one")
+    if arguments.threads is not None and arguments.threads < 1:
+        raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
+    from ..pipeline.run import run as run_scene
+
+    with run_progress() as watch:
+        summary = run_scene(
+            arguments.scene,
+            arguments.output,
+            overwrite=arguments.overwrite,
+            threads=arguments.threads,
+            confirm=lambda question: arguments.yes or _asked(question),
+            say=talk.say,
+            watch=watch,
+        )
+    tell(summary)
+    print(summary.folder)
+    return 0
+
+
+def _asked(question):
+    """Ask on a terminal; elsewhere nobody can answer, so it is no."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    print(f"{question}; go on? [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def tell(summary):
+    """The balances and the cost of a run, on stderr."""
+    b = summary.balances
+    out = b["mass_out"] / b["mass_start"]
+    talk.say(f"ended: {summary.reason}")
+    talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
+    mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
+    talk.say(f"{mass}, error {b['mass_error_relative']:.1e}")
+    talk.say(f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J")
+    bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"
+    talk.say(f"largest thickness {b['thickness_max']:.2f} m, {bound}, footprint {b['footprint_area'] / 1e4:.2f} ha")
+    if b["airborne_share_max"] > 0.05:
+        talk.say(
+            f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "
+            "(the bed falls away faster than it falls); a 3D run would follow it"
+        )
+    rate = summary.particle_steps_per_second / 1e6
+    talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")

@@ -1,0 +1,17 @@
+"""What is asked: the scene, its checks, its text, and the effects that it calls for."""
+
+from .resolve import Decision, TerrainFacts, mu_least, resolve
+from .tables import Scene, read_scene, scene_from_tables
+from .text import scene_text, template
+
+__all__ = [
+    "Decision",
+    "Scene",
+    "TerrainFacts",
+    "mu_least",
+    "read_scene",
+    "resolve",
+    "scene_from_tables",
+    "scene_text",
+    "template",
+]

@@ -1,0 +1,64 @@
+"""A scene as text: TOML out, and the commented template that is made from the tables."""
+
+import json
+from dataclasses import MISSING, fields
+
+from .tables import REQUIRED, TABLES
+
+_SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
+_EXAMPLES = {"mu": 0.2, "xi": 1000.0}
+_EXAMPLE_LAW = "Voellmy"
+
+
+def _toml(value):
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return repr(value)
+
+
+def scene_text(scene, note=""):
+    """The scene as TOML text that `read_scene` reads back to the same scene."""
+    lines = [f"# {note}"] if note else []
+    for name, values in scene.as_tables().items():
+        if isinstance(values, dict):
+            lines += ["", f"[{name}]"] + [f"{key} = {_toml(value)}" for key, value in values.items()]
+        else:
+            lines.append(f"{name} = {_toml(values)}")
+    return "\n".join(lines) + "\n"
+
+
+def template():
+    """A commented scene made from the tables; lines with a leading # are optional and show their default."""
+    lines = [
+        "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
+        "",
+        'solver = "columns"  # depth-averaged',
+    ]
+    for name, kind in TABLES.items():
+        shown = name in (*REQUIRED, "friction", "numerics")
+        lines += ["", f"# {kind.__doc__.strip()}", f"{'' if shown else '# '}[{name}]"]
+        for f in fields(kind):
+            if "kind" in f.metadata:
+                lines.append(_template_line(f, shown))
+            else:
+                lines += _template_parameters(f.metadata["parameters_of"])
+    return "\n".join(lines) + "\n"
+
+
+def _template_line(f, shown):
+    value = f.metadata["example"] if f.default in (MISSING, None) else f.default
+    optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
+    choices = f" ({' | '.join(f.metadata['choices'])})" if f.metadata["choices"] else ""
+    return f"{optional + f.name + ' = ' + _toml(value):<34} # {f.metadata['doc']}{choices}"
+
+
+def _template_parameters(laws):
+    """The parameters of the example law, then a line for each law."""
+    for name, (unit, doc, *_) in laws[_EXAMPLE_LAW][1].items():
+        yield f"{name + ' = ' + _toml(_EXAMPLES[name]):<34} # [{unit}] {doc}"
+    for law, (_, parameters) in laws.items():
+        yield f"# law = {law!r} takes {', '.join(parameters)}"

@@ -1,0 +1,136 @@
+"""Scenes with exact answers for the depth-averaged solver, and the norms that they are judged by."""
+
+import itertools
+
+import numpy as np
+from affine import Affine
+
+from mpmgis.effects.friction import Coulomb, Frictionless
+from mpmgis.effects.metric import SlopeMetric
+from mpmgis.effects.slots import ColumnEffects
+from mpmgis.geo.grid import Grid
+from mpmgis.geo.terrain import Terrain
+from mpmgis.kernels.columns import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
+from mpmgis.particles import Frame, Particles
+from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
+
+G = 9.81
+
+
+def terrain_of(height, length, width, pixel, west=0.0, south=0.0):
+    """A terrain of `height(x, y)` on [west, west + length] x [south, south + width]."""
+    rows, columns = round(width / pixel), round(length / pixel)
+    grid = Grid(None, Affine(pixel, 0, west, 0, -pixel, south + width), (rows, columns))
+    x, y = grid.xy(*np.mgrid[0:rows, 0:columns])
+    return Terrain(grid, np.asarray(height(x, y), float) + 0 * x)
+
+
+def columns_of(thickness, west, east, south, north, spacing, density=1000.0, velocity=(0.0, 0.0)):
+    """A lattice of columns of `thickness(x, y)` (or a number) [m] with one column a square of side `spacing` [m]."""
+    x = np.arange(round((east - west) / spacing)) * spacing + west + spacing / 2
+    y = np.arange(round((north - south) / spacing)) * spacing + south + spacing / 2
+    x, y = (a.ravel() for a in np.meshgrid(x, y))
+    h = np.broadcast_to(thickness(x, y) if callable(thickness) else thickness, x.shape).astype(float)
+    keep = h > 0
+    x, y, h = x[keep], y[keep], h[keep]
+    area = np.full(len(x), spacing**2)
+    speed = np.column_stack([np.full(len(x), velocity[0]), np.full(len(x), velocity[1]), np.zeros(len(x))])
+    particles = Particles(
+        np.column_stack([x, y, 0 * x]), speed, density * area * h, area * h, h, area, np.arange(len(x), dtype=np.uint64)
+    )
+    return Frame(particles, dimension=2)
+
+
+def solver_on(terrain, frame, cell_size, friction=None, metric=None, curvature=None, still_water=None, **numerics):
+    """A solver with the named laws, no stop rule unless asked."""
+    slots = {"friction": friction, "metric": metric, "curvature": curvature, "still_water": still_water}
+    effects = ColumnEffects(**{name: law for name, law in slots.items() if law is not None})
+    return ColumnSolver(frame, terrain, effects, ColumnNumerics(cell_size, **{"stop_at_rest": False, **numerics}))
+
+
+def node_thickness(solver, walls=True):
+    """(x, y, thickness) at the nodes from the columns' splines, walls mirrored as the solver does."""
+    p = solver.frame().particles
+    grid = solver.grid
+    dx = grid.cell_size
+    ny, nx = grid.bed.shape
+    mass = np.zeros((ny, nx))
+    bases, weights = [], []
+    for position, start in ((p.position[:, 0], grid.x0), (p.position[:, 1], grid.y0)):
+        s = (position - start) / dx + 1.0
+        base = (s - 0.5).astype(int)
+        f = s - base
+        bases.append(base)
+        weights.append((0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2))
+    for j in range(3):
+        for i in range(3):
+            np.add.at(mass, (bases[1] + j, bases[0] + i), weights[0][i] * weights[1][j] * p.mass)
+    if walls:
+        for axis in (0, 1):
+            m = np.moveaxis(mass, axis, 0)
+            m[2] += m[0]
+            m[-3] += m[-1]
+            m[1] *= 2
+            m[-2] *= 2
+    x = grid.x0 + np.arange(nx - 2) * dx
+    y = grid.y0 + np.arange(ny - 2) * dx
+    return x, y, mass[1:-1, 1:-1] / (solver.numerics.density * dx * dx)
+
+
+def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, depth=5.0, reservoir=50.0, length=100.0,
+              tail=0.0, per_side=4, clamp=None):  # fmt: skip
+    """A dam of slope-normal `depth` [m] at rest on a plane; answers (distance from the dam along the slope, computed
+    and exact vertical thickness) at `time` [s] on the nodes (Ritter 1892; Mangeney et al. 2000).
+
+    `tail` is what `depth` becomes ahead of the dam (Stoker: the wet bed).
+    """
+    slope, delta = np.radians(degrees), np.radians(friction_degrees)
+    cos = np.cos(slope)
+    total, behind = round(length * cos / dx) * dx, round(reservoir * cos / dx) * dx
+    width = 4 * dx
+    terrain = terrain_of(lambda x, y: -np.tan(slope) * x, total, width, dx)
+    thickness = depth / cos if tail == 0 else lambda x, y: np.where(x < behind, depth, tail)
+    frame = columns_of(thickness, 0, behind if tail == 0 else total, 0, width, dx / per_side)
+    law = Coulomb(float(np.tan(delta))) if delta else Frictionless()
+    solver = solver_on(terrain, frame, dx, law, metric or SlopeMetric(), edges="wall", clamp=clamp)
+    solver.advance(time)
+    x, _, h = node_thickness(solver)
+    along = (x - behind) / cos
+    if tail:
+        return along, h.mean(axis=0), stoker(along, time, depth, tail), solver
+    return along, h.mean(axis=0), mangeney(along, time, depth, slope, delta) / cos, solver
+
+
+def mangeney(x, t, depth, slope, delta):
+    """Slope-normal depth of the frictional dam break on a slope (physics.md V7); Ritter for slope = delta = 0."""
+    m = G * np.cos(slope) * (np.tan(slope) - np.tan(delta))
+    c0 = np.sqrt(G * depth * np.cos(slope))
+    fan = (2 * c0 - x / t + m * t / 2) ** 2 / (9 * G * np.cos(slope))
+    h = np.where(x < -c0 * t + m * t**2 / 2, depth, fan)
+    return np.where(x > 2 * c0 * t + m * t**2 / 2, 0.0, h)
+
+
+def stoker(x, t, left, right):
+    """Depth of the dam break on a wet bed (physics.md V6)."""
+    from scipy.optimize import brentq
+
+    def residual(h):
+        return 2 * (np.sqrt(G * left) - np.sqrt(G * h)) - (h - right) * np.sqrt(G / 2 * (1 / h + 1 / right))
+
+    middle = brentq(residual, right, left)
+    u = 2 * (np.sqrt(G * left) - np.sqrt(G * middle))
+    shock = middle * u / (middle - right)
+    c0, cm = np.sqrt(G * left), np.sqrt(G * middle)
+    fan = (2 * c0 - x / t) ** 2 / (9 * G)
+    h = np.where(x < -c0 * t, left, np.where(x < (u - cm) * t, fan, middle))
+    return np.where(x > shock * t, right, h)
+
+
+def relative_l1(computed, exact, where=slice(None)):
+    """Sum of |computed - exact| over the sum of exact."""
+    return float(np.abs(computed - exact)[where].sum() / exact[where].sum())
+
+
+def orders(errors):
+    """Observed orders between successive halvings."""
+    return [float(np.log2(a / b)) for a, b in itertools.pairwise(errors)]

@@ -1,0 +1,206 @@
+"""The depth-averaged solver against exact answers (physics.md section 6; numbers in brackets are its prototype's)."""
+
+import numpy as np
+import pytest
+from column_scenes import G, columns_of, dam_break, node_thickness, orders, relative_l1, solver_on, terrain_of
+
+from mpmgis.effects.curvature import Curvature
+from mpmgis.effects.friction import Coulomb, Voellmy
+from mpmgis.effects.metric import SlopeMetric, WaterMetric
+from mpmgis.effects.still_water import StillWater
+from mpmgis.kernels.columns import beds_at
+
+
+def test_v5_ritter_dry_dam_break():
+    """L1 at most 3 % at dx = 1 m, falling with dx until the dry tip stalls it [2.3, 1.95, 1.8 %]."""
+    errors = []
+    for dx in (1.0, 0.5, 0.25):
+        _, h, exact, solver = dam_break(dx, metric=WaterMetric())
+        errors.append(relative_l1(h, exact))
+        assert abs(solver.balances()["mass_error_relative"]) <= 1e-12
+    assert errors[0] <= 0.025
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_v6_stoker_wet_dam_break_first_order():
+    """L1 1.2, 0.67, 0.34 % in the prototype: first order; the shock within one cell."""
+    errors = []
+    for dx in (1.0, 0.5, 0.25):
+        x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
+        errors.append(relative_l1(h, exact))
+        middle = 0.5 * (exact[x > 5].max() + 1.0)
+        front, exact_front = (x[(a > middle) & (x > 0)].max() for a in (h, exact))
+        assert abs(front - exact_front) <= dx
+    assert errors[1] <= 0.0075  # dx = L / 200
+    assert all(0.7 <= order <= 1.4 for order in orders(errors))
+
+
+@pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
+def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
+    """At most 3 % at 1 m on every slope, and falling: the proof of the c^2 P metric [2.5 to 2.8 -> 1.9 to 2.2 %]."""
+    errors = []
+    for dx in (1.0, 0.5):
+        x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160)
+        errors.append(relative_l1(h, exact, x > -50))
+    assert errors[0] <= 0.025
+    assert errors[1] < 0.9 * errors[0]
+
+
+def test_v7_fails_in_water_form():
+    """Plain shallow water misses the slope's geometry: the test above can fail."""
+    x, h, exact, _ = dam_break(1.0, degrees=35, friction_degrees=25, reservoir=80, length=160, metric=WaterMetric())
+    assert relative_l1(h, exact, x > -50) > 0.08
+
+
+def one_column(degrees, law, velocity=(0.0, 0.0), **numerics):
+    """A patch so thin that its own pressure moves nothing: a point mass on a plane."""
+    slope = np.radians(degrees)
+    terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 600, 50, 5)
+    frame = columns_of(1e-7, 50, 52.5, 20, 22.5, 1.25, velocity=velocity)
+    return solver_on(terrain, frame, 5.0, law, **numerics), slope
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_v3_sliding_block(mu):
+    """Speed g (sin - mu cos) t to 1e-6; distance to first order in the time step."""
+    errors = []
+    for cfl in (0.3, 0.15, 0.075):
+        solver, slope = one_column(30, Coulomb(mu), cfl=cfl)
+        start = solver.frame().particles.position[:, 0].mean()
+        solver.advance(6.0)
+        p = solver.frame().particles
+        acceleration = G * (np.sin(slope) - mu * np.cos(slope))
+        np.testing.assert_allclose(np.linalg.norm(p.velocity, axis=1), acceleration * 6.0, rtol=1e-6)
+        distance = (p.position[:, 0].mean() - start) / np.cos(slope)
+        errors.append(abs(distance / (0.5 * acceleration * 36.0) - 1.0))
+    assert errors[-1] < 0.02
+    assert all(0.6 < order < 1.5 for order in orders(errors))
+
+
+def test_v3_stops_on_the_flat_after_v2_over_2_mu_g():
+    solver, _ = one_column(0, Coulomb(0.4), velocity=(20.0, 0.0), cfl=0.02)
+    start = solver.frame().particles.position[:, 0].mean()
+    solver.advance(10.0)
+    p = solver.frame().particles
+    assert np.all(p.velocity == 0.0)
+    np.testing.assert_allclose(p.position[:, 0].mean() - start, 20.0**2 / (2 * 0.4 * G), rtol=0.02)
+
+
+def test_v19_steady_voellmy_speed():
+    """|U| = sqrt(xi h_n (sin - mu cos)) within 1 % for a sheet between walls, where the grid knows its thickness."""
+    slope, thickness = np.radians(30), 2.0
+    terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 4000, 40, 10)
+    frame = columns_of(thickness, 100, 2000, 0, 40, 2.5)
+    solver = solver_on(terrain, frame, 10.0, Voellmy(0.2, 500.0), edges="wall")
+    solver.advance(25.0)
+    p = solver.frame().particles
+    inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 200
+    normal = thickness * np.cos(slope)
+    steady = np.sqrt(500.0 * normal * (np.sin(slope) - 0.2 * np.cos(slope)))
+    np.testing.assert_allclose(np.linalg.norm(p.velocity[inner], axis=1).mean(), steady, rtol=0.01)
+
+
+@pytest.mark.parametrize("degrees, moves", [(20, False), (24, False), (24.9, False), (25.1, True), (26, True)])
+def test_v4_infinite_slope(degrees, moves):
+    """Friction 25 deg: the inside of a long sheet stays put exactly below it, and above it slides as it must."""
+    slope, delta, time = np.radians(degrees), np.radians(25), 4.0
+    terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 400, 20, 5)
+    frame = columns_of(0.2, 50, 350, 0, 20, 1.25)
+    solver = solver_on(terrain, frame, 5.0, Coulomb(float(np.tan(delta))), edges="wall", cfl=0.02)
+    solver.advance(time)
+    p = solver.frame().particles
+    moved = p.position[np.argsort(p.id), 0] - frame.particles.position[:, 0]
+    start = frame.particles.position[:, 0]
+    inside = (start > 120) & (start < 280)
+    if moves:
+        expected = 0.5 * G * np.cos(slope) ** 2 * (np.tan(slope) - np.tan(delta)) * time**2
+        np.testing.assert_allclose(moved[inside].mean(), expected, rtol=0.03)
+    else:
+        assert np.all(moved[inside] == 0.0)
+
+
+def lake(bump, reference, spacing_shift=0.0):
+    """A lake at 1.5 m over bumps and an island, between walls; answers the solver after 1000 steps, fastest ever."""
+    dx, level = 0.25, 1.5
+
+    def bed(x, y):
+        hill = bump * np.exp(-((x - 5) ** 2 + (y - 4) ** 2) / 4)
+        island = 2.0 * bump * np.exp(-((x - 11) ** 2 + (y - 6) ** 2) / 4)
+        return hill + island
+
+    terrain = terrain_of(bed, 16, 10, dx)
+    grid = solver_on(terrain, columns_of(1.0, 1, 2, 1, 2, 0.5), dx).grid
+
+    def depth(x, y):
+        return np.maximum(level - beds_at(grid.bed, x, y, dx)[0], 0.0)
+
+    frame = columns_of(depth, 0, 16, 0, 10, dx / 4)
+    if spacing_shift:
+        rng = np.random.default_rng(1)
+        shift = spacing_shift * dx / 4
+        frame.particles.position[:, :2] += rng.uniform(-shift, shift, (len(frame.particles), 2))
+        x, y = frame.particles.position[:, 0], frame.particles.position[:, 1]
+        h = depth(x, y)
+        keep = (h > 0) & (x > 0) & (x < 16) & (y > 0) & (y < 10)
+        area = frame.particles.area
+        frame.particles.mass, frame.particles.thickness = 1000 * h * area, h
+        frame = type(frame)(frame.particles.take(keep), dimension=2)
+    law = StillWater(level) if reference else None
+    solver = solver_on(terrain, frame, dx, metric=WaterMetric(), edges="wall", still_water=law)
+    fastest = 0.0
+    for _ in range(20):
+        solver.advance(1e9, 50)
+        fastest = max(fastest, solver.speed_max)
+    return fastest, np.sqrt(G * level)
+
+
+def test_v10_lake_at_rest_with_its_level_known():
+    """At most 1e-12 m/s for 1000 steps, for any set of points."""
+    assert lake(1.2, reference=True)[0] <= 1e-12
+    assert lake(1.2, reference=True, spacing_shift=0.4)[0] <= 1e-12
+
+
+def test_v10_lake_at_rest_without_it():
+    """At most 1e-3 sqrt(g h) on the lattice."""
+    fastest, wave = lake(0.4, reference=False)
+    assert fastest <= 1e-3 * wave
+
+
+def test_curvature_keeps_the_speed_round_a_bend():
+    """A point mass through a slope change of 30 to 0 degrees keeps its energy with curvature, and loses it without."""
+
+    def bed(x, y):
+        return np.where(x < 300, (300 - x) * np.tan(np.radians(30)), 0.0) + 0 * y
+
+    terrain = terrain_of(bed, 800, 50, 2.0)
+    loss = []
+    for law in (Curvature(), None):
+        frame = columns_of(1e-7, 100, 101, 20, 21, 0.5)
+        solver = solver_on(terrain, frame, 2.0, curvature=law, cfl=0.05)
+        start = solver.frame().particles.position[:, 2].mean()
+        solver.advance(12.0)
+        p = solver.frame().particles
+        assert p.position[:, 0].min() > 310
+        energy = 0.5 * (p.velocity**2).sum(axis=1).mean()
+        loss.append(1.0 - energy / (G * (start - p.position[:, 2].mean())))
+    assert abs(loss[0]) < 0.03
+    assert loss[1] > 0.15
+
+
+def test_frictionless_flow_meets_the_speed_bound_and_stays_below():
+    """H2: U^2 <= 1.05 (2 g drop + 4 g h_max), which dry fronts nearly meet."""
+    for form in (WaterMetric(), SlopeMetric()):
+        *_, solver = dam_break(0.25, metric=form)
+        assert 0.6 < solver.balances()["speed_bound_ratio"] < 1.0
+
+
+def test_bed_spline_is_exact_on_planes():
+    terrain = terrain_of(lambda x, y: 3.0 + 0.5 * x - 0.25 * y, 40, 30, 2.0)
+    solver = solver_on(terrain, columns_of(1.0, 5, 10, 5, 10, 1.0), 1.0)
+    x = np.array([0.1, 7.3, 20.0, 39.9])
+    y = np.array([0.2, 11.1, 29.9, 3.3])
+    b, gx, gy = beds_at(solver.grid.bed, x, y, 1.0)
+    np.testing.assert_allclose(b, 3.0 + 0.5 * x - 0.25 * y, atol=1e-12)
+    np.testing.assert_allclose(gx, 0.5, atol=1e-12)
+    np.testing.assert_allclose(gy, -0.25, atol=1e-12)
+    np.testing.assert_allclose(node_thickness(solver)[2].sum(), 25.0, rtol=1e-12)

@@ -1,0 +1,313 @@
+"""One step against a plain loop, and what must hold for any scene: sums, symmetry, threads, edges, rest."""
+
+import numpy as np
+import pytest
+from affine import Affine
+from column_scenes import G, columns_of, solver_on, terrain_of
+
+from mpmgis.effects.curvature import Curvature
+from mpmgis.effects.friction import Coulomb, Frictionless, Voellmy, slowed_speed
+from mpmgis.effects.metric import WaterMetric
+from mpmgis.errors import SceneError, UnphysicalError
+from mpmgis.geo.grid import Grid
+from mpmgis.geo.terrain import Terrain
+from mpmgis.kernels.jit import set_threads
+from mpmgis.particles import Frame
+from mpmgis.solvers.columns import ColumnSolver
+from mpmgis.solvers.march import March
+
+
+def rough(x, y):
+    """A rough 20 degree slope."""
+    return 0.36 * (400 - x) + 4 * np.sin(x / 40) * np.cos(y / 35)
+
+
+def pile(n=1.25, velocity=(1.0, -2.0)):
+    def cap(x, y):
+        return np.maximum(3.0 - ((x - 150) ** 2 + (y - 100) ** 2) / 300, 0.0)
+
+    return columns_of(cap, 100, 200, 50, 150, n, velocity=velocity)
+
+
+def rough_solver(law=None, metric=None, curvature=None, **numerics):
+    frame = pile()
+    terrain = terrain_of(rough, 400, 200, 5)
+    return solver_on(terrain, frame, 5.0, law or Voellmy(0.2, 800.0), metric, curvature, **numerics)
+
+
+def splines(position, start, dx):
+    """(nodes, weights, slopes) of one particle on one axis: quadratic B-splines, as any text-book has them."""
+    s = (position - start) / dx
+    first = int(np.floor(s - 0.5))
+    nodes = first + np.arange(3)
+    distance = s - nodes
+    weights = np.where(np.abs(distance) < 0.5, 0.75 - distance**2, 0.5 * (1.5 - np.abs(distance)) ** 2)
+    slopes = np.where(np.abs(distance) < 0.5, -2 * distance, -np.sign(distance) * (1.5 - np.abs(distance))) / dx
+    return nodes, weights, slopes
+
+
+def plain_step(particles, solver, dt, law, curved):
+    """One step in plain Python, dense, in the order of physics.md 3.7: the oracle."""
+    dx, density, grid = solver.grid.cell_size, solver.numerics.density, solver.grid
+    shape = grid.bed.shape
+    mass, momentum = np.zeros(shape), np.zeros((*shape, 2))
+    stencils = []
+    for p in range(len(particles)):
+        x, y = particles.position[p, :2]
+        (i, wx, gx), (j, wy, gy) = splines(x, grid.x0, dx), splines(y, grid.y0, dx)
+        i, j = i + 1, j + 1
+        w = wy[:, None] * wx[None, :]
+        dwx, dwy = wy[:, None] * gx[None, :], gy[:, None] * wx[None, :]
+        b = grid.bed[j[0] : j[0] + 3, i[0] : i[0] + 3]
+        gradient = np.array([(dwx * b).sum(), (dwy * b).sum()])
+        c2 = 1 / (1 + gradient @ gradient)
+        m, area, u = particles.mass[p], particles.area[p], particles.velocity[p, :2]
+        h = m / (density * area)
+        projection = np.eye(2) - c2 * np.outer(gradient, gradient)
+        for a in range(3):
+            for c in range(3):
+                n = (j[a], i[c])
+                mass[n] += w[a, c] * m
+                force = 0.5 * density * area * G * c2 * h * h * projection @ np.array([dwx[a, c], dwy[a, c]])
+                force -= m * G * c2 * gradient * w[a, c]
+                momentum[n] += w[a, c] * m * u + dt * force
+        stencils.append((i[0], j[0], w, dwx, dwy, gradient))
+    velocity = np.zeros_like(momentum)
+    for n in zip(*np.nonzero(mass), strict=True):
+        u = momentum[n] / mass[n]
+        gradient = grid.gradient[n]
+        c2 = 1 / (1 + gradient @ gradient)
+        speed = np.sqrt(u @ u + (u @ gradient) ** 2)
+        h = max(mass[n] / (density * dx * dx), solver._thickness_floor)
+        dry = law.dry_stress(density, density * h * G * c2, h * np.sqrt(c2), speed)
+        per_mass = density * h * np.sqrt(c2)
+        slowed = slowed_speed(speed, dt, dry / per_mass, law.drag_coefficient(G) / (h * np.sqrt(c2)))
+        velocity[n] = u * slowed / speed if speed > 0 else 0
+    out = []
+    for p, (i, j, w, dwx, dwy, gradient) in enumerate(stencils):
+        v = velocity[j : j + 3, i : i + 3]
+        u = (w[..., None] * v).sum(axis=(0, 1))
+        du = np.array([[(d * v[..., k]).sum() for d in (dwx, dwy)] for k in (0, 1)])
+        area = particles.area[p] * np.linalg.det(np.eye(2) + dt * du)
+        smallest = particles.mass[p] * dx * dx / ((w * mass[j : j + 3, i : i + 3]).sum() * solver.clamp)
+        position = particles.position[p, :2] + dt * u
+        if curved:
+            (i2, wx, gx), (j2, wy, gy) = splines(position[0], grid.x0, dx), splines(position[1], grid.y0, dx)
+            b = grid.bed[j2[0] + 1 : j2[0] + 4, i2[0] + 1 : i2[0] + 4]
+            new = np.array([(wy[:, None] * gx * b).sum(), (gy[:, None] * wx * b).sum()])
+            before, normal = np.append(u, u @ gradient), np.append(-new, 1) / np.sqrt(1 + new @ new)
+            tangent = before - (before @ normal) * normal
+            u = (tangent * np.linalg.norm(before) / np.linalg.norm(tangent))[:2]
+        out.append([*position, *u, max(area, smallest)])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("law", [Frictionless(), Coulomb(0.3), Voellmy(0.2, 800.0)])
+def test_a_step_equals_the_plain_loop(law, curved):
+    terrain = terrain_of(rough, 400, 200, 5)
+    frame = pile(n=5.0)
+    solver = solver_on(terrain, frame, 5.0, law, curvature=Curvature() if curved else None, time_step=0.05)
+    expected = plain_step(frame.particles, solver, 0.05, law, curved)
+    solver.advance(0.05)
+    p = solver.frame().particles
+    order = np.argsort(p.id)
+    computed = np.column_stack([p.position[:, :2], p.velocity[:, :2], p.area])[order]
+    np.testing.assert_allclose(computed, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_mass_is_constant_and_momentum_is_conserved_without_a_bed_force():
+    """Frictionless on a horizontal bed: the momentum of the columns stays."""
+    terrain = terrain_of(lambda x, y: 0 * x, 400, 200, 5)
+    frame = pile(velocity=(2.0, 1.0))
+    solver = solver_on(terrain, frame, 5.0, Frictionless())
+    solver.advance(3.0)
+    before, after = frame.particles, solver.frame().particles
+    assert solver.balances()["mass_error_relative"] == 0.0
+    for k in (0, 1):
+        first, last = ((p.mass * p.velocity[:, k]).sum() for p in (before, after))
+        np.testing.assert_allclose(last, first, rtol=1e-12)
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    results = []
+    for threads in (1, 2, 2):
+        set_threads(threads)
+        solver = rough_solver(curvature=Curvature())
+        solver.advance(8.0)
+        results.append({k: v.tobytes() for k, v in solver.frame().particles.arrays().items()})
+    set_threads(None)
+    assert results[0] == results[1] == results[2]
+
+
+def test_marching_in_slices_gives_the_same_bits():
+    whole, sliced = rough_solver(), rough_solver()
+    whole.advance(6.0)
+    while sliced.time < 6.0:
+        sliced.advance(6.0, 7)
+    assert whole.step == sliced.step
+    assert whole.frame().particles.position.tobytes() == sliced.frame().particles.position.tobytes()
+
+
+def turned(solver_of, angle):
+    """Centroid, spread and footprint of a run on a terrain raster that is turned by `angle` about the pile's start."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    pixel, rows, columns = 5.0, 120, 160
+    turn = Affine.translation(150, 100) * Affine.rotation(np.degrees(angle)) * Affine.translation(-150, -100)
+    grid = Grid(None, turn * Affine(pixel, 0, -150, 0, -pixel, 400), (rows, columns))
+    x, y = grid.xy(*np.mgrid[0:rows, 0:columns])
+    back_x, back_y = cos * (x - 150) + sin * (y - 100) + 150, -sin * (x - 150) + cos * (y - 100) + 100
+    terrain = Terrain(grid, rough(back_x, back_y))
+    frame = pile(velocity=(0.0, 0.0))
+    p = frame.particles
+    relative = p.position[:, :2] - (150, 100)
+    p.position[:, :2] = relative @ np.array([[cos, sin], [-sin, cos]]) + (150, 100)
+    solver = solver_on(terrain, frame, 5.0, Voellmy(0.25, 800.0), curvature=Curvature())
+    solver.advance(15.0)
+    q = solver.frame().particles
+    relative = q.position[:, :2] - (150, 100)
+    back = relative @ np.array([[cos, -sin], [sin, cos]])
+    back = back[np.argsort(q.id)]
+    return back, np.sort(back[:, 0])[int(0.99 * len(back))]
+
+
+def test_v22_turning_the_scene_turns_the_result():
+    """90 degrees to round-off, 30 and 45 degrees within one cell of runout."""
+    back, runout = turned(rough_solver, 0.0)
+    quarter, _ = turned(rough_solver, np.pi / 2)
+    np.testing.assert_allclose(quarter, back, atol=1e-6)
+    for degrees in (30, 45):
+        _, other = turned(rough_solver, np.radians(degrees))
+        assert abs(other - runout) <= 5.0
+
+
+def test_v22_far_from_the_origin_nothing_changes():
+    """The same scene at UTM coordinates: bitwise the same in the local frame."""
+    near = rough_solver()
+    east, north = 500_000.0, 5_000_000.0
+    here = terrain_of(rough, 400, 200, 5)
+    far_grid = Grid(None, Affine.translation(east, north) * here.grid.transform, here.grid.shape)
+    far_terrain = Terrain(far_grid, here.elevation)
+    frame = pile()
+    far = solver_on(far_terrain, Frame(frame.particles, origin=(east, north, 0.0)), 5.0, Voellmy(0.2, 800.0))
+    near.advance(5.0)
+    far.advance(5.0)
+    a, b = near.frame().particles, far.frame().particles
+    for name in ("position", "velocity", "area"):
+        assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
+
+
+def test_outflow_is_booked_by_edge_and_the_rest_runs_on():
+    terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
+    frame = columns_of(1.0, 100, 160, 20, 80, 1.25, velocity=(10.0, 0.0))
+    solver = solver_on(terrain, frame, 5.0, Coulomb(0.2))
+    solver.advance(4.0)
+    balances = solver.balances()
+    assert set(balances["outflow"]) == {"east"}
+    assert 0 < balances["mass_out"] < balances["mass_start"]
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    assert balances["outflow"]["east"]["particles"] + len(solver.frame().particles) == len(frame.particles)
+    march = March(solver, 60.0, 30.0)
+    list(march)
+    assert "left the terrain" in march.reason
+
+
+def test_nodata_is_an_edge_of_its_own():
+    terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
+    elevation = terrain.elevation.copy()
+    elevation[:, 36:] = np.nan
+    solver = solver_on(Terrain(terrain.grid, elevation), columns_of(1.0, 100, 140, 20, 80, 1.25), 5.0, Coulomb(0.1))
+    solver.advance(12.0)
+    balances = solver.balances()
+    assert set(balances["outflow"]) == {"nodata"}
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    with pytest.raises(SceneError, match="wall"):
+        solver_on(Terrain(terrain.grid, elevation), columns_of(1.0, 100, 140, 20, 80, 1.25), 5.0, edges="wall")
+
+
+def test_walls_keep_everything_in():
+    terrain = terrain_of(lambda x, y: 0.3 * (200 - x), 200, 100, 5)
+    solver = solver_on(terrain, columns_of(2.0, 20, 80, 20, 80, 1.25), 5.0, Coulomb(0.05), edges="wall")
+    solver.advance(30.0)
+    p = solver.frame().particles
+    assert solver.balances()["mass_out"] == 0.0
+    assert p.position[:, 0].min() > 0 and p.position[:, 0].max() < 200
+    assert p.position[:, 0].mean() > 150
+
+
+def test_stop_rule_ends_a_run_that_rests_and_names_the_rule():
+    solver = rough_solver(Coulomb(0.9), stop_at_rest=True)
+    march = March(solver, 300.0, 10.0)
+    frames = list(march)
+    assert "at rest" in march.reason
+    assert frames[-1].time < 300.0
+    assert [f.time for f in frames[:-1]] == [10.0 * k for k in range(len(frames) - 1)]
+
+
+def test_friction_above_every_slope_moves_nothing_and_ends_early():
+    """H12: zero displacement, and the stop rule ends it."""
+    terrain = terrain_of(lambda x, y: 0.2 * (400 - x), 400, 200, 5)
+    frame = columns_of(0.05, 100, 200, 50, 150, 1.25)
+    solver = solver_on(terrain, frame, 5.0, Coulomb(2.0), stop_at_rest=True)
+    march = March(solver, 300.0, 50.0)
+    list(march)
+    assert solver.time < 100.0 and "at rest" in march.reason
+    p = solver.frame().particles
+    assert np.array_equal(p.position[np.argsort(p.id), :2], frame.particles.position[:, :2])
+
+
+def test_frames_are_at_their_times_exactly():
+    """H39: a frame interval that no step divides is hit to the last bit."""
+    solver = rough_solver()
+    march = March(solver, 2.0, 0.7)
+    assert [f.time for f in march] == [0.0, 0.7, 1.4, 2.0]
+
+
+def test_peaks_of_every_step_are_kept_only_if_asked():
+    solver = rough_solver(maxima=True)
+    fastest = 0.0
+    for _ in range(40):
+        solver.advance(1e9, 5)
+        fastest = max(fastest, np.linalg.norm(solver.frame().particles.velocity, axis=1).max())
+    peaks = solver.frame().maxima
+    assert 0.5 * fastest < peaks["speed"].max() < 1.5 * fastest
+    assert peaks["thickness"].max() >= 2.5
+    assert (peaks["arrival_time"] >= 0).sum() == (peaks["speed"] > 0).sum()
+    assert rough_solver().frame().maxima == {}
+
+
+def test_a_run_that_becomes_unphysical_says_where_and_stops():
+    solver = rough_solver()
+    solver._rows[0, 7, 3] = np.nan
+    with pytest.raises(UnphysicalError, match="not finite"):
+        list(March(solver, 5.0, 1.0))
+    solver = rough_solver()
+    solver._rows[0, :, 2] = 500.0
+    with pytest.raises(UnphysicalError, match="speed") as error:
+        list(March(solver, 5.0, 1.0))
+    assert "\n" not in str(error.value) and error.value.exit_code == 3
+
+
+def test_columns_that_start_off_the_terrain_are_refused():
+    terrain = terrain_of(rough, 400, 200, 5)
+    with pytest.raises(SceneError, match="outside"):
+        solver_on(terrain, columns_of(1.0, 390, 410, 50, 60, 1.25), 5.0)
+    with pytest.raises(SceneError, match="cell_size"):
+        solver_on(terrain, columns_of(1.0, 100, 110, 50, 60, 1.25), 150.0)
+    with pytest.raises(SceneError, match="columns"):
+        ColumnSolver(Frame(pile().particles, dimension=3), terrain, None, None)
+
+
+def test_water_form_refuses_curvature():
+    with pytest.raises(SceneError, match="curvature"):
+        rough_solver(metric=WaterMetric(), curvature=Curvature())
+
+
+def test_one_column_alone_moves_as_a_point():
+    """H3: one particle: its affine matrix is finite and it slides."""
+    terrain = terrain_of(lambda x, y: 0.5 * (400 - x), 400, 200, 5)
+    solver = solver_on(terrain, columns_of(1e-6, 100, 105, 50, 55, 5.0), 5.0, Frictionless())
+    solver.advance(3.0)
+    p = solver.frame().particles
+    assert len(p) == 1 and np.isfinite(p.position).all()
+    np.testing.assert_allclose(np.linalg.norm(p.velocity[0]), G * np.sin(np.arctan(0.5)) * 3.0, rtol=1e-6)
