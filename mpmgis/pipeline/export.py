@@ -15,7 +15,7 @@ from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
 from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
 from ..products.survey import automatic_standoff, fastest_mean, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
-from .export_inputs import output_folder, refuse_nowhere, release_density, run_terrain
+from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, Spool, spool_folder, write_rasters
 from .frame_pool import frame_pool
 
@@ -106,7 +106,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
             spool = Spool(spooled, plan.averaging.grid) if request.qgis else None
             run, tally = write_rasters(request, plan, folder, pool, spool, progress)
             if request.qgis:
-                write_qgis_files(run, spool, request.qgis_min, pool)
+                write_qgis_files(run, plan, spool, request.qgis_min, pool)
             files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
     tell(request, plan, tally, say)
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
@@ -188,7 +188,7 @@ def _time_step(request, entries, bed, grid, density, pool, say):
     return time_step
 
 
-def write_qgis_files(run, spool, qgis_min, pool):
+def write_qgis_files(run, plan, spool, qgis_min, pool):
     """Write styles, stacks, mesh, outlines and the project of an ExportedRun."""
     from ..io.mesh import write_mesh
     from ..io.outlines import write_outlines
@@ -196,12 +196,25 @@ def write_qgis_files(run, spool, qgis_min, pool):
     from ..io.stack import write_stacks
     from ..io.styles import write_styles
 
-    outlines = pool.threads.submit(write_outlines, run, None, spool.particles())
+    release = _release(run, plan)
+    outlines = pool.threads.submit(write_outlines, run, release, spool.particles())
     write_stacks(run)
     write_styles(run)
     write_mesh(run, spool.velocity)
     outlines.result()
     write_project(run, qgis_min)
+
+
+def _release(run, plan):
+    """Outlines of the release: from the run's scene, else of the cells wet in a first frame at time 0."""
+    from ..io.outlines import mask_outline
+
+    release = release_outlines(plan.entries, plan.terrain)
+    if release is None and plan.steps[0] == 0 and run.times[0] == 0:
+        (depth,) = run.read(run.step_files[0], ("h",))
+        footprint = mask_outline(depth > 0, run.flow_grid.transform)
+        release = None if footprint is None else [footprint]
+    return release
 
 
 def tell(request, plan, tally, say):

@@ -1,13 +1,15 @@
 """What an export starts from: where it goes, the DTM, the density of the release. Every refusal before any work."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import GeoreferenceError, InputError, OutputError
+from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import name_of, same_place
 from ..io.atomic import refuse_existing
 from ..io.raster import open_raster, read_terrain
+from ..io.vector import read_release
 
 
 def output_folder(request, entries):
@@ -99,6 +101,33 @@ def release_density(request, entries, say):
     density = float(particles.mass.sum() / particles.volume.sum())
     say(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
     return density
+
+
+def release_file(entries):
+    """Path of the release that the run beside the frames was made from; None where no scene there names one."""
+    scene = entries[0].path.parent / "scene.toml"
+    try:
+        source = tomllib.loads(scene.read_text(encoding="utf-8"))["release"]["source"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return scene.parent / str(source)
+
+
+def release_name(entries):
+    """Name of the release: as the frames say, else that of its file, else that of the frames' folder."""
+    said, file = entries[0].header.header.get("release"), release_file(entries)
+    return str(said) if said else file.stem if file is not None else entries[0].path.resolve().parent.name
+
+
+def release_outlines(entries, terrain):
+    """Polygons of the run's release in the terrain's CRS; None where its file is not known or gone."""
+    file = release_file(entries)
+    if file is None or not file.exists():
+        return None
+    try:
+        return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
+    except MpmgisError:
+        return None
 
 
 def refuse_nowhere(entry, terrain):

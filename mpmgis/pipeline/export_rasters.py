@@ -16,7 +16,7 @@ from ..io.step_rasters import SparseBands, StepFiles, StepStacks, finished
 from ..products.frame_values import average_frame
 from ..products.maxima import MAXIMA_BANDS, Peak, RunningMaxima
 from ..products.table import PRODUCTS
-from .export_inputs import refuse_nowhere
+from .export_inputs import refuse_nowhere, release_name
 
 DEPOSIT_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")
@@ -25,6 +25,7 @@ TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
 ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
 ISEESNOW_PRODUCTS = ("h", "Ut", "t_vol", "p")
 PASCAL_PER_KILOPASCAL = 1000.0
+DIGEST_LENGTH = 10  # as many characters as the intercomparison's other codes give
 
 
 def average_entry(entry, averaging, traced):
@@ -218,13 +219,13 @@ def _write_terrain(plan, folder, cog):
 def _write_iseesnow(plan, rasters, maxima):
     """Peaks on the DTM's grid under the names of the model intercomparison; 0 where the flow never was."""
     grid, header = plan.averaging.second_grid, plan.entries[0].header
-    release = header.header.get("release") or plan.name
+    release, digest = release_name(plan.entries), header.digest[:DIGEST_LENGTH] or "unknown"
     rows, columns = grid.shape
     on_terrain = np.isfinite(plan.terrain_rows(grid, 0, rows))
     for kind in ISEESNOW:
         values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
         values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values
-        file = f"{release}_{header.digest or 'unknown'}_null_mpmgis_{kind}.asc"
+        file = f"{release}_{digest}_null_mpmgis_{kind}.asc"
         write_ascii_grid(rasters / file, grid, np.where(on_terrain, values, np.nan))
 
 
