@@ -1,0 +1,153 @@
+"""`mpmgis info`: one screen about any file of the chain."""
+
+import json
+import sys
+from pathlib import Path
+
+EXAMPLE = """
+mpmgis info dtm.tif release.shp
+mpmgis info results/
+mpmgis info --json seed.h5
+"""
+
+UNITS = {
+    "time": "s",
+    "first_time": "s",
+    "times": "s",
+    "mass": "kg",
+    "mass_at_start": "kg",
+    "volume": "m3",
+    "density": "kg m-3",
+    "elevation": "m",
+    "thickness": "m",
+    "end_time": "s",
+    "frame_interval": "s",
+    "max_speed": "m s-1",
+    "area": "m2",
+    "column_area": "m2",
+    "cell_size": "m",
+    "bbox": "m",
+    "wall_seconds": "s",
+}
+LABELS = {"n": "particles", "bbox": "W, S, E, N", "wall_seconds": "computing time", "crs": "CRS", "qgis": "QGIS"}
+WIDEST_VALUE = 110
+MOST_ITEMS = 12  # of a list or table, before the rest is only counted
+
+
+def add_arguments(parser):
+    """The files, and --json."""
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="any file or folder of the chain")
+    parser.add_argument("--json", action="store_true", help="one JSON object a file, one a line, in SI units")
+
+
+def run(arguments):
+    """Describe each file; a file that cannot be read costs one line and exit code 2, the others are described."""
+    from ..errors import MpmgisError, one_line
+    from ..io.inspect import inspect
+
+    code, gap = 0, []
+    for path in arguments.files:
+        try:
+            facts = inspect(path)
+        except MpmgisError as error:
+            print(f"mpmgis info: {one_line(error)}", file=sys.stderr)
+            code = error.exit_code
+            continue
+        if arguments.json:
+            print(json.dumps(facts, ensure_ascii=False, allow_nan=False))
+        else:
+            print(*gap, *screen(facts), sep="\n")
+            gap = [""]
+    return code
+
+
+def screen(facts):
+    """Lines of text for the facts about one file, keys and values in two columns."""
+    facts = dict(facts)
+    size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
+    rows = list(_rows(facts.items()))
+    title = f"{facts['file']}: {facts['kind']}{size}"
+    width = max((len(label) for label, _ in rows), default=0)
+    return [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
+
+
+def _rows(items, depth=0):
+    """(label, value) of each fact; tables and lists of tables become rows of their own, indented.
+
+    Names of facts are put in words; names inside a table are a file's own (bands, keys, columns) and stay as they are.
+    """
+    for key, value in items:
+        if key in ("file", "kind") and not depth:
+            continue
+        label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
+        if key == "files" and isinstance(value, dict):
+            yield label, ", ".join(f"{name} ({'there' if there else 'missing'})" for name, there in value.items())
+        elif isinstance(value, dict):
+            yield from _table(label, value, depth)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            yield from _tables(label, value, depth)
+        else:
+            yield label, _with_unit(key, value)
+
+
+def _table(label, table, depth):
+    """A short table on one line, a longer one as rows."""
+    nested = any(isinstance(value, (dict, list)) for value in table.values())
+    if not nested and len(table) <= 4:
+        yield label, _short(_on_one_line(table)) or "none"
+        return
+    yield label, ""
+    shown = list(table.items())[: 2 * MOST_ITEMS]
+    yield from _rows(shown, depth + 1)
+    if len(table) > len(shown):
+        yield "  " * (depth + 1) + "...", f"and {len(table) - len(shown)} more (--json tells all)"
+
+
+def _tables(label, tables, depth):
+    """A list of tables: each a line, or rows where it holds lists of its own."""
+    for table in tables[:MOST_ITEMS]:
+        if any(isinstance(value, list) for value in table.values()):
+            yield label, str(table.get("name", ""))
+            yield from _rows([item for item in table.items() if item[0] != "name"], depth + 1)
+        else:
+            yield label, _short(_on_one_line(table))
+        label = ""
+    if len(tables) > MOST_ITEMS:
+        yield "", f"... and {len(tables) - MOST_ITEMS} more (--json tells all)"
+
+
+def _on_one_line(table):
+    words = (v if k == "name" else f"{k} {_value(v)}" for k, v in table.items() if v not in (None, "", []))
+    return ", ".join(words)
+
+
+def _with_unit(key, value):
+    numbers = value if isinstance(value, list) and value else [value]
+    is_number = all(isinstance(number, (int, float)) for number in numbers)
+    return f"{_value(value)} {UNITS[key]}" if is_number and key in UNITS else _value(value)
+
+
+def _value(value):
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ") if abs(value) >= 10_000 else str(value)
+    if isinstance(value, float):
+        return f"{value:.1f}" if 1e4 <= abs(value) < 1e8 else f"{value:.5g}"
+    if isinstance(value, list):
+        more = f", ... ({len(value)} in all)" if len(value) > MOST_ITEMS else ""
+        return _short(", ".join(_value(entry) for entry in value[:MOST_ITEMS]) + more)
+    return _short(str(value))
+
+
+def _short(text):
+    return text if len(text) <= WIDEST_VALUE else text[: WIDEST_VALUE - 3] + "..."
+
+
+def _bytes(count):
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if count < 1000 or unit == "GB":
+            return f"{count:.3g} {unit}" if unit != "bytes" else f"{count} {unit}"
+        count /= 1000

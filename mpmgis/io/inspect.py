@@ -1,0 +1,199 @@
+"""What any file of the chain is and holds, as plain facts: `mpmgis info` prints them, `--json` passes them on.
+
+Facts are a dictionary of numbers, strings, lists and dictionaries, SI throughout; `kind` says which of the functions
+here made them. A file is known by what is in it; its suffix only decides whom to ask first.
+"""
+
+import json
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import netCDF4
+
+from ..errors import FormatError, MpmgisError, one_line
+from ..scene import read_scene
+from .inspect_maps import raster_facts, vector_facts
+from .inspect_particles import frame_facts, particle_table_facts
+from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
+
+
+def inspect(path):
+    """Facts about the file or folder at `path`.
+
+    Returns
+    -------
+    dict
+        Has at least `file` and `kind`. Any particle file has `reader`, `time` [s], `n`, `mass` [kg],
+        `bbox` (west, south, east, north) [m] and `crs`.
+
+    Raises
+    ------
+    FormatError
+        Missing, empty, damaged, or nothing of this chain.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return {"file": str(path), **_folder_facts(path)}
+    if not path.exists():
+        raise FormatError(f"{path}: no such file or folder")
+    if path.stat().st_size == 0:
+        raise FormatError(f"{path} is empty (0 bytes)")
+    known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
+    return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
+
+
+def _folder_facts(path):
+    """A folder of frames, or one that `export-raster` wrote."""
+    frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
+    if frames:
+        return _results_facts(path, frames)
+    projects = sorted([*path.glob("*.qgz"), *path.glob("*.qgs")])
+    rasters = sorted((path / "rasters").glob("*.tif")) + sorted((path / "rasters").glob("*.vrt"))
+    if projects or rasters:
+        return _export_facts(path, projects, rasters)
+    raise FormatError(f"{path} holds neither frames (*.h5) nor an export (rasters/, *.qgz); name a file in it")
+
+
+def _results_facts(path, frames):
+    first, last = frame_facts(frames[0]), frame_facts(frames[-1])
+    facts = {
+        "kind": "results",
+        "frames": len(frames),
+        "first_time": first["time"],
+        **{name: last[name] for name in ("time", "dimension", "solver", "n", "mass", "volume", "max_speed", "crs")},
+        "bbox": last["bbox"],
+        "mass_at_start": first["mass"],
+        "reader": last["reader"],
+        "files": {name: (path / name).exists() for name in (SCENE_FILE, RECORD_FILE, last["dem"] or "terrain.tif")},
+    }
+    if (path / RECORD_FILE).exists():
+        record = _read_json(path / RECORD_FILE)
+        facts |= {name: record[name] for name in ("state", "reason", "steps", "wall_seconds") if name in record}
+    return facts
+
+
+def _export_facts(path, projects, rasters):
+    name = projects[0].stem if projects else rasters[0].stem.rsplit("_", 1)[0]
+    steps = [raster for raster in rasters if raster.stem.rsplit("_", 1)[-1].isdigit()]
+    facts = {"kind": "export", "name": name, "project": projects[0].name if projects else None, "steps": len(steps)}
+    summaries = {"maxima": f"{name}_max.tif", "deposit": f"{name}_deposit.tif"}
+    for what, file in summaries.items():
+        if path / "rasters" / file in rasters:
+            about = raster_facts(path / "rasters" / file)
+            facts |= {key: about[key] for key in ("cells", "cell_size", "bbox", "crs", "tags") if key not in facts}
+            facts[what] = {band["name"]: [band["min"], band["max"]] for band in about["bands"]}
+    if steps:
+        times = [raster_facts(step, values=False)["tags"].get("time") for step in (steps[0], steps[-1])]
+        facts["times"] = [None if time is None else float(time) for time in times]
+        facts["step_bands"] = [band["name"] for band in raster_facts(steps[0], values=False)["bands"]]
+    facts["others"] = sorted(file.name for file in path.iterdir() if file.is_file() and file.name[0] != ".")
+    return facts
+
+
+def _read_json(path):
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is no valid JSON ({one_line(error)[:80]})") from error
+
+
+def _json_facts(path):
+    """`run.json`, particles, or GeoJSON."""
+    content = _read_json(path)
+    if isinstance(content, dict) and content.get("format") == "mpmgis-run":
+        version = content.get("format_version")
+        if not isinstance(version, int) or version > 1:
+            raise FormatError(f"{path}: format version {version!r}, this mpmgis reads up to 1; update mpmgis")
+        return {"kind": "run record", **{name: value for name, value in content.items() if name != "scene"}}
+    if isinstance(content, dict) and content.get("type") in ("FeatureCollection", "Feature"):
+        return _map_facts(path)
+    return particle_table_facts(path)
+
+
+def _toml_facts(path):
+    """A scene, with whether the files that it names are there."""
+    scene = read_scene(path)
+    named = [scene.terrain.dem, scene.release.source, scene.release.particles, scene.release.surface]
+    if isinstance(scene.release.thickness, str) and scene.path(scene.release.thickness).suffix:
+        named.append(scene.release.thickness)
+    there = {name: scene.path(name).exists() for name in named if name}
+    return {"kind": "scene", **scene.as_tables(), "files": there}
+
+
+def _project_facts(path):
+    """A QGIS project: its layers and its place."""
+    try:
+        if path.suffix.lower() == ".qgz":
+            with zipfile.ZipFile(path) as archive:
+                inner = next((name for name in archive.namelist() if name.endswith(".qgs")), None)
+                if inner is None:
+                    raise FormatError(f"{path} holds no .qgs, it is no QGIS project")
+                root = ElementTree.fromstring(archive.read(inner))
+        else:
+            root = ElementTree.parse(path).getroot()
+    except (zipfile.BadZipFile, ElementTree.ParseError, EOFError, NotImplementedError) as error:
+        raise FormatError(f"{path} is no readable QGIS project ({one_line(error)[:80]})") from error
+    if root.tag != "qgis":
+        raise FormatError(f"{path} is no QGIS project: its root is <{root.tag}>, wanted <qgis>")
+    layers = [
+        {"name": layer.findtext("layername", ""), "type": layer.get("type", ""), "source": layer.findtext("datasource")}
+        for layer in root.iter("maplayer")
+    ]
+    return {
+        "kind": "QGIS project",
+        "qgis": root.get("version", ""),
+        "crs": root.findtext("projectCrs/spatialrefsys/authid") or None,
+        "layers": layers,
+    }
+
+
+def _mesh_facts(path):
+    """A NetCDF file: its dimensions, variables and, for a mesh, its times."""
+    try:
+        with netCDF4.Dataset(path) as data:
+            time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated, beside the clock of QGIS
+            times = [float(time[0]), float(time[-1])] if time is not None and time.size else []
+            return {
+                "kind": "mesh",
+                "conventions": str(getattr(data, "Conventions", "")),
+                "dimensions": {name: len(size) for name, size in data.dimensions.items()},
+                "times": times,
+                "variables": {name: str(getattr(values, "units", "")) for name, values in data.variables.items()},
+            }
+    except (OSError, RuntimeError) as error:
+        raise FormatError(f"{path} is no readable NetCDF file ({one_line(error)[:80]})") from error
+
+
+def _map_facts(path):
+    """A vector file or a raster; where neither opens, the error says so."""
+    try:
+        return vector_facts(path)
+    except FormatError as no_vector:
+        try:
+            return raster_facts(path)
+        except MpmgisError:
+            raise FormatError(
+                f"{path} is no file of this chain: neither particles nor a scene nor a map that GDAL reads"
+            ) from no_vector
+
+
+def _raster_first(path):
+    try:
+        return raster_facts(path)
+    except FormatError:
+        return vector_facts(path)
+
+
+_BY_SUFFIX = {
+    ".h5": frame_facts,
+    ".hdf5": frame_facts,
+    ".csv": particle_table_facts,
+    ".vtp": particle_table_facts,
+    ".json": _json_facts,
+    ".toml": _toml_facts,
+    ".qgz": _project_facts,
+    ".qgs": _project_facts,
+    ".nc": _mesh_facts,
+    **dict.fromkeys((".tif", ".tiff", ".asc", ".vrt", ".img"), raster_facts),
+}

@@ -1,0 +1,150 @@
+"""Facts about rasters and vector files: place, size, contents, and whether they serve as terrain or release."""
+
+import warnings
+
+import geopandas
+import numpy as np
+import pyogrio
+import pyproj
+from affine import Affine
+
+from ..errors import FormatError, MpmgisError, one_line
+from ..geo.georeference import name_of
+from ..geo.grid import Grid
+from .inspect_particles import is_particle_layer, particle_table_facts
+from .raster import open_raster, read_terrain
+from .vector import USUAL_COLUMNS
+
+LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger ones are described without being read as a DTM
+TAG_NAMESPACE = "mpmgis"
+
+
+def raster_facts(path, values=True):
+    """Facts about a raster; without `values` its cells are not read.
+
+    Raises
+    ------
+    FormatError
+    """
+    with open_raster(path) as source:
+        grid = Grid(None, source.transform, source.shape)
+        tags = source.tags(ns=TAG_NAMESPACE)
+        placed = source.transform != Affine.identity()
+        facts = {
+            "kind": "raster",
+            "driver": source.driver,
+            "cells": list(source.shape),
+            "cell_size": [float(np.hypot(*grid.matrix[:, k])) for k in (0, 1)] if placed else None,
+            "orientation": _orientation(source.transform) if placed else None,
+            "bbox": list(grid.bounds) if placed else None,
+            "crs": _crs_name(source.crs.to_wkt() if source.crs else None),
+            "bands": [_band_facts(path, source, band, values) for band in source.indexes],
+            "tags": tags,
+        }
+    if values and len(facts["bands"]) == 1 and not tags and np.prod(facts["cells"]) <= LARGEST_TRIED_TERRAIN:
+        facts["as_terrain"] = _as_terrain(path)
+    return facts
+
+
+def _orientation(transform):
+    if transform.b or transform.d:
+        return "rotated"
+    return "north-up" if transform.e < 0 < transform.a else "south-up" if transform.a > 0 else "mirrored"
+
+
+def _crs_name(wkt):
+    """Short name of a CRS, None where there is none or PROJ cannot read it."""
+    if not wkt:
+        return None
+    try:
+        return name_of(pyproj.CRS.from_user_input(wkt))
+    except pyproj.exceptions.CRSError:
+        return None
+
+
+def _band_facts(path, source, band, values):
+    """Name, unit, range and share of valid cells of one band, read block by block."""
+    description = source.descriptions[band - 1] or f"band {band}"
+    name, _, unit = description.partition(" [")
+    facts = {
+        "name": name,
+        "unit": source.units[band - 1] or unit.rstrip("]"),
+        "type": source.dtypes[band - 1],
+        "nodata": source.nodatavals[band - 1],
+    }
+    if not values:
+        return facts
+    low, high, valid = np.inf, -np.inf, 0
+    try:
+        for _, window in source.block_windows(band):
+            block = source.read(band, window=window, masked=True).compressed()
+            block = block[np.isfinite(block)]
+            if block.size:
+                low, high, valid = min(low, block.min()), max(high, block.max()), valid + block.size
+    except Exception as error:  # rasterio, GDAL and NumPy each have their own kinds for a damaged block
+        raise FormatError(f"{path} is damaged: band {band} cannot be read ({one_line(error)[:100]})") from error
+    return facts | {
+        "min": float(low) if valid else None,
+        "max": float(high) if valid else None,
+        "valid_share": valid / (source.width * source.height),
+    }
+
+
+def _as_terrain(path):
+    """'usable', or why not and what to do, in the words of the commands that would refuse it."""
+    try:
+        read_terrain(path)
+    except MpmgisError as error:
+        return one_line(error).removeprefix(f"{path} ").removeprefix(f"{path}: ")
+    return "usable"
+
+
+def vector_facts(path):
+    """Facts about a vector file, or about particles where that is what its points are.
+
+    Raises
+    ------
+    FormatError
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            layers = list(_layers(path))
+        except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
+            reason = one_line(error).replace(str(path), path.name).split(";")[0][:120]
+            raise FormatError(f"{path} is no vector file that GDAL reads ({reason})") from error
+    if len(layers) == 1 and is_particle_layer(layers[0][1]):
+        return particle_table_facts(path)
+    return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
+
+
+def _layers(path):
+    """(name, table) of each layer of a vector file."""
+    if path.suffix.lower() in (".parquet", ".geoparquet"):
+        yield path.stem, geopandas.read_parquet(path)
+        return
+    for name, _ in pyogrio.list_layers(path):
+        yield name, pyogrio.read_dataframe(path, layer=name)
+
+
+def _layer_facts(name, frame):
+    """Geometry, columns, place and, for polygons, area and thickness of one layer."""
+    facts = {"name": name, "features": len(frame), "columns": [str(c) for c in frame.columns]}
+    if not isinstance(frame, geopandas.GeoDataFrame):
+        return facts | {"geometry": None}
+    shapes = frame.geometry
+    present = shapes[~(shapes.isna() | shapes.is_empty)]
+    facts["columns"].remove(shapes.name)
+    facts |= {
+        "geometry": ", ".join(sorted(set(present.geom_type))),
+        "crs": name_of(frame.crs) if frame.crs is not None else None,
+        "bbox": present.total_bounds.tolist() if len(present) else None,
+    }
+    planar = frame.crs is None or frame.crs.is_projected
+    if planar and len(present) and set(present.geom_type) <= {"Polygon", "MultiPolygon"}:
+        usual = {str(c).lower(): c for c in frame.columns}
+        column = next((usual[word] for word in USUAL_COLUMNS if word in usual), None)
+        facts |= {"area": float(present.area.sum()), "thickness_column": column}
+        if column is not None:
+            facts["thickness"] = frame[column].tolist()
+    return facts
