@@ -24,33 +24,57 @@ def write_frame(path, frame):
 
     3D frames store position, velocity, mass and volume in float32 (relative to the origin), columns in float64.
     """
+    write_frame_slabs(path, frame, len(frame.particles), [frame.particles])
+
+
+def write_frame_slabs(path, frame, count, slabs):
+    """As `write_frame` for particles that come in slabs: `count` of them in all, in memory only one slab at a time.
+
+    `frame` gives everything but its particles; `slabs` is an iterable of Particles with the same arrays each.
+    """
     with whole_file(path) as part, h5py.File(part, "w") as file:
-        file.attrs.update(
-            format=FORMAT,
-            format_version=FORMAT_VERSION,
-            time=float(frame.time),
-            step=int(frame.step),
-            dimension=int(frame.dimension),
-            solver=frame.solver,
-            crs=frame.crs.to_wkt() if frame.crs is not None else "",
-            origin=np.asarray(frame.origin, dtype="f8"),
-            dem=frame.dem,
-            dem_sha256=frame.dem_sha256,
-            digest=frame.digest,
-            version=__version__,
-        )
+        _write_root(file, frame)
         group = file.create_group("particles")
-        for name, values in frame.particles.arrays().items():
-            quantity = PARTICLE[name]
-            dtype = quantity.dtype
-            if frame.dimension == 3 and dtype == "float64":
-                dtype = "float32"
-            dataset = group.create_dataset(name, data=np.ascontiguousarray(values, dtype=dtype))
-            dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
+        start = 0
+        for particles in slabs:
+            for name, values in particles.arrays().items():
+                if name not in group:
+                    _create_dataset(group, name, count, frame.dimension)
+                if len(values):
+                    group[name][start : start + len(values)] = values
+            start += len(particles)
+        if start != count:
+            raise ValueError(f"{count} particles promised, {start} came")
         for name, value in frame.header.items():
             group.attrs[name] = value
         _write_group(file, "state", frame.state)
         _write_group(file, "maxima", frame.maxima)
+
+
+def _write_root(file, frame):
+    file.attrs.update(
+        format=FORMAT,
+        format_version=FORMAT_VERSION,
+        time=float(frame.time),
+        step=int(frame.step),
+        dimension=int(frame.dimension),
+        solver=frame.solver,
+        crs=frame.crs.to_wkt() if frame.crs is not None else "",
+        origin=np.asarray(frame.origin, dtype="f8"),
+        dem=frame.dem,
+        dem_sha256=frame.dem_sha256,
+        digest=frame.digest,
+        version=__version__,
+    )
+
+
+def _create_dataset(group, name, count, dimension):
+    """An empty dataset of the quantity `name`; 3D frames store real numbers in float32."""
+    quantity = PARTICLE[name]
+    dtype = "float32" if dimension == 3 and quantity.dtype == "float64" else quantity.dtype
+    shape = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    dataset = group.create_dataset(name, shape, dtype)
+    dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
 
 
 def _write_group(file, name, values):

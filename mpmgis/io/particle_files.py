@@ -1,0 +1,200 @@
+"""Columns of a seed on disk: the suffix picks the format; every file appears whole or not at all.
+
+.h5 (a frame, contract.md section 2), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
+.json and .vtp hold the whole table in memory once. Tables have a row per column and these fields: id, x, y [m, in the
+CRS], z_bed, z_surface [m], thickness [m, vertical], area [m2, plan], mass [kg], volume [m3], u, v, w [m s-1].
+"""
+
+import json
+import shutil
+import warnings
+from pathlib import Path
+
+import geopandas
+import numpy as np
+import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
+import pyproj
+import shapely
+
+from ..errors import OutputError
+from .atomic import whole_file
+from .frames import write_frame_slabs
+
+UNITS = {
+    "id": "1", "x": "m", "y": "m", "z_bed": "m", "z_surface": "m", "thickness": "m", "area": "m2", "mass": "kg",
+    "volume": "m3", "u": "m s-1", "v": "m s-1", "w": "m s-1",
+}  # fmt: skip
+_BYTES_PER_COLUMN = {".h5": 88, ".csv": 200, ".json": 220, ".gpkg": 160, ".parquet": 120, ".vtp": 104}
+_WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
+
+
+def require_format(path):
+    """Refuse a file name whose suffix is none of the formats'."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in _WRITERS:
+        raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, wanted {', '.join(_WRITERS)}")
+
+
+def write_columns(path, frame, count, slabs):
+    """Write `count` columns to `path` in the format of its suffix.
+
+    Parameters
+    ----------
+    path : Path
+    frame : Frame
+        Everything but the particles: CRS, origin, header.
+    count : int
+    slabs : iterable of Particles
+    """
+    require_format(path)
+    _require_space(path, count)
+    _WRITERS[Path(path).suffix.lower()](Path(path), frame, count, slabs)
+
+
+def _require_space(path, count):
+    """Refuse before the work what the disk cannot hold."""
+    folder = Path(path).resolve().parent
+    while not folder.exists():
+        folder = folder.parent
+    needed = count * _BYTES_PER_COLUMN[Path(path).suffix.lower()]
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise OutputError(
+            f"{path}: {count} columns need about {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are free there; ask for "
+            "fewer, "
+            f"or give another -o"
+        )
+
+
+def table(particles, origin):
+    """Name -> array of the fields that all tables have, in the map's coordinates."""
+    x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
+    values = (
+        particles.id, x, y, z, z + particles.thickness, particles.thickness, particles.area, particles.mass,
+        particles.volume, *particles.velocity.T,
+    )  # fmt: skip
+    return dict(zip(UNITS, values, strict=True))
+
+
+def _whole_table(frame, slabs):
+    parts = [table(particles, frame.origin) for particles in slabs]
+    return {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
+
+
+def _record(frame):
+    """What a table's reader should know besides the rows: plain numbers, strings and lists."""
+    crs = frame.crs.to_wkt() if frame.crs is not None else ""
+    return {"format": "mpmgis-columns", "time": frame.time, "dem": frame.dem, "dem_sha256": frame.dem_sha256, "crs": crs} | {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in frame.header.items()
+    }
+
+
+def _write_csv(path, frame, count, slabs):
+    with whole_file(path) as part, open(part, "wb") as sink:
+        sink.write((",".join(UNITS) + "\n").encode())
+        options = pyarrow.csv.WriteOptions(include_header=False)
+        for particles in slabs:
+            pyarrow.csv.write_csv(pyarrow.table(table(particles, frame.origin)), sink, options)
+
+
+def _write_json(path, frame, count, slabs):
+    columns = _whole_table(frame, slabs)
+    with whole_file(path) as part, open(part, "w", encoding="utf-8") as sink:
+        sink.write('{"header": ' + json.dumps(_record(frame)) + ',\n"units": ' + json.dumps(UNITS))
+        sink.write(f',\n"count": {count},\n"particles": {{')
+        for number, (name, values) in enumerate(columns.items()):
+            sink.write((",\n" if number else "\n") + json.dumps(name) + ": ")
+            sink.write(json.dumps(values.tolist()))
+        sink.write("}}\n")
+
+
+def _write_gpkg(path, frame, count, slabs):
+    columns = _whole_table(frame, slabs)
+    columns["id"] = columns["id"].astype(np.int64)  # GeoPackage knows no unsigned numbers
+    points = shapely.points(columns["x"], columns["y"])
+    rows = geopandas.GeoDataFrame(columns, geometry=points, crs=frame.crs)
+    record = {name: json.dumps(value) for name, value in _record(frame).items()}
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
+        rows.to_file(part, layer="particles", driver="GPKG", engine="pyogrio", dataset_metadata=record)
+
+
+def _write_parquet(path, frame, count, slabs):
+    """GeoParquet 1.0 with WKB points, so that QGIS and geopandas open it as a layer."""
+    crs = pyproj.CRS(frame.crs).to_json_dict() if frame.crs is not None else None
+    geometry = {"encoding": "WKB", "geometry_types": ["Point"], "crs": crs}
+    geo = {"version": "1.0.0", "primary_column": "geometry", "columns": {"geometry": geometry}}
+    notes = {"geo": json.dumps(geo), "mpmgis": json.dumps(_record(frame))}
+    with whole_file(path) as part:
+        writer = None
+        for particles in slabs:
+            columns = table(particles, frame.origin)
+            rows = pyarrow.table({**columns, "geometry": _wkb_points(columns["x"], columns["y"])})
+            rows = rows.replace_schema_metadata(notes)
+            writer = writer or pyarrow.parquet.ParquetWriter(part, rows.schema)
+            writer.write_table(rows)
+        writer.close()
+
+
+def _wkb_points(x, y):
+    """Arrow binary array of little-endian WKB points."""
+    points = np.empty(len(x), _WKB_POINT)
+    points["order"], points["kind"], points["x"], points["y"] = 1, 1, x, y
+    offsets = np.arange(len(x) + 1, dtype=np.int32) * _WKB_POINT.itemsize
+    buffers = [None, pyarrow.py_buffer(offsets), pyarrow.py_buffer(points)]
+    return pyarrow.Array.from_buffers(pyarrow.binary(), len(x), buffers)
+
+
+def _write_vtp(path, frame, count, slabs):
+    """VTK PolyData with a vertex per column; positions relative to the field `origin`, as float32 viewers need it."""
+    columns = _whole_table(frame, slabs)
+    origin = np.array(frame.origin)
+    points = np.column_stack([columns.pop("x"), columns.pop("y"), columns["z_bed"]]) - origin
+    velocity = np.column_stack([columns.pop(name) for name in ("u", "v", "w")])
+    blocks = []
+    data = "".join(_vtp_array(name, values, blocks) for name, values in (*columns.items(), ("velocity", velocity)))
+    place = _vtp_array("points", points, blocks)
+    verts = _vtp_array("connectivity", np.arange(count), blocks) + _vtp_array("offsets", np.arange(1, count + 1), blocks)
+    fields = _vtp_field("TimeValue", [frame.time]) + _vtp_field("origin", origin.tolist())
+    record = json.dumps(_record(frame)).replace("--", "- -")
+    head = (
+        '<?xml version="1.0"?>\n<!-- ' + record + " -->\n"
+        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f"<PolyData><FieldData>{fields}</FieldData>\n"
+        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="0">\n'
+        f"<PointData>{data}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
+        '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
+    )
+    with whole_file(path) as part, open(part, "wb") as sink:
+        sink.write(head.encode())
+        for block in blocks:
+            sink.write(np.uint64(block.nbytes).tobytes())
+            sink.write(block.data)
+        sink.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _vtp_array(name, values, blocks):
+    """The XML of an array whose bytes are appended to `blocks`."""
+    kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
+    offset = sum(block.nbytes + 8 for block in blocks)
+    blocks.append(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False))
+    parts = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    return f'\n<DataArray type="{kind}" Name="{name}"{parts} format="appended" offset="{offset}"/>'
+
+
+def _vtp_field(name, values):
+    text = " ".join(repr(float(value)) for value in values)
+    size = f'NumberOfTuples="{len(values)}"'
+    return f'<DataArray type="Float64" Name="{name}" {size} format="ascii">{text}</DataArray>'
+
+
+_WRITERS = {
+    ".h5": write_frame_slabs,
+    ".csv": _write_csv,
+    ".json": _write_json,
+    ".gpkg": _write_gpkg,
+    ".parquet": _write_parquet,
+    ".vtp": _write_vtp,
+}

@@ -1,0 +1,74 @@
+"""`mpmgis seed`: a DTM and release areas in, a file of columns out."""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..geo.release import NORMAL
+from ..io.atomic import refuse_existing
+from ..io.particle_files import require_format, write_columns
+from ..io.raster import read_terrain
+from ..io.vector import read_release
+from ..seeding.columns import plan_seed
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """What came of it: the file, the number of columns, and the record of physics.md 1.5."""
+
+    path: Path
+    count: int
+    record: dict
+
+
+def seed_file(
+    dem,
+    release,
+    output=None,
+    *,
+    crs=None,
+    dem_band=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    overwrite=False,
+    say=lambda text: None,
+    **options,
+):
+    """Seed `release` on `dem` and write the columns to `output`.
+
+    Parameters
+    ----------
+    dem, release : str or Path
+    output : str or Path, optional
+        Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
+    crs, dem_band : as for `read_terrain`
+    thickness, thickness_mode, surface : as for `read_release`
+    overwrite : bool
+    say : callable
+    **options
+        As in `SeedOptions`.
+
+    Returns
+    -------
+    Seeded
+    """
+    if output is not None:
+        require_format(output)
+        refuse_existing(output, overwrite)
+    terrain = read_terrain(dem, crs=crs, band=dem_band, say=say)
+    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
+    path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
+    refuse_existing(path, overwrite)
+    seed = plan_seed(terrain, area, say=say, **options)
+    frame = replace(seed.empty_frame(), dem=_relative(terrain.path, path.parent))
+    write_columns(path, frame, seed.count, seed.slabs())
+    return Seeded(path, seed.count, seed.record)
+
+
+def _relative(path, folder):
+    """`path` as seen from `folder`; absolute where they share no root (another drive)."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(path).resolve().as_posix()
