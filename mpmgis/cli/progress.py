@@ -52,3 +52,9 @@ def _lines():
             talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
     return watch
+
+
+def frame_progress(done, total):
+    """Told by exports how many frames are done; writes over its own line on a terminal, quiet elsewhere."""
+    if talk.volume >= 0 and sys.stderr.isatty():
+        print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)

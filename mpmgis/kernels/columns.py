@@ -35,6 +35,7 @@ INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, whi
     SPEED_MAX,  # max of |u| [m s-1]
     KINETIC,  # sum of m |U|^2 / 2 [J]
     MOVING,  # mass with |U| above MOVING_SPEED [kg]
+    FLOWING,  # mass with |U| above FLOWING_SPEED [kg]
     BOUND_RATIO,  # max of |U|^2 over its physical bound
     BOUND_X,  # where that is
     BOUND_Y,
@@ -46,7 +47,7 @@ INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, whi
     BLOCK_EAST,
     BLOCK_NORTH,
     OUT,  # then the outflow ledger: per edge mass, momentum east, momentum north, kinetic energy, number
-) = range(15)
+) = range(16)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 5
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -54,6 +55,7 @@ REPORT = OUT + EDGES * OUT_ENTRIES
 WET_NEW, AIRBORNE_MASS, NODE_REPORT = range(3)
 
 MOVING_SPEED = 0.05  # [m s-1] (physics.md 3.9)
+FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
 AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (physics.md 3.3)
 
 _slowed_speed = jit_inline(slowed_speed)
@@ -451,7 +453,7 @@ def grid_to_particles(
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
-        signal_max, speed2_max, depth_max, kinetic, moving, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        signal_max, speed2_max, depth_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bound_ratio, bound_x, bound_y = 0.0, 0.0, 0.0
         block_west, block_south, block_east, block_north = 1 << 16, 1 << 16, -1, -1
         for a in range(bounds[c], bounds[c + 1]):
@@ -555,6 +557,8 @@ def grid_to_particles(
                 kinetic += mass * speed2
                 if speed2 > MOVING_SPEED * MOVING_SPEED:
                     moving += mass
+                    if speed2 > FLOWING_SPEED * FLOWING_SPEED:
+                        flowing += mass
                 bound = 1.05 * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy)
                 if speed2 > bound_ratio * bound:
                     bound_ratio, bound_x, bound_y = speed2 / bound, x, y
@@ -563,7 +567,7 @@ def grid_to_particles(
                 block_west, block_east = min(block_west, column), max(block_east, column)
                 block_south, block_north = min(block_south, line), max(block_north, line)
         mine[SIGNAL_MAX], mine[SPEED_MAX], mine[DEPTH_MAX] = signal_max, np.sqrt(speed2_max), depth_max
-        mine[KINETIC], mine[MOVING], mine[CLAMPED] = 0.5 * kinetic, moving, clamped
+        mine[KINETIC], mine[MOVING], mine[FLOWING], mine[CLAMPED] = 0.5 * kinetic, moving, flowing, clamped
         if mine[NOT_FINITE] == 0.0:
             mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y] = bound_ratio, bound_x, bound_y
         mine[BLOCK_WEST], mine[BLOCK_SOUTH] = block_west, block_south
@@ -592,6 +596,7 @@ def grid_to_particles(
     KINETIC_LOW_SINCE,  # [s], -1 while the energy is not low
     MOVING_SHARE,
     MOVING_PEAK,
+    FLOWING_SHARE,
     FOOTPRINT_MARK_TIME,
     FOOTPRINT_MARK,
     BOUND_WORST,  # over the run
@@ -604,7 +609,7 @@ def grid_to_particles(
     AIRBORNE_WORST,
     CLAMPED_TOTAL,
     CLOCK,
-) = range(21)
+) = range(22)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
 
@@ -621,7 +626,7 @@ def next_time_step(clock, step, dx, cfl, first_limit):
 def collect(report, node_report, ledger, clock, counts, total_mass):
     """Reduce the chunks' reports in their order into clock, counts and ledger."""
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
-    moving, airborne, alive_before = 0.0, 0.0, counts[ALIVE]
+    moving, flowing, airborne, alive_before = 0.0, 0.0, 0.0, counts[ALIVE]
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for c in range(CHUNKS):
         mine = report[c]
@@ -631,6 +636,7 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
         clock[KINETIC_NOW] += mine[KINETIC]
         clock[CLAMPED_TOTAL] += mine[CLAMPED]
         moving += mine[MOVING]
+        flowing += mine[FLOWING]
         if mine[BOUND_RATIO] > clock[BOUND_NOW]:
             clock[BOUND_NOW], clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y]
         if mine[NOT_FINITE] > 0.0:
@@ -651,6 +657,7 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
     clock[DEPTH_WORST] = max(clock[DEPTH_WORST], clock[DEPTH_NOW])
     clock[KINETIC_PEAK] = max(clock[KINETIC_PEAK], clock[KINETIC_NOW])
     clock[MOVING_SHARE] = moving / total_mass
+    clock[FLOWING_SHARE] = flowing / total_mass
     clock[MOVING_PEAK] = max(clock[MOVING_PEAK], clock[MOVING_SHARE])
     return alive_before - counts[ALIVE]
 
@@ -671,7 +678,7 @@ def stop_rule(clock, counts):
     if time - clock[FOOTPRINT_MARK_TIME] >= 10.0:
         grown = counts[WET] - clock[FOOTPRINT_MARK]
         clock[FOOTPRINT_MARK_TIME], clock[FOOTPRINT_MARK] = time, float(counts[WET])
-        if grown < 0.001 * counts[WET]:
+        if grown < 0.001 * counts[WET] and clock[FLOWING_SHARE] < 0.05:
             return STOPPED_FOOTPRINT
     return RUNNING
 

@@ -69,8 +69,8 @@ def jit_parallel(function):
 
 def set_threads(count):
     """Use `count` threads (None: all that there are); answers the number in use."""
-    if count is not None:
-        numba.set_num_threads(max(1, min(int(count), numba.config.NUMBA_NUM_THREADS)))
+    available = numba.config.NUMBA_NUM_THREADS
+    numba.set_num_threads(available if count is None else max(1, min(int(count), available)))
     return numba.get_num_threads()
 
 

@@ -22,6 +22,7 @@ from ..solvers.march import March
 BYTES_PER_COLUMN = 2 * 13 * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows and keys twice, order; frames while they are written
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread, nominal: enough to ask before an hour, no promise
+COLUMNS_PER_THREAD = 10_000
 ASK_SECONDS, ASK_MEMORY_SHARE = 3600.0, 0.8
 
 
@@ -170,8 +171,9 @@ def run(scene_path, output=None, *, overwrite=False, threads=None, confirm=lambd
         The run stopped itself; the frames before are whole.
     """
     folder = RunFolder(output or Path(scene_path).parent / "results", overwrite)
-    used = set_threads(threads)
     prepared = prepare(scene_path, say)
+    # a thread for few columns costs more than it brings, above all on a busy machine; the result is the same
+    used = set_threads(threads or max(1, min(set_threads(None), len(prepared.frame.particles) // COLUMNS_PER_THREAD)))
     require_affordable(prepared, used, confirm)
     solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics)
     for decision in prepared.decisions:

@@ -1,6 +1,6 @@
 """What is asked: the scene, its checks, its text, and the effects that it calls for."""
 
-from .resolve import Decision, TerrainFacts, mu_least, resolve
+from .resolve import Decision, TerrainFacts, catalogue, mu_least, resolve
 from .tables import Scene, read_scene, scene_from_tables
 from .text import scene_text, template
 
@@ -8,6 +8,7 @@ __all__ = [
     "Decision",
     "Scene",
     "TerrainFacts",
+    "catalogue",
     "mu_least",
     "read_scene",
     "resolve",

@@ -89,3 +89,27 @@ def _still_water(scene, slots):
         return Decision("still_water", "off", "scene" if table is None else "forced", None, None, reason)
     slots["still_water"] = still_water.StillWater(table.level)
     return Decision("still_water", "on", "scene", None, None, f"lake at rest at {table.level:g} m")
+
+
+def catalogue():
+    """Every effect that a scene may name: list of {table, law, what, parameters (name -> unit)}."""
+    entries = [
+        {
+            "table": "friction",
+            "law": name,
+            "what": law.__doc__.strip().splitlines()[0],
+            "parameters": {key: unit for key, (unit, *_) in parameters.items()},
+        }
+        for name, (law, parameters) in friction.LAWS.items()
+    ]
+    entries.append(_catalogue_entry("curvature", curvature.Curvature, {}))
+    entries.append(_catalogue_entry("still_water", still_water.StillWater, {"level": "m"}))
+    for form, law in metric.FORMS.items():
+        entry = _catalogue_entry("numerics", law, {})
+        entries.append({**entry, "law": f"form = {form!r}"})
+    return entries
+
+
+def _catalogue_entry(table, law, parameters):
+    what = law.__doc__.strip().splitlines()[0]
+    return {"table": table, "law": law.__name__, "what": what, "parameters": parameters}

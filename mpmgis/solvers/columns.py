@@ -185,14 +185,20 @@ class ColumnSolver:
         )
 
     def maxima(self):
-        """Running peaks at the nodes, row 0 in the south, with the affine of their cells; empty where not asked for."""
+        """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
+
+        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never); empty where not asked for.
+        """
         if not self.numerics.maxima:
             return {}
-        dx, half = self.grid.cell_size, 0.5 * self.grid.cell_size
+        dx = self.grid.cell_size
         inner = self._peaks[1:-1, 1:-1]
+        j, i = np.nonzero(inner[..., 0] > 0)
+        window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
         names = ("thickness", "speed", "pressure", "arrival_time")
-        peaks = {name: np.ascontiguousarray(inner[..., k]) for k, name in enumerate(names)}
-        peaks["transform"] = np.array([dx, 0.0, self.grid.x0 - half, 0.0, dx, self.grid.y0 - half])
+        peaks = {name: inner[(*window, k)].astype(np.float32) for k, name in enumerate(names)}
+        west, south = self.grid.x0 + (window[1].start - 0.5) * dx, self.grid.y0 + (window[0].start - 0.5) * dx
+        peaks["transform"] = np.array([dx, 0.0, west, 0.0, dx, south])
         return peaks
 
     def energy(self):

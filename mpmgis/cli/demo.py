@@ -1,0 +1,41 @@
+"""`mpmgis demo`: the whole chain on the shipped site."""
+
+from . import talk
+from .progress import frame_progress, run_progress
+
+EXAMPLE = """
+mpmgis demo -o demo
+"""
+
+
+def add_arguments(parser):
+    """The options of contract.md section 1."""
+    parser.add_argument("-o", "--output", metavar="DIR", default="mpmgis_demo", help="folder (default: mpmgis_demo)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier demo in that folder")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all)")
+
+
+def run(arguments):
+    """Seed, run, export, draw; prints the QGIS project and the picture."""
+    from ..errors import InputError
+
+    if arguments.threads is not None and arguments.threads < 1:
+        raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
+    from ..pipeline.demo import demo
+    from .run import tell
+
+    talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 20 seconds)")
+    with run_progress() as watch:
+        summary, project, picture = demo(
+            arguments.output,
+            overwrite=arguments.overwrite,
+            threads=arguments.threads,
+            say=talk.detail,
+            watch=watch,
+            progress=frame_progress,
+        )
+    tell(summary)
+    talk.say("open the project in QGIS (double-click), then press play in the Temporal Controller")
+    print(project)
+    print(picture)
+    return 0

@@ -1,0 +1,41 @@
+"""`mpmgis effects`: the catalogue of effects; with a scene: which are on, and the number that decided."""
+
+import json
+
+from . import talk
+
+EXAMPLE = """
+mpmgis effects
+mpmgis effects scene.toml
+"""
+
+
+def add_arguments(parser):
+    """The options of contract.md section 1."""
+    parser.add_argument("scene", nargs="?", metavar="scene.toml", help="decide the effects of this scene")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(arguments):
+    """Print the catalogue, or the decisions for a scene."""
+    if arguments.scene is None:
+        from ..scene import catalogue
+
+        entries = catalogue()
+        print(json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries))
+        return 0
+    from ..pipeline.run import prepare
+
+    decisions = prepare(arguments.scene, talk.detail).decisions
+    print(json.dumps([d._asdict() for d in decisions], indent=1) if arguments.json else _table(decisions))
+    return 0
+
+
+def _entry(entry):
+    parameters = ", ".join(f"{name} [{unit}]" for name, unit in entry["parameters"].items()) or "none"
+    return f"[{entry['table']}] {entry['law']}: {entry['what']}\n    parameters: {parameters}"
+
+
+def _table(decisions):
+    head = f"{'effect':<12} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} because"
+    return "\n".join([head, *(decision.line() for decision in decisions)])

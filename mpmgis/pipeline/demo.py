@@ -1,0 +1,55 @@
+"""`mpmgis demo`: the whole chain on the shipped site, ending in a QGIS folder and a picture."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from ..io.atomic import refuse_existing
+from ..io.picture import write_picture
+from ..io.raster import read_raster, read_terrain
+from ..io.sample import SITE, sample_folder
+from ..io.vector import read_release
+from ..products.maxima import MAXIMA_BANDS
+from ..scene import read_scene
+from .export import ExportRequest, export_raster
+from .export_rasters import DEPOSIT_BANDS
+from .run import run
+
+TITLE = "Lava Falls, Grand Canyon: a hypothetical rock avalanche"
+CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey. Simulated by mpmgis."
+
+
+def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=lambda solver, end_time: None,
+         progress=lambda done, total: None):  # fmt: skip
+    """Copy the sample site to `output`, simulate it, export it for QGIS, and draw one picture.
+
+    Returns
+    -------
+    (RunSummary, Path of the QGIS project, Path of the picture)
+    """
+    output = Path(output)
+    refuse_existing(output, overwrite)
+    output.mkdir(parents=True, exist_ok=True)
+    for file in sample_folder().iterdir():
+        if file.is_file():
+            shutil.copy(file, output / file.name)
+    scene = output / "scene.toml"
+    summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, say=say, watch=watch)
+    frames = tuple(sorted((output / SITE).glob("frame_*.h5")))
+    request = ExportRequest(frames, output / f"{SITE}_gis", overwrite=overwrite, workers=threads)
+    project = export_raster(request, say, progress)[0]
+    picture = output / f"{SITE}.png"
+    draw(picture, scene, output / f"{SITE}_gis", SITE)
+    return summary, project, picture
+
+
+def draw(picture, scene_path, gis_folder, name, title=TITLE, credit=CREDIT):
+    """The picture of a run from its exported folder: hillshade, largest speed, outlines of release and deposit."""
+    scene = read_scene(scene_path)
+    terrain = read_terrain(scene.path(scene.terrain.dem), crs=scene.terrain.crs, band=scene.terrain.band)
+    release = read_release(scene.path(scene.release.source), terrain, thickness=1.0).polygons  # only its outline
+    rasters = Path(gis_folder) / "rasters"
+    speed, grid = read_raster(rasters / f"{name}_max.tif", MAXIMA_BANDS.index("Ut_max") + 1)
+    depth, _ = read_raster(rasters / f"{name}_deposit.tif", DEPOSIT_BANDS.index("h") + 1)
+    write_picture(picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.25)
