@@ -106,6 +106,7 @@ def test_the_doors_are_of_libraries_in_use():
 def test_the_page_names_every_module_and_no_other():
     there = {module_name(path) for path in SOURCES if path.name != "__init__.py"}
     named = [name for row in table("Modules") for name in names(row[0])]
+    assert named, "the page lost its table of modules"
     assert len(named) == len(set(named))
     assert set(named) == there
 

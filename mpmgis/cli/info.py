@@ -128,7 +128,7 @@ def _with_unit(key, value):
 
 
 def _value(value):
-    if value is None:
+    if value in (None, []):
         return "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -139,7 +139,7 @@ def _value(value):
     if isinstance(value, list):
         more = f", ... ({len(value)} in all)" if len(value) > MOST_ITEMS else ""
         return _short(", ".join(_value(entry) for entry in value[:MOST_ITEMS]) + more)
-    return _short(str(value))
+    return _short(value) or "unknown"
 
 
 def _short(text):

@@ -5,11 +5,13 @@ here made them. A file is known by what is in it; its suffix only decides whom t
 """
 
 import json
+import math
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
 import netCDF4
+import numpy as np
 
 from ..errors import FormatError, MpmgisError, one_line
 from ..scene import read_scene
@@ -33,6 +35,10 @@ def inspect(path):
         Missing, empty, damaged, or nothing of this chain.
     """
     path = Path(path)
+    return _plain(_facts(path))
+
+
+def _facts(path):
     if path.is_dir():
         return {"file": str(path), **_folder_facts(path)}
     if not path.exists():
@@ -41,6 +47,19 @@ def inspect(path):
         raise FormatError(f"{path} is empty (0 bytes)")
     known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
     return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
+
+
+def _plain(value):
+    """`value` in what JSON can hold: no arrays, no bytes, and words for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _folder_facts(path):

@@ -11,7 +11,7 @@ from affine import Affine
 from ..errors import FormatError, MpmgisError, one_line
 from ..geo.georeference import name_of
 from ..geo.grid import Grid
-from .inspect_particles import is_particle_layer, particle_table_facts
+from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
 from .raster import open_raster, read_terrain
 from .vector import USUAL_COLUMNS
 
@@ -106,7 +106,7 @@ def vector_facts(path):
     ------
     FormatError
     """
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), no_side_files():
         warnings.simplefilter("ignore")
         try:
             layers = list(_layers(path))

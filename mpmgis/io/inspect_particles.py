@@ -1,11 +1,23 @@
 """Facts about particle files: how many, when, where, how heavy, how fast."""
 
+import json
+import re
+from contextlib import contextmanager
+from pathlib import Path
+from xml.etree import ElementTree
+
 import h5py
 import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pyogrio
+import pyproj
 
-from ..errors import FormatError
+from ..errors import FormatError, one_line
 from ..geo.georeference import name_of
 from .frames import read_frame
+
+NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
 
 
 def frame_facts(path):
@@ -29,7 +41,7 @@ def frame_facts(path):
     with h5py.File(path, "r") as file:
         facts["version"] = str(file.attrs.get("version", ""))
         facts["groups"] = sorted(set(file) - {"particles"})
-    facts["header"] = {name: _plain(value) for name, value in frame.header.items()}
+    facts["header"] = dict(frame.header)
     return facts
 
 
@@ -49,27 +61,147 @@ def particle_facts(position, velocity, mass, volume):
         "n": len(mass),
         "mass": float(mass.sum()),
         "volume": float(volume.sum()),
-        "density": float(mass.sum() / volume.sum()),
+        "density": float(mass.sum() / volume.sum()) if volume.sum() > 0 else None,
         "bbox": [low[0], low[1], high[0], high[1]],
         "elevation": [low[2], high[2]],
         "max_speed": float(np.sqrt((velocity**2).sum(axis=1).max())),
     }
 
 
-def _plain(value):
-    """A header entry as JSON can hold it."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
-    return value if not isinstance(value, float) or np.isfinite(value) else str(value)
+# ---------------------------------------------------------------------------- the tables of io/particle_files
 
 
 def is_particle_layer(table):
-    """True where a table of features holds points with a mass."""
-    return False
+    """True where a table of features holds particles: a place, a velocity, a mass."""
+    return set(NEEDED) <= set(table.columns)
 
 
 def particle_table_facts(path):
-    """Facts about particles in a table."""
-    raise FormatError(f"{path} holds no particles that mpmgis knows")
+    """Facts about a seed in a table: .csv, .json, .gpkg, .parquet or .vtp.
+
+    Raises
+    ------
+    FormatError
+        Not readable, a column missing, or values that are not finite.
+    """
+    path = Path(path)
+    try:
+        columns, record = _TABLES[path.suffix.lower()](path)
+    except FormatError:
+        raise
+    except Exception as error:  # Arrow, GDAL, pandas and the XML parser each have their own kinds
+        reason = one_line(error).replace(str(path), path.name)[:100]
+        raise FormatError(f"{path} is no readable table of particles ({reason})") from error
+    values = {name: _numbers(path, columns, name) for name in NEEDED}
+    facts = {
+        "kind": "particles",
+        "reader": "mpmgis",
+        "format": path.suffix.lower()[1:],
+        "dimension": 2 if "thickness" in columns else 3,
+        "time": float(record.get("time", 0.0)),
+        "crs": name_of(pyproj.CRS.from_wkt(record["crs"])) if record.get("crs") else None,
+        **particle_facts(
+            np.column_stack([values[name] for name in ("x", "y", "z_bed")]),
+            np.column_stack([values[name] for name in ("u", "v", "w")]),
+            values["mass"],
+            values["volume"],
+        ),
+    }
+    for name, key in (("thickness", "thickness"), ("area", "column_area")):
+        if name in columns:
+            some = _numbers(path, columns, name)
+            facts[key] = [float(some.min()), float(some.max())]
+    apart = ("format", "time", "crs", "dem", "dem_sha256")
+    facts |= {"dem": record.get("dem", ""), "arrays": [name for name in columns if name != "geometry"]}
+    return facts | {"header": {name: value for name, value in record.items() if name not in apart}}
+
+
+def _numbers(path, columns, name):
+    """float64[n] of one column that must be there and finite."""
+    if name not in columns:
+        raise FormatError(f"{path} is no table of particles: it has no column {name!r} (wanted {', '.join(NEEDED)})")
+    try:
+        values = np.asarray(columns[name], float)
+    except (TypeError, ValueError) as error:
+        raise FormatError(f"{path}: column {name!r} holds {one_line(error)[:60]}, wanted numbers") from error
+    if values.ndim != 1 or values.size == 0:
+        raise FormatError(f"{path}: column {name!r} holds no numbers, wanted one a particle")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise FormatError(f"{path}: column {name!r} holds {bad.size} NaN or infinite values, the first in row {bad[0]}")
+    return values
+
+
+def _csv_table(path):
+    table = pyarrow.csv.read_csv(path)
+    return {name: table[name].to_numpy() for name in table.column_names}, {}
+
+
+def _json_table(path):
+    content = json.loads(path.read_text(encoding="utf-8"))
+    columns = content.get("particles") if isinstance(content, dict) else None
+    if not isinstance(columns, dict):
+        raise FormatError(f"{path} is no JSON of this chain: neither a run record nor particles nor GeoJSON")
+    return columns, content.get("header", {})
+
+
+def _parquet_table(path):
+    table = pyarrow.parquet.read_table(path, columns=None)
+    notes = table.schema.metadata or {}
+    columns = {name: table[name].to_numpy() for name in table.column_names if name != "geometry"}
+    return columns, json.loads(notes.get(b"mpmgis", b"{}"))
+
+
+@contextmanager
+def no_side_files():
+    """GDAL otherwise writes `.aux.xml` beside a GeoPackage with metadata that it only reads."""
+    before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
+    pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": before})
+
+
+def _gpkg_table(path):
+    with no_side_files():
+        table = pyogrio.read_dataframe(path, read_geometry=False)
+        notes = pyogrio.read_info(path)["dataset_metadata"] or {}
+    return {name: table[name].to_numpy() for name in table.columns}, {k: json.loads(v) for k, v in notes.items()}
+
+
+def _vtp_table(path):
+    """Arrays of a VTK PolyData whose data are appended raw, as io/particle_files writes it."""
+    head, appended, data = path.read_bytes().partition(b'<AppendedData encoding="raw">')
+    if not appended:
+        raise FormatError(f"{path} holds no raw appended data, wanted a .vtp that mpmgis wrote")
+    root = ElementTree.fromstring(head + b"</VTKFile>")
+    data = memoryview(data)[bytes(data[:100]).index(b"_") + 1 :]
+    columns = {}
+    for array in root.iter("DataArray"):
+        name = array.get("Name")
+        if array.get("format") != "appended":
+            columns[name] = [float(word) for word in array.text.split()]
+            continue
+        start = int(array.get("offset"))
+        size = int(np.frombuffer(data, "<u8", 1, start)[0])
+        kind = {"Float64": "<f8", "Int64": "<i8", "UInt64": "<u8"}[array.get("type")]
+        values = np.frombuffer(data, kind, size // 8, start + 8)
+        parts = array.get("NumberOfComponents")
+        columns[name] = values.reshape(-1, int(parts)) if parts else values
+    comment = re.search(rb"<!-- (\{.*?\}) -->", head)
+    record = json.loads(comment.group(1).replace(b"- -", b"--")) if comment else {}
+    places, velocity = columns.pop("points") + columns.pop("origin"), columns.pop("velocity")
+    for extra in ("connectivity", "offsets", "TimeValue"):
+        columns.pop(extra, None)
+    columns |= dict(zip(("x", "y", "z_bed"), places.T, strict=True)) | dict(zip("uvw", velocity.T, strict=True))
+    return columns, record
+
+
+_TABLES = {
+    ".csv": _csv_table,
+    ".json": _json_table,
+    ".gpkg": _gpkg_table,
+    ".parquet": _parquet_table,
+    ".vtp": _vtp_table,
+}

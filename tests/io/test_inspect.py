@@ -1,5 +1,6 @@
 """Facts about every kind of file of the chain, and one line for everything else."""
 
+import dataclasses
 import json
 import shutil
 import zipfile
@@ -15,6 +16,7 @@ import shapely
 from mpmgis.errors import FormatError, MpmgisError
 from mpmgis.io.frames import write_frame
 from mpmgis.io.inspect import inspect
+from mpmgis.io.particle_files import write_columns
 from mpmgis.io.sample import sample_folder
 from mpmgis.particles import Frame, Particles
 
@@ -62,6 +64,60 @@ def test_a_frame_without_a_place(tmp_path):
     particles = frame().particles
     write_frame(tmp_path / "a.h5", Frame(particles))
     assert inspect(tmp_path / "a.h5")["crs"] is None
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    """The same particles in every format of a seed."""
+    folder, wrote = tmp_path_factory.mktemp("seeds"), frame()
+    wrote.particles.id = np.arange(2, dtype=np.uint64)
+    wrote = dataclasses.replace(wrote, header={"density": 1000.0, "mass_mode": "thickness"})
+    for suffix in ("h5", "csv", "json", "gpkg", "parquet", "vtp"):
+        write_columns(folder / f"seed.{suffix}", wrote, 2, [wrote.particles])
+    return folder
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json", "gpkg", "parquet", "vtp"])
+def test_a_seed_in_a_table_is_told_as_its_frame(seeds, suffix):
+    facts, wanted = inspect(seeds / f"seed.{suffix}"), inspect(seeds / "seed.h5")
+    for name in ("kind", "reader", "dimension", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed"):
+        assert facts[name] == pytest.approx(wanted[name]), name
+    assert (facts["thickness"], facts["column_area"]) == (wanted["thickness"], wanted["column_area"])
+    if suffix != "csv":  # which has nowhere to say it
+        assert facts["crs"] == "EPSG:32612"
+        assert facts["header"]["mass_mode"] == "thickness"
+
+
+def test_looking_writes_nothing(seeds):
+    before = sorted(seeds.iterdir())
+    for path in before:
+        inspect(path)
+    assert sorted(seeds.iterdir()) == before
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json", "gpkg", "parquet", "vtp"])
+def test_a_truncated_table_is_one_line(seeds, tmp_path, suffix):
+    content = (seeds / f"seed.{suffix}").read_bytes()
+    path = tmp_path / f"cut.{suffix}"
+    path.write_bytes(content[: len(content) // 3])
+    with pytest.raises(FormatError, match="cut") as caught:
+        inspect(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("1,2,3,4,5,6,7", "has no column 'w'"),
+        ("1,2,3,4,5,6,7,nan", "column 'w' holds 1 NaN or infinite values, the first in row 0"),
+        ("1,2,3,4,5,6,7,fast", "column 'w' holds"),
+    ],
+)
+def test_a_table_with_a_wrong_column_is_one_line(tmp_path, row, says):
+    columns = ["x", "y", "z_bed", "mass", "volume", "u", "v", "w"][: row.count(",") + 1]
+    (tmp_path / "a.csv").write_text(",".join(columns) + "\n" + row + "\n")
+    with pytest.raises(FormatError, match=says):
+        inspect(tmp_path / "a.csv")
 
 
 def test_a_folder_of_results(tmp_path):
