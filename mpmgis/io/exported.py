@@ -9,7 +9,7 @@ from affine import Affine
 
 from ..geo.grid import Grid
 
-TYPICAL_PERCENTILE = 99.0  # of the wet cells' maxima: one particle flung away must not set the colours of all
+TYPICAL_PERCENTILE = 95.0  # of the wet cells' maxima: few cells that lie deep or fly far must not take all colours
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class ExportedRun:
     def typical(self):
         """Size that the values of each band reach, by name: what colours should span.
 
-        The 99th percentile over the wet cells of a maxima band, shared with the band it is the maximum of; the
+        The 95th percentile over the wet cells of a maxima band, shared with the band it is the maximum of; the
         largest value where there is no maximum.
         """
         typical = {name: value for name, value in self.largest.items() if value > 0}

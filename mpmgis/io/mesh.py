@@ -6,9 +6,12 @@ counter-clockwise, the CRS is ASCII WKT 1 in the variable that the node heights 
 vector share a long name up to ", x-component" and ", y-component".
 """
 
+from contextlib import contextmanager
+
 import numpy as np
 from pyproj.exceptions import CRSError
 
+from ..errors import OutputError, one_line
 from ..fields import NODATA
 from .clock import Clock
 from .markup import LOCAL_FRAME
@@ -33,6 +36,11 @@ def write_mesh(run, velocity=None):
         Horizontal components of the velocity along the slope, each float[rows, columns] [m s-1] with NaN where there
         is none: `velocity(k)` gives the pair (east, north) of step k; an iterable gives one pair after the other.
         Without it the steps' own bands Ut_E and Ut_N are taken; where they have none there are no arrows.
+
+    Raises
+    ------
+    OutputError
+        Where NetCDF cannot write it.
     """
     (peak,) = run.read(run.maxima_file, ("h_max",))
     wet = np.isfinite(peak)
@@ -75,10 +83,16 @@ def group_names(path):
     return [BED, *sorted(titles)]
 
 
+@contextmanager
 def _open_new(path):
+    """A NetCDF file to write to; what the library says when a disk is full becomes an OutputError."""
     import netCDF4
 
-    return netCDF4.Dataset(path, "w", format="NETCDF4")
+    try:
+        with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+            yield file
+    except RuntimeError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)}); is the disk full?") from error
 
 
 def _velocity_pairs(run, velocity, wet):

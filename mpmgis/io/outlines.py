@@ -59,8 +59,10 @@ def write_outlines(run, release=None, particles=None):
     path.unlink(missing_ok=True)
     for name, (geometry, columns) in layers.items():
         _write_layer(path, name, geometry, columns, run.grid.crs, append=path.exists())
-    if layers:
+    try:
         _write_layer_styles(path, run, layers)
+    except sqlite3.Error as error:
+        raise OutputError(f"{path}: styles cannot be written ({one_line(error)}); is the disk full?") from error
 
 
 def layer_names(path):
@@ -246,6 +248,8 @@ def _write_layer(path, name, geometry, columns, crs, append):
 
 def _write_layer_styles(path, run, layers):
     """Add the table from which QGIS takes a layer's default style when it is opened by itself."""
+    if not layers:
+        return
     with closing(sqlite3.connect(path)) as database, database:
         database.execute(
             "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT, f_table_catalog TEXT(256), "

@@ -18,7 +18,7 @@ MARGIN = 0.12  # around what is shown, as a share of its longer side
 SLIMMEST = 0.62  # shorter over longer side of the map
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
-MEDIUM_GREY, CONTRAST = 0.82, 0.9  # of the hillshade: light, so that colours over it stay clear
+GREYS = (0.58, 1.0)  # of the hillshade from its darkest to its lightest 2 %: light, so that colours over it stay clear
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
 
@@ -145,7 +145,8 @@ def _draw_terrain(axes, terrain, view):
     heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
     shade = shaded_relief(heights, spacing)
     if np.isfinite(shade).any():
-        shade = np.clip(MEDIUM_GREY + CONTRAST * (shade - np.nanmedian(shade)), 0.2, 1.0)
+        darkest, lightest = np.nanpercentile(shade, (2, 98))
+        shade = np.interp(shade, (darkest, lightest + 1e-6), GREYS)
     half = spacing / 2
     extent = (x[0] - half, x[-1] + half, y[-1] - half, y[0] + half)
     axes.imshow(shade, cmap="gray", vmin=0, vmax=1, extent=extent, zorder=1, interpolation="bicubic")

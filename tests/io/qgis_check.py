@@ -6,6 +6,7 @@ Run by a Python that has PyQGIS: `python3 qgis_check.py PROJECT FILE...`; FILE i
 import json
 import os
 import re
+import shutil
 import sys
 import tempfile
 import zipfile
@@ -30,7 +31,7 @@ from qgis.core import (
     QgsVectorLayer,
 )
 from qgis.PyQt.QtCore import QSize, Qt
-from qgis.PyQt.QtGui import QColor
+from qgis.PyQt.QtGui import QColor, QImage
 
 BANDS_KNOW_TIME = Qgis.QGIS_VERSION_INT >= 33800
 
@@ -49,7 +50,7 @@ def picture(layers, extent, crs, span=None):
     job = QgsMapRendererParallelJob(settings)
     job.start()
     job.waitForFinished()
-    image = job.renderedImage().convertToFormat(5)  # ARGB32
+    image = job.renderedImage().convertToFormat(QImage.Format.Format_ARGB32)
     bits = image.constBits()
     bits.setsize(image.sizeInBytes())
     data = bytes(bits)
@@ -161,7 +162,7 @@ def open_project(path):
 
 def switch_bands(layers, by_band, span):
     """Do for an old QGIS what a new one does by itself: show the band whose time it is."""
-    at = span.begin().toUTC().toString(Qt.ISODate)
+    at = span.begin().toUTC().toString(Qt.DateFormat.ISODate)
     for layer in layers:
         for begin, end, band in by_band.get(layer.id(), ()):
             if begin <= at < end:
@@ -183,6 +184,7 @@ def main():
     report = {"version": Qgis.QGIS_VERSION, "project": open_project(sys.argv[1])}
     report["files"] = {os.path.basename(path): open_file(path) for path in sys.argv[2:]}
     print("REPORT " + json.dumps(report), flush=True)
+    shutil.rmtree(os.environ["QGIS_CUSTOM_CONFIG_PATH"], ignore_errors=True)
     os._exit(0)  # QGIS' own teardown may crash after the answer is out
 
 

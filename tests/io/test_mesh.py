@@ -9,6 +9,7 @@ import shapely
 import xarray
 from pyproj import CRS
 
+from mpmgis.errors import OutputError
 from mpmgis.io.mesh import write_mesh
 
 UTM = CRS.from_epsg(32632)
@@ -94,6 +95,17 @@ def test_arrows_from_one_pair_after_the_other(tmp_path):
     write_mesh(run, (pair(k) for k in range(2)))
     with xarray.open_dataset(run.folder / run.mesh_file) as file:
         assert np.allclose(np.hypot(file.Ut_E, file.Ut_N), file.Ut, equal_nan=True, rtol=1e-5)
+
+
+def test_trouble_of_the_library_is_told_in_one_line(tmp_path, monkeypatch):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+
+    def fail(self, *arguments):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr("mpmgis.io.mesh._write_times", fail)
+    with pytest.raises(OutputError, match="HDF error"):
+        write_mesh(run)
 
 
 def test_no_arrows_without_components(tmp_path):

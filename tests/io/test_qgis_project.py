@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import qgis_run
+import rasterio
 from pyproj import CRS
 
 from mpmgis.errors import InputError
@@ -164,6 +165,20 @@ def test_without_mesh_and_outlines_the_rest_is_there(tmp_path):
     write_project(run)
     kinds = {layer.get("type") for layer in layers(qgis_run.project_root(run))}
     assert kinds == {"raster"}
+
+
+def test_a_run_that_never_flowed_still_opens(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0.0])
+    for file in (run.step_files[0], run.maxima_file, run.deposit_file):
+        with rasterio.open(run.folder / file, "r+") as raster:
+            for band in range(1, raster.count + 1):
+                raster.write(np.full(raster.shape, -9999, dtype="float32"), band)
+    qgis_run.write_all(run)
+    root = qgis_run.project_root(run)
+    view = root.find("ProjectViewSettings/DefaultViewExtent")
+    assert tuple(float(view.get(side)) for side in ("xmin", "ymin", "xmax", "ymax")) == run.grid.bounds
+    assert not (run.folder / run.mesh_file).exists()
+    assert {layer.get("type") for layer in layers(root)} <= {"raster", "vector"}
 
 
 def test_local_frame_is_an_engineering_crs(tmp_path):
