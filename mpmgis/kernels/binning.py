@@ -204,9 +204,12 @@ def bin_points(
 
 @jit_inline
 def snapped(edge):
-    """`edge`, or the whole number that it misses by rounding alone: no slivers where a lattice meets the cells."""
+    """`edge`, or the whole number that it misses by rounding alone: no slivers where a lattice meets the cells.
+
+    A northing in float64 is good to 1e-9 m, which in small cells is more than one would think.
+    """
     whole = np.rint(edge)
-    return whole if abs(edge - whole) < 1e-9 else edge
+    return whole if abs(edge - whole) < 1e-6 else edge
 
 
 @jit

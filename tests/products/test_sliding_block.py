@@ -95,8 +95,8 @@ def usable(centres, around_edge):
 
 
 def test_terminal_velocity_and_landing_are_the_papers():
-    assert TERMINAL == pytest.approx(14.691, abs=1e-3)
-    assert EDGE == pytest.approx(19.053, abs=1e-3)
+    assert pytest.approx(14.691, abs=1e-3) == TERMINAL
+    assert pytest.approx(19.053, abs=1e-3) == EDGE
     assert float(tail_state(30.038)[0]) == pytest.approx(0.0, abs=2e-3)
     assert float(tail_state(30.038)[2]) == pytest.approx(-15.816, abs=2e-3)
 
