@@ -172,7 +172,7 @@ def _class_shader(look, typical, min_depth):
                 "item",
                 {
                     "value": "inf" if math.isinf(entry.upper) else f"{entry.upper:g}",
-                    "color": entry.colour or look.ramp[0],
+                    "color": entry.colour or "#ffffff",
                     "alpha": 255 if entry.colour else 0,
                     "label": entry.label,
                 },
