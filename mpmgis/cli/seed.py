@@ -15,7 +15,9 @@ DEFAULT_DENSITY = 1000.0
 
 def add_arguments(parser):
     """Declare the verb's options."""
-    parser.add_argument("--dem", required=True, type=Path, metavar="FILE", help="DTM: any raster that GDAL reads, in metres")
+    parser.add_argument(
+        "--dem", required=True, type=Path, metavar="FILE", help="DTM: any raster that GDAL reads, in metres"
+    )
     parser.add_argument(
         "--release",
         required=True,
@@ -67,7 +69,8 @@ def _add_material_options(group):
         type=_pair,
         default=(0.0, 0.0),
         metavar="E,N",
-        help="initial velocity to the east and north [m s-1] (default: 0,0; --velocity=-1,2 where it begins with a minus)",
+        help="initial velocity to the east and north [m s-1]; write --velocity=-1,2 where it begins with a minus "
+        "(default: 0,0)",
     )
 
 
@@ -86,8 +89,8 @@ def _add_resolution_options(group):
         "--mass",
         choices=("thickness", "equal", "paper"),
         default="thickness",
-        help="mass from thickness and area; equal masses, dense where it is thick; or equal masses spread uniformly, as "
-        "MOX report 15/2025 prints it (default: thickness)",
+        help="mass from thickness and area; equal masses, dense where it is thick; or equal masses spread uniformly, "
+        "as MOX report 15/2025 prints it (default: thickness)",
     )
     group.add_argument(
         "--refine-slope",

@@ -86,9 +86,9 @@ def _whole_table(frame, slabs):
 def _record(frame):
     """What a table's reader should know besides the rows: plain numbers, strings and lists."""
     crs = frame.crs.to_wkt() if frame.crs is not None else ""
-    return {"format": "mpmgis-columns", "time": frame.time, "dem": frame.dem, "dem_sha256": frame.dem_sha256, "crs": crs} | {
-        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in frame.header.items()
-    }
+    place = {"crs": crs, "dem": frame.dem, "dem_sha256": frame.dem_sha256}
+    header = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in frame.header.items()}
+    return {"format": "mpmgis-columns", "time": frame.time, **place, **header}
 
 
 def _write_csv(path, frame, count, slabs):
@@ -156,14 +156,16 @@ def _write_vtp(path, frame, count, slabs):
     blocks = []
     data = "".join(_vtp_array(name, values, blocks) for name, values in (*columns.items(), ("velocity", velocity)))
     place = _vtp_array("points", points, blocks)
-    verts = _vtp_array("connectivity", np.arange(count), blocks) + _vtp_array("offsets", np.arange(1, count + 1), blocks)
+    verts = _vtp_array("connectivity", np.arange(count), blocks)
+    verts += _vtp_array("offsets", np.arange(1, count + 1), blocks)
     fields = _vtp_field("TimeValue", [frame.time]) + _vtp_field("origin", origin.tolist())
     record = json.dumps(_record(frame)).replace("--", "- -")
     head = (
         '<?xml version="1.0"?>\n<!-- ' + record + " -->\n"
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
         f"<PolyData><FieldData>{fields}</FieldData>\n"
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="0">\n'
+        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
+        'NumberOfPolys="0">\n'
         f"<PointData>{data}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
         '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
     )

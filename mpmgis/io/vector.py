@@ -422,12 +422,12 @@ def _surface_thickness(path, terrain, features, record, say):
 
 def _where_thick(part, thickness, say):
     """`part` cut to the pixels that hold a thickness; what falls away is said."""
-    valid = np.isfinite(thickness.values)
+    near = _cropped(thickness, part.polygon.bounds)
+    valid = np.isfinite(near.values)
     polygon = part.polygon
     if not valid.all():
-        polygon = polygons_only(polygon.intersection(_outline(valid, thickness.grid)))
-    corners = shapely.Polygon(thickness.grid.corners())
-    if valid.all() and not corners.covers(polygon):
+        polygon = polygons_only(polygon.intersection(_outline(valid, near.grid)))
+    elif not (corners := shapely.Polygon(near.grid.corners())).covers(polygon):
         polygon = polygons_only(polygon.intersection(corners))
     if polygon.is_empty or polygon.area <= 0:
         raise InputError(
@@ -440,6 +440,19 @@ def _where_thick(part, thickness, say):
             "left out"
         )
     return ReleasePart(part.name, polygon, thickness)
+
+
+def _cropped(thickness, bounds):
+    """The part of a ThicknessRaster that meets `bounds` [m], one cell at least."""
+    west, south, east, north = bounds
+    places = thickness.grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
+    slices = []
+    for place, size in zip(places, thickness.grid.shape, strict=True):
+        first = int(np.clip(np.floor(place.min()) - 1, 0, size - 1))
+        slices.append(slice(first, int(np.clip(np.ceil(place.max()) + 2, first + 1, size))))
+    transform = thickness.grid.transform * Affine.translation(slices[1].start, slices[0].start)
+    values = thickness.values[tuple(slices)]
+    return ThicknessRaster(values, Grid(thickness.grid.crs, transform, values.shape))
 
 
 def _grid_on_terrain(values, grid, terrain, path, say):

@@ -12,7 +12,8 @@ from ..kernels import sampling
 from .cover import Outline
 
 _FINER = 0.5  # side of the cells that the mass is summed on, over the columns' mean spacing
-_SPREAD = {"lattice": 0.0, "jittered": sampling.JITTER, "halton": 1.0, "random": 1.0}
+# Width of a column's displacement over its piece; jittered as far as the centroids of quads with displaced corners are.
+_SPREAD = {"lattice": 0.0, "jittered": 0.5 * sampling.JITTER, "halton": 1.0, "random": 1.0}
 
 
 class EqualMassColumns:
