@@ -154,6 +154,17 @@ def _bin_columns(frame, placed, bed, grid, row, column, _, percentile, totals):
 
 
 def grid_spacing(frame):
-    """Grid spacing [m] of the code that made `frame`: as its header says, else for the usual 8 points a cell."""
+    """Grid spacing [m] of the code that made `frame`: as its header says, else guessed from the particles.
+
+    The guess has the usual 8 points a cell, or columns in 4 rows of 4, and two digits.
+    """
     said = frame.header.get("cell_size")
-    return float(said) if said is not None else 2.0 * float(frame.particles.volume.mean()) ** (1.0 / 3.0)
+    if said is not None:
+        return float(said)
+    if frame.dimension == 2:
+        return _two_digits(4.0 * float(np.sqrt(frame.particles.area.mean())))
+    return _two_digits(2.0 * float(np.cbrt(frame.particles.volume.mean())))
+
+
+def _two_digits(value):
+    return float(f"{value:.2g}")

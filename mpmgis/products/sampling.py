@@ -132,9 +132,13 @@ def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
 
 
 def _cells_along(length, cell):
-    return max(1, math.ceil(min(length / cell, 1e18) - 1e-6))
+    return max(1, math.ceil(_count(length, cell) - 1e-6))
 
 
 def _part(low, high, cell, most, margin):
-    first = max(math.floor(low / cell) - margin, 0)
-    return first, min(math.floor(high / cell) + 1 + margin, most) - first
+    first = max(math.floor(_count(low, cell)) - margin, 0)
+    return first, min(math.floor(_count(high, cell)) + 1 + margin, most) - first
+
+
+def _count(length, cell):
+    return min(length / cell, 1e18)  # a number that can still be refused, however small the cell

@@ -30,14 +30,15 @@ def survey_frame(frame, bed, density):
         return FrameFacts(None, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     released = particles.mass / density
     volume = float(released.mean())
-    side = float(np.sqrt(particles.area.mean())) if frame.dimension == 2 else 0.0
-    below, offset = resting_offset(placed.distance[inside], particles.mass[inside]) if side == 0 else (0.0, 0.0)
+    below, offset = 0.0, 0.0
+    if frame.dimension == 3:
+        below, offset = resting_offset(placed.distance[inside], particles.mass[inside])
     return FrameFacts(
         bounds=_bounds(frame, inside),
         particle_volume=volume,
         dilation=min(1.0, float(np.quantile(released / particles.volume, 0.1))),
         thickness=_median_thickness(frame, placed, bed, density),
-        spacing=4.0 * side if frame.dimension == 2 and "cell_size" not in frame.header else grid_spacing(frame),
+        spacing=grid_spacing(frame),
         below=below,
         offset=offset,
     )

@@ -56,10 +56,8 @@ def test_steps_in_plain_cases():
 
 
 def facts(**changes):
-    usual = dict(
-        bounds=(0, 0, 1, 1), particle_volume=1 / 6, dilation=1.0, thickness=3.0, spacing=1.0, below=0.0, offset=0.0
-    )
-    return FrameFacts(**usual | changes)
+    usual = FrameFacts((0, 0, 1, 1), particle_volume=1 / 6, dilation=1.0, thickness=3.0, spacing=1.0, below=0, offset=0)
+    return usual._replace(**changes)
 
 
 def test_cell_size_of_the_papers_case():

@@ -38,7 +38,7 @@ def tail_state(x):
 
 def terrain():
     """The plane, the cliff at the pixel border nearest to the edge, the floor at 0."""
-    columns = int(round(31.0 / CELL))
+    columns = round(31.0 / CELL)
     grid = Grid(None, Affine(CELL, 0, EDGE - round(EDGE / CELL) * CELL, 0, -CELL, ROWS * CELL), (ROWS, columns))
     x, _ = grid.xy(np.zeros(columns), np.arange(columns))
     height = np.where(x < EDGE, CLIFF + (EDGE - x) * np.tan(SLOPE), 0.0)
