@@ -11,6 +11,7 @@ from ..geo.grid import Grid
 
 POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (physics.md 5.3)
 MOST_CELLS = 400_000_000
+FINEST_CELL = 1e-6  # [m]
 
 
 class FrameFacts(NamedTuple):
@@ -107,7 +108,7 @@ def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
     Raises
     ------
     InputError
-        More than 400 million cells.
+        More than 400 million cells, or cells below 1e-6 m.
     """
     t = terrain_grid.transform
     if cell_size is not None:
@@ -122,9 +123,9 @@ def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
     if bounds is not None:
         first_column, columns = _part(bounds[0] - west, bounds[2] - west, width, columns, margin)
         first_row, rows = _part(north - bounds[3], north - bounds[1], height, rows, margin)
-    if not columns * rows <= MOST_CELLS:
+    if width < FINEST_CELL or columns * rows > MOST_CELLS:
         raise InputError(
-            f"cells of {width:g} m make a raster of {columns * rows:.3g} cells, wanted at most {MOST_CELLS:.0e}; "
+            f"cells of {width:g} m make a raster of {float(columns * rows):.3g}, wanted at most {MOST_CELLS:.0e}; "
             "take a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
         )
     corner = west + first_column * width, north - first_row * height
@@ -132,13 +133,10 @@ def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
 
 
 def _cells_along(length, cell):
-    return max(1, math.ceil(_count(length, cell) - 1e-6))
+    return max(1, math.ceil(length / max(cell, FINEST_CELL) - 1e-6))
 
 
 def _part(low, high, cell, most, margin):
-    first = max(math.floor(_count(low, cell)) - margin, 0)
-    return first, min(math.floor(_count(high, cell)) + 1 + margin, most) - first
-
-
-def _count(length, cell):
-    return min(length / cell, 1e18)  # a number that can still be refused, however small the cell
+    cell = max(cell, FINEST_CELL)
+    first = max(math.floor(low / cell) - margin, 0)
+    return first, min(math.floor(high / cell) + 1 + margin, most) - first

@@ -1,0 +1,174 @@
+"""The exporter: particles per second against NumPy's maximum.at and bincount, and the whole command with its folder."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pyproj
+
+from mpmgis.fields import Quantity
+from mpmgis.geo.grid import Grid
+from mpmgis.geo.terrain import Terrain
+from mpmgis.io.frames import write_frame
+from mpmgis.io.geotiff import write_geotiff
+from mpmgis.kernels import binning
+from mpmgis.particles import Frame, Particles
+from mpmgis.products.bed import Bed, place
+from mpmgis.products.cells import bin_frame
+from mpmgis.products.sampling import export_grid
+
+FRAMES, COUNT, REPEATS = 40, 500_000, 5
+BUDGET, STARTUP = 250.0, 1.5  # ns per particle and frame; s
+SIDE = 1.25  # 16 columns a DTM cell of 5 m
+ORIGIN = np.array([600000.0, 5167000.0, 0.0])
+
+
+def surface(x, y):
+    """A rough slope [m]."""
+    return 2500 - 0.5 * x + 40 * np.sin(y / 300) + 10 * np.cos(x / 90)
+
+
+def ground():
+    """1000 x 1000 pixels of 5 m."""
+    grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5172000.0, 5.0, (1000, 1000))
+    x, y = grid.xy(*np.mgrid[:1000, :1000])
+    return Terrain(grid, surface(x - ORIGIN[0], y - ORIGIN[1]))
+
+
+def flow(step, dimension, count=COUNT):
+    """Frame number `step` of a sheet that slides and shears."""
+    per_row = int(np.sqrt(count))
+    i = np.arange(count)
+    x, y = 500 + (i % per_row) * SIDE + 30.0 * step, 2000 + (i // per_row) * SIDE
+    x, y = x + np.sin(y / 50) * step * 5, y + np.cos(x / 70) * step * 3
+    thickness = 1.0 + 0.5 * np.sin(i / 1000)
+    height = surface(x, y)
+    if dimension == 3:
+        height = height + np.random.default_rng(step).random(count) * 2 * thickness
+    velocity = np.stack([20 + 0 * x, 5 * np.sin(y / 100), -10 + 0 * x], axis=1)
+    volume = SIDE**2 * thickness
+    extra = {"thickness": thickness, "area": np.full(count, SIDE**2)} if dimension == 2 else {}
+    particles = Particles(np.stack([x, y, height], axis=1), velocity, 1000 * volume, volume, id=i.astype("u8"), **extra)
+    return Frame(
+        particles, time=2.0 * step, step=step, dimension=dimension, crs=pyproj.CRS.from_epsg(32632),
+        origin=tuple(ORIGIN), dem="terrain.tif", digest="bench", header={"density": 1000.0},
+    )  # fmt: skip
+
+
+def least(work, repeats=REPEATS):
+    """Least seconds that `work()` takes, after a first call."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def moments_with_numpy(cell, distance, velocity, mass, cells):
+    """What `bin_points` sums and ranks, in NumPy: the highest, the lowest, the number and the sums over mass."""
+    top, lowest = np.full(cells, -np.inf), np.full(cells, np.inf)
+    np.maximum.at(top, cell, distance)
+    np.minimum.at(lowest, cell, distance)
+    sums = [np.bincount(cell, minlength=cells), np.bincount(cell, mass, cells)]
+    return top, lowest, sums + [np.bincount(cell, mass * velocity[:, axis], cells) for axis in range(3)]
+
+
+def binning_rows():
+    """Binning alone: from cells and distances to the moments of each cell."""
+    terrain, frame = ground(), flow(3, 3)
+    bed, grid, n = Bed.of(terrain), export_grid(terrain.grid), COUNT
+    particles, placed = frame.particles, place(frame, bed)
+    row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
+    corner, cell = np.array([grid.transform.c, grid.transform.f]), np.array([5.0, 5.0])
+    origin = np.asarray(frame.origin)
+    binning.cells_of_points(particles.position, placed.pixel, origin, corner, cell, grid.shape, row, column, bounds)
+    flat = row.astype(np.int64) * grid.shape[1] + column
+
+    def ours():
+        window = np.zeros((bounds[1] - bounds[0], bounds[3] - bounds[2]), np.int32)
+        binning.mark_points(row, column, bounds, window)
+        k = int(window.sum())
+        cells = np.empty(k, np.int64)
+        binning.number_cells(window, bounds, grid.shape[1], cells)
+        sums, count, slot = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64), np.empty(n, np.int64)
+        top, lowest = np.full(k, -np.inf), np.full(k, np.inf)
+        binning.bin_points(
+            row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
+            particles.mass, particles.volume, sums, count, top, lowest, slot,
+        )  # fmt: skip
+        return cells, top, lowest, count
+
+    def numpys():
+        return moments_with_numpy(
+            flat, placed.distance, particles.velocity, particles.mass, grid.shape[0] * grid.shape[1]
+        )
+
+    cells, top, lowest, count = ours()
+    expected = numpys()
+    assert np.array_equal(top, expected[0][cells]) and np.array_equal(lowest, expected[1][cells])
+    assert np.array_equal(count, expected[2][0][cells])
+    mine, reference = n / least(ours), n / least(numpys)
+    text = f"NumPy maximum.at, minimum.at, 5 bincount: {reference / 1e6:.1f} M/s"
+    yield "binning points, 12 sums and 2 extremes", mine / 1e6, "M particles/s", text, mine / reference
+
+
+def frame_rows():
+    """A frame in memory to the sums of its cells."""
+    terrain = ground()
+    bed, grid = Bed.of(terrain), export_grid(terrain.grid)
+    for dimension, percentile in ((2, 100.0), (3, 100.0), (3, 90.0)):
+        frame = flow(3, dimension)
+        seconds = least(lambda f=frame, p=percentile: bin_frame(f, place(f, bed), bed, grid, 1000.0, p))
+        name = f"{'columns' if dimension == 2 else 'points'} to cells, percentile {percentile:g}, one thread"
+        yield name, seconds / COUNT * 1e9, "ns/particle", None, None
+
+
+def command(folder, *options):
+    """Seconds that the command takes in a process of its own."""
+    words = [sys.executable, "-m", "mpmgis", "export-raster", str(folder), "-q", "--overwrite", *options]
+    began = time.perf_counter()
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - began
+
+
+def command_rows():
+    """The whole command, QGIS folder included; one frame of 100 particles tells the start-up."""
+    with tempfile.TemporaryDirectory() as place_for_runs:
+        runs = Path(place_for_runs)
+        small = _write(runs / "small", 1, 2, 100)
+        command(small)  # compiles, once for all
+        startup = min(command(small) for _ in range(3))
+        yield (
+            "export-raster: start-up, one frame of 100 columns",
+            startup,
+            "s",
+            f"budget {STARTUP} s",
+            startup / STARTUP,
+        )
+        for dimension, kind in ((2, "columns"), (3, "points")):
+            run = _write(runs / kind, FRAMES, dimension, COUNT)
+            seconds = min(command(run) for _ in range(3)) - startup
+            value = seconds / (FRAMES * COUNT) * 1e9
+            case = f"export-raster: {FRAMES} frames of {COUNT} {kind}, QGIS folder"
+            yield case, value, "ns/particle/frame", f"budget {BUDGET:.0f} ns", value / BUDGET
+
+
+def _write(folder, frames, dimension, count):
+    folder.mkdir()
+    terrain = ground()
+    write_geotiff(folder / "terrain.tif", terrain.grid, [(Quantity("elevation", "m", ""), terrain.elevation)], {})
+    for step in range(frames):
+        write_frame(folder / f"frame_{step:06d}.h5", flow(step, dimension, count))
+    return folder
+
+
+def rows():
+    """(case, value, unit, reference, ratio) of every measurement."""
+    yield from binning_rows()
+    yield from frame_rows()
+    yield from command_rows()
