@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..geo.terrain import Terrain
+from ..io import qgis_folder
 from ..io.ascii_grid import require_square
 from ..io.atomic import whole_folder
 from ..io.frame_list import list_frames
@@ -64,6 +65,8 @@ class Plan:
 
     def terrain_rows(self, grid, first, last):
         """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
+        if (grid.transform, grid.shape) == (self.terrain.grid.transform, self.terrain.grid.shape):
+            return self.terrain.elevation[first:last]
         row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
         x, y = grid.xy(row, column)
         between = self.terrain.sample(x, y)
@@ -101,12 +104,17 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     if request.naming == "iseesnow":
         require_square(terrain.grid, "--naming iseesnow")
     with frame_pool(request.workers, request.dask) as pool:
+        if request.qgis:
+            pool.threads.submit(qgis_folder.load)  # while the first frames are read
         plan = make_plan(request, entries, terrain, products, pool, say)
         with whole_folder(output, request.overwrite) as folder, spool_folder() as spooled:
             spool = Spool(spooled, plan.averaging.grid) if request.qgis else None
             run, tally = write_rasters(request, plan, folder, pool, spool, progress)
             if request.qgis:
-                write_qgis_files(run, plan, spool, request.qgis_min, pool)
+                release = _release(run, plan)
+                qgis_folder.write_qgis_files(
+                    run, release, spool.velocity, spool.particles(), request.qgis_min, pool.threads
+                )
             files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
     tell(request, plan, tally, say)
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
@@ -186,23 +194,6 @@ def _time_step(request, entries, bed, grid, density, pool, say):
     time_step = automatic_time_step(grid.cell_size, fastest)
     say(f"--dt-e auto: {time_step:.4g} s (Eq 17: cells of {grid.cell_size:.4g} m, mean speed up to {fastest:.4g} m/s)")
     return time_step
-
-
-def write_qgis_files(run, plan, spool, qgis_min, pool):
-    """Write styles, stacks, mesh, outlines and the project of an ExportedRun."""
-    from ..io.mesh import write_mesh
-    from ..io.outlines import write_outlines
-    from ..io.qgis import write_project
-    from ..io.stack import write_stacks
-    from ..io.styles import write_styles
-
-    release = _release(run, plan)
-    outlines = pool.threads.submit(write_outlines, run, release, spool.particles())
-    write_stacks(run)
-    write_styles(run)
-    write_mesh(run, spool.velocity)
-    outlines.result()
-    write_project(run, qgis_min)
 
 
 def _release(run, plan):

@@ -9,7 +9,6 @@ from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import name_of, same_place
 from ..io.atomic import refuse_existing
 from ..io.raster import open_raster, read_terrain
-from ..io.vector import read_release
 
 
 def output_folder(request, entries):
@@ -124,6 +123,8 @@ def release_outlines(entries, terrain):
     file = release_file(entries)
     if file is None or not file.exists():
         return None
+    from ..io.vector import read_release  # brings pandas, which rasters alone do without
+
     try:
         return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
     except MpmgisError:

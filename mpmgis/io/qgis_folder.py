@@ -1,0 +1,37 @@
+"""All that makes an exported folder open in QGIS by a double click, beside the rasters themselves."""
+
+
+def load():
+    """Import the writers and the libraries behind them; half a second that need not be waited for."""
+    import netCDF4  # noqa: F401
+    import pyogrio  # noqa: F401
+
+    from . import mesh, outlines, qgis, stack, styles
+
+    return mesh, outlines, qgis, stack, styles
+
+
+def write_qgis_files(run, release, velocity, particles, qgis_min, threads):
+    """Write styles, stacks, mesh, outlines and the project.
+
+    Parameters
+    ----------
+    run : ExportedRun
+        With all of its rasters written.
+    release : list of shapely polygons or None
+    velocity : callable
+        `velocity(step)` gives (east, north), each float[rows, columns] [m s-1]; see `mesh.write_mesh`.
+    particles : iterable
+        Of (time, ids, x, y, z, velocity) per step; see `outlines.write_outlines`.
+    qgis_min : str
+        Oldest QGIS that must show the project as it is meant.
+    threads : Executor
+        Mesh and outlines are written at the same time.
+    """
+    mesh, outlines, qgis, stack, styles = load()
+    vectors = threads.submit(outlines.write_outlines, run, release, particles)
+    stack.write_stacks(run)
+    styles.write_styles(run)
+    mesh.write_mesh(run, velocity)
+    vectors.result()
+    qgis.write_project(run, qgis_min)
