@@ -47,7 +47,7 @@ class Curvature(NamedTuple):
 
     def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
         """kappa = u . (grad b(new) - grad b(old)) / dt [m s-2]; positive in hollows."""
-        return (u * (new_x - old_x) + v * (new_y - old_y)) / time_step
+        return (u * (new_x - old_x) + v * (new_y - old_y)) * (1.0 / time_step)
 
     def effective_gravity(self, gravity, centrifugal):
         """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""

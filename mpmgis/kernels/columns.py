@@ -15,6 +15,7 @@ from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .jit import jit, jit_inline, jit_parallel, prange
+from .lanes import add_to, lane, lanes, load, multiply_add
 
 # columns of a particle's row; KAPPA only where curvature is in the scene
 X, Y, U, V, CXX, CXY, CYX, CYY, MASS, AREA, GX, GY, KAPPA = range(13)
@@ -216,38 +217,41 @@ def particles_to_grid(
         for a in range(bounds[c], bounds[c + 1]):
             tile = tiles[a]
             tile[:] = 0.0
+            nothing = lanes(0.0, 0.0, 0.0, 0.0)
             i_block = (block[a] % width + west) * BLOCK
             j_block = (block[a] // width + south) * BLOCK
             for q in range(start[a], start[a + 1]):
-                row = rows[order[q] & INDEX_MASK]
-                mass, area = row[MASS], row[AREA]
-                i0, fx, wx0, wx1, wx2 = weights(row[X], inverse_dx)
-                j0, fy, wy0, wy1, wy2 = weights(row[Y], inverse_dx)
-                metric_x, metric_y = metric.metric_gradient(row[GX], row[GY])
+                p = order[q] & INDEX_MASK
+                mass, area = rows[p, MASS], rows[p, AREA]
+                i0, fx, wx0, wx1, wx2 = weights(rows[p, X], inverse_dx)
+                j0, fy, wy0, wy1, wy2 = weights(rows[p, Y], inverse_dx)
+                metric_x, metric_y = metric.metric_gradient(rows[p, GX], rows[p, GY])
                 c2 = _cosine_squared(metric_x, metric_y)
-                thickness = mass / (density * area)
-                squared, driven = thickness * thickness, mass
+                pressed, driven = mass * mass / (density * area), mass  # A rho h^2, and m
                 if lake.still_water_active():
-                    still = lake.reference_depth(bed_at(bed, row[X], row[Y], inverse_dx)[0])
-                    squared -= still * still
-                    driven -= density * area * still
-                push = dt * 0.5 * gravity * c2 * density * area * squared * inverse_dx
+                    still = density * area * lake.reference_depth(bed_at(bed, rows[p, X], rows[p, Y], inverse_dx)[0])
+                    pressed -= still * still / (density * area)
+                    driven -= still
+                push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
                 push_xx = push * (1.0 - c2 * metric_x * metric_x)
                 push_xy = -push * c2 * metric_x * metric_y
                 push_yy = push * (1.0 - c2 * metric_y * metric_y)
                 pull = dt * driven * gravity * c2
-                qx, qy = mass * row[U] - pull * row[GX], mass * row[V] - pull * row[GY]
+                qx, qy = mass * rows[p, U] - pull * rows[p, GX], mass * rows[p, V] - pull * rows[p, GY]
                 mdx = mass * dx
-                cxx, cxy, cyx, cyy = mdx * row[CXX], mdx * row[CXY], mdx * row[CYX], mdx * row[CYY]
+                cxx, cxy, cyx, cyy = mdx * rows[p, CXX], mdx * rows[p, CXY], mdx * rows[p, CYX], mdx * rows[p, CYY]
                 weighted_kappa = 0.0
                 if curvature.curvature_active():
-                    weighted_kappa = mass * row[KAPPA]
+                    weighted_kappa = mass * rows[p, KAPPA]
                 rx0, rx1, rx2 = -fx, 1.0 - fx, 2.0 - fx
                 gx0, gx1, gx2 = fx - 1.5, 2.0 - 2.0 * fx, fx - 0.5
                 ax0, ay0 = wx0 * (qx + cxx * rx0) + push_xx * gx0, wx0 * (qy + cyx * rx0) + push_xy * gx0
                 ax1, ay1 = wx1 * (qx + cxx * rx1) + push_xx * gx1, wx1 * (qy + cyx * rx1) + push_xy * gx1
                 ax2, ay2 = wx2 * (qx + cxx * rx2) + push_xx * gx2, wx2 * (qy + cyx * rx2) + push_xy * gx2
-                t = (((j0 - j_block) * TILE + i0 - i_block) & INDEX_MASK) * 4
+                t = ((j0 - j_block) * TILE + i0 - i_block) * 4
+                node0 = lanes(wx0 * mass, ax0, ay0, wx0 * weighted_kappa)
+                node1 = lanes(wx1 * mass, ax1, ay1, wx1 * weighted_kappa)
+                node2 = lanes(wx2 * mass, ax2, ay2, wx2 * weighted_kappa)
                 for j in range(3):
                     ry = j - fy
                     if j == 0:
@@ -256,21 +260,10 @@ def particles_to_grid(
                         wy, gy = wy1, 2.0 - 2.0 * fy
                     else:
                         wy, gy = wy2, fy - 0.5
-                    ex = wy * cxy * ry + gy * push_xy
-                    ey = wy * cyy * ry + gy * push_yy
-                    tile[t] += wx0 * wy * mass
-                    tile[t + 1] += wy * ax0 + wx0 * ex
-                    tile[t + 2] += wy * ay0 + wx0 * ey
-                    tile[t + 4] += wx1 * wy * mass
-                    tile[t + 5] += wy * ax1 + wx1 * ex
-                    tile[t + 6] += wy * ay1 + wx1 * ey
-                    tile[t + 8] += wx2 * wy * mass
-                    tile[t + 9] += wy * ax2 + wx2 * ex
-                    tile[t + 10] += wy * ay2 + wx2 * ey
-                    if curvature.curvature_active():
-                        tile[t + 3] += wx0 * wy * weighted_kappa
-                        tile[t + 7] += wx1 * wy * weighted_kappa
-                        tile[t + 11] += wx2 * wy * weighted_kappa
+                    line = lanes(0.0, wy * cxy * ry + gy * push_xy, wy * cyy * ry + gy * push_yy, 0.0)
+                    add_to(tile, t, multiply_add(wy, node0, multiply_add(wx0, line, nothing)))
+                    add_to(tile, t + 4, multiply_add(wy, node1, multiply_add(wx1, line, nothing)))
+                    add_to(tile, t + 8, multiply_add(wy, node2, multiply_add(wx2, line, nothing)))
                     t += TILE * 4
 
 
@@ -450,24 +443,24 @@ def grid_to_particles(
     inverse_dx = 1.0 / dx
     ny, nx = inside.shape
     length_x, length_y = nx * dx, ny * dx
+    node_columns = nodes.shape[1]
+    nothing = lanes(0.0, 0.0, 0.0, 0.0)
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
-        signal_max, speed2_max, depth_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        signal2_max, speed2_max, depth_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bound_ratio, bound_x, bound_y = 0.0, 0.0, 0.0
         block_west, block_south, block_east, block_north = 1 << 16, 1 << 16, -1, -1
         for a in range(bounds[c], bounds[c + 1]):
             for q in range(start[a], start[a + 1]):
                 p = order[q] & INDEX_MASK
-                row = rows[p]
-                mass = row[MASS]
-                i0, fx, wx0, wx1, wx2 = weights(row[X], inverse_dx)
-                j0, fy, wy0, wy1, wy2 = weights(row[Y], inverse_dx)
+                mass = rows[p, MASS]
+                i0, fx, wx0, wx1, wx2 = weights(rows[p, X], inverse_dx)
+                j0, fy, wy0, wy1, wy2 = weights(rows[p, Y], inverse_dx)
                 gx0, gx1, gx2 = fx - 1.5, 2.0 - 2.0 * fx, fx - 0.5
                 rx0, rx1, rx2 = -fx * wx0, (1.0 - fx) * wx1, (2.0 - fx) * wx2
-                u, v, grid_mass = 0.0, 0.0, 0.0
-                ux, uy, vx, vy = 0.0, 0.0, 0.0, 0.0
-                cxx, cxy, cyx, cyy = 0.0, 0.0, 0.0, 0.0
+                mean = along_x = along_y = moment_x = moment_y = nothing  # of a node's mass and velocity
+                t = (j0 * node_columns + i0) * 4
                 for j in range(3):
                     ry = j - fy
                     if j == 0:
@@ -476,42 +469,30 @@ def grid_to_particles(
                         wy, gy = wy1, 2.0 - 2.0 * fy
                     else:
                         wy, gy = wy2, fy - 0.5
-                    m0, u0, v0 = nodes[j0 + j, i0, NODE_MASS], nodes[j0 + j, i0, NODE_X], nodes[j0 + j, i0, NODE_Y]
-                    m1, u1, v1 = (
-                        nodes[j0 + j, i0 + 1, NODE_MASS],
-                        nodes[j0 + j, i0 + 1, NODE_X],
-                        nodes[j0 + j, i0 + 1, NODE_Y],
-                    )
-                    m2, u2, v2 = (
-                        nodes[j0 + j, i0 + 2, NODE_MASS],
-                        nodes[j0 + j, i0 + 2, NODE_X],
-                        nodes[j0 + j, i0 + 2, NODE_Y],
-                    )
-                    su, sv = wx0 * u0 + wx1 * u1 + wx2 * u2, wx0 * v0 + wx1 * v1 + wx2 * v2
-                    grid_mass += wy * (wx0 * m0 + wx1 * m1 + wx2 * m2)
-                    u += wy * su
-                    v += wy * sv
-                    ux += wy * (gx0 * u0 + gx1 * u1 + gx2 * u2)
-                    vx += wy * (gx0 * v0 + gx1 * v1 + gx2 * v2)
-                    uy += gy * su
-                    vy += gy * sv
-                    cxx += wy * (rx0 * u0 + rx1 * u1 + rx2 * u2)
-                    cyx += wy * (rx0 * v0 + rx1 * v1 + rx2 * v2)
-                    cxy += wy * ry * su
-                    cyy += wy * ry * sv
+                    node0, node1, node2 = load(nodes, t), load(nodes, t + 4), load(nodes, t + 8)
+                    t += node_columns * 4
+                    line = multiply_add(wx0, node0, multiply_add(wx1, node1, multiply_add(wx2, node2, nothing)))
+                    slope = multiply_add(gx0, node0, multiply_add(gx1, node1, multiply_add(gx2, node2, nothing)))
+                    moment = multiply_add(rx0, node0, multiply_add(rx1, node1, multiply_add(rx2, node2, nothing)))
+                    mean = multiply_add(wy, line, mean)
+                    along_x = multiply_add(wy, slope, along_x)
+                    along_y = multiply_add(gy, line, along_y)
+                    moment_x = multiply_add(wy, moment, moment_x)
+                    moment_y = multiply_add(wy * ry, line, moment_y)
+                grid_mass, u, v = lane(mean, 0), lane(mean, 1), lane(mean, 2)
+                ux, vx, uy, vy = lane(along_x, 1), lane(along_x, 2), lane(along_y, 1), lane(along_y, 2)
+                cxx, cyx, cxy, cyy = lane(moment_x, 1), lane(moment_x, 2), lane(moment_y, 1), lane(moment_y, 2)
                 stretch = (1.0 + dt * ux * inverse_dx) * (1.0 + dt * vy * inverse_dx) - dt * dt * uy * vx * (
                     inverse_dx * inverse_dx
                 )
-                area = row[AREA] * min(max(stretch, AREA_FACTOR_MIN), AREA_FACTOR_MAX)
-                if clamp > 0.0:
-                    smallest = mass * dx * dx / (grid_mass * clamp)  # thickness is clamp times the grid's
-                    if area < smallest:
-                        area = smallest
-                        clamped += 1.0
-                x, y = row[X] + dt * u, row[Y] + dt * v
+                area = rows[p, AREA] * min(max(stretch, AREA_FACTOR_MIN), AREA_FACTOR_MAX)
+                if clamp > 0.0 and area * grid_mass * clamp < mass * dx * dx:
+                    area = mass * dx * dx / (grid_mass * clamp)  # thickness is clamp times the grid's
+                    clamped += 1.0
+                x, y = rows[p, X] + dt * u, rows[p, Y] + dt * v
                 if (x + y + area) * 0.0 != 0.0:  # NaN or infinite
                     mine[NOT_FINITE] += 1.0
-                    mine[BOUND_X], mine[BOUND_Y] = row[X], row[Y]
+                    mine[BOUND_X], mine[BOUND_Y] = rows[p, X], rows[p, Y]
                     continue
                 if wall:
                     x = min(max(x, 1e-9 * dx), length_x - 1e-9 * dx)
@@ -528,7 +509,7 @@ def grid_to_particles(
                 elif inside[int(y * inverse_dx), int(x * inverse_dx)] == 0:
                     edge = 4
                 if edge >= 0:
-                    mx, my = metric.metric_gradient(row[GX], row[GY])
+                    mx, my = metric.metric_gradient(rows[p, GX], rows[p, GY])
                     w = u * mx + v * my
                     out = OUT + edge * OUT_ENTRIES
                     mine[out] += mass
@@ -538,14 +519,15 @@ def grid_to_particles(
                     mine[out + 4] += 1.0
                     keys[p] = GONE
                     continue
+                old_x, old_y = rows[p, GX], rows[p, GY]
                 bed_here, gradient_x, gradient_y = bed_at(bed, x, y, inverse_dx)
                 if curvature.curvature_active():
-                    row[KAPPA] = curvature.centrifugal_acceleration(u, v, row[GX], row[GY], gradient_x, gradient_y, dt)
-                u, v = curvature.turned_velocity(u, v, row[GX], row[GY], gradient_x, gradient_y)
+                    rows[p, KAPPA] = curvature.centrifugal_acceleration(u, v, old_x, old_y, gradient_x, gradient_y, dt)
+                u, v = curvature.turned_velocity(u, v, old_x, old_y, gradient_x, gradient_y)
                 four = 4.0 * inverse_dx
-                row[X], row[Y], row[U], row[V], row[AREA] = x, y, u, v, area
-                row[CXX], row[CXY], row[CYX], row[CYY] = four * cxx, four * cxy, four * cyx, four * cyy
-                row[GX], row[GY] = gradient_x, gradient_y
+                rows[p, X], rows[p, Y], rows[p, U], rows[p, V], rows[p, AREA] = x, y, u, v, area
+                rows[p, CXX], rows[p, CXY], rows[p, CYX], rows[p, CYY] = four * cxx, four * cxy, four * cyx, four * cyy
+                rows[p, GX], rows[p, GY] = gradient_x, gradient_y
                 mx, my = metric.metric_gradient(gradient_x, gradient_y)
                 w = u * mx + v * my
                 horizontal2 = u * u + v * v
@@ -553,7 +535,8 @@ def grid_to_particles(
                 thickness = mass / (density * area)
                 depth_max = max(depth_max, thickness)
                 speed2_max = max(speed2_max, horizontal2)
-                signal_max = max(signal_max, np.sqrt(horizontal2) + np.sqrt(gravity * thickness))
+                wave2 = gravity * thickness
+                signal2_max = max(signal2_max, horizontal2 + wave2 + 2.0 * np.sqrt(horizontal2 * wave2))
                 kinetic += mass * speed2
                 if speed2 > MOVING_SPEED * MOVING_SPEED:
                     moving += mass
@@ -566,7 +549,7 @@ def grid_to_particles(
                 keys[p] = (line << 16) | column
                 block_west, block_east = min(block_west, column), max(block_east, column)
                 block_south, block_north = min(block_south, line), max(block_north, line)
-        mine[SIGNAL_MAX], mine[SPEED_MAX], mine[DEPTH_MAX] = signal_max, np.sqrt(speed2_max), depth_max
+        mine[SIGNAL_MAX], mine[SPEED_MAX], mine[DEPTH_MAX] = np.sqrt(signal2_max), np.sqrt(speed2_max), depth_max
         mine[KINETIC], mine[MOVING], mine[FLOWING], mine[CLAMPED] = 0.5 * kinetic, moving, flowing, clamped
         if mine[NOT_FINITE] == 0.0:
             mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y] = bound_ratio, bound_x, bound_y

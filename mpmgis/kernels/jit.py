@@ -59,7 +59,7 @@ def jit(function):
 
 def jit_inline(function):
     """Compile a small function that kernels call; inlined by the compiler."""
-    return numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy", inline="never")(function)
+    return numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy", inline="always")(function)
 
 
 def jit_parallel(function):
