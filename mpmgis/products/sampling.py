@@ -20,7 +20,8 @@ class FrameFacts(NamedTuple):
     `bounds` (west, south, east, north) [m] of what lies on the DTM, None where nothing does; `particle_volume` [m3]
     mean at release; `dilation` [1], the 10 % quantile of release volume over current volume; `thickness` [m], median
     volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m] of the code's own grid; `below` [1], share
-    of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns).
+    of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns);
+    `column_side` [m], mean side of the squares that columns fill, 0 for points.
     """
 
     bounds: tuple | None
@@ -30,13 +31,15 @@ class FrameFacts(NamedTuple):
     spacing: float
     below: float
     offset: float
+    column_side: float = 0.0
 
 
 def automatic_cell_size(facts, terrain_cell):
     """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (physics.md 5.3).
 
     The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid;
-    then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it.
+    then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it. Columns leave no cell
+    empty inside the flow: theirs is the side of the squares that they fill, below which there is no detail.
 
     Returns
     -------
@@ -47,9 +50,10 @@ def automatic_cell_size(facts, terrain_cell):
     volume = float(np.median([fact.particle_volume for fact in facts]))
     dilation = min(fact.dilation for fact in facts)
     thickness = float(np.median([fact.thickness for fact in facts]))
-    spacing = float(np.median([fact.spacing for fact in facts]))
+    spacing = min(fact.spacing for fact in facts)  # where it is guessed, particles that spread look like a coarser grid
+    side = float(np.median([fact.column_side for fact in facts]))
     by_volume = (volume / dilation) ** (1.0 / 3.0)
-    by_coverage = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
+    by_coverage, coverage = _coverage(side, volume, thickness)
     by_grids = min(terrain_cell, spacing)
     wanted = max(by_volume, by_coverage, by_grids)
     if wanted <= terrain_cell:
@@ -58,10 +62,18 @@ def automatic_cell_size(facts, terrain_cell):
         cell = 0.5 * spacing * math.ceil(wanted / (0.5 * spacing) * (1 - 1e-9))
     why = (
         f"Eq 15 gives {by_volume:.3g} m (particle volume {volume:.3g} m3, density down to {dilation:.2f} of the "
-        f"release's), {POINTS_PER_CELL} particles a cell {by_coverage:.3g} m (median thickness {thickness:.3g} m), "
+        f"release's), {coverage}, "
         f"the finer of DTM ({terrain_cell:g} m) and solver grid ({spacing:.3g} m) {by_grids:.3g} m"
     )
     return cell, why
+
+
+def _coverage(side, volume, thickness):
+    """(Cell size [m] that leaves few cells inside the flow empty, why in words)."""
+    if side > 0:
+        return side, f"columns fill squares of {side:.3g} m"
+    cell = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
+    return cell, f"{POINTS_PER_CELL} particles a cell ask for {cell:.3g} m (median thickness {thickness:.3g} m)"
 
 
 def automatic_time_step(cell_size, fastest):

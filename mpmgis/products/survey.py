@@ -41,6 +41,7 @@ def survey_frame(frame, bed, density):
         spacing=grid_spacing(frame),
         below=below,
         offset=offset,
+        column_side=float(np.sqrt(particles.area.mean())) if frame.dimension == 2 else 0.0,
     )
 
 

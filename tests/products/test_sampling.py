@@ -85,6 +85,14 @@ def test_cell_size_never_below_the_finer_grid():
     assert automatic_cell_size([facts(particle_volume=1e-6, thickness=1e3, spacing=2.0)], 10.0)[0] == pytest.approx(2.0)
 
 
+def test_columns_are_not_smoothed_away():
+    """A sheet that has spread thin is still whole: cells as wide as its columns show all of it."""
+    thin = facts(thickness=0.01, spacing=5.0, column_side=4.0)
+    cell, why = automatic_cell_size([thin, thin._replace(spacing=16.0)], 10.0)
+    assert cell == pytest.approx(5.0)
+    assert "squares of 4 m" in why
+
+
 def test_time_step_is_a_cell_at_full_speed():
     assert automatic_time_step(1.0, 50.0) == pytest.approx(0.02)  # Eq 17; the paper's 0.2 s is ten times that
     assert automatic_time_step(1.0, 0.0) == math.inf
