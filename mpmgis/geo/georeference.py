@@ -171,8 +171,7 @@ def _require_place(plane, centre, where, name):
             f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie {outside:.0f} degrees outside that "
             "CRS's "
             f"area of use ({plane.area_of_use.name.split(';')[0].split(' - ')[0][:60]}); the tag is false: give the "
-            "file "
-            f"its true CRS (gdal_edit -a_srs EPSG:n)"
+            f"file its true CRS (gdal_edit -a_srs EPSG:n)"
         )
     return scale_error
 

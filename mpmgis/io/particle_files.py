@@ -63,8 +63,7 @@ def _require_space(path, count):
     if needed > free:
         raise OutputError(
             f"{path}: {count} columns need about {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are free there; ask for "
-            "fewer, "
-            f"or give another -o"
+            f"fewer, or give another -o"
         )
 
 

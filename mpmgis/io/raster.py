@@ -249,6 +249,5 @@ def _tell_of_cliffs(terrain, path, say):
     if total and steep > STEEP_SHARE * total:
         say(
             f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
-            "units "
-            f"(feet, degrees) and its nodata value"
+            f"units (feet, degrees) and its nodata value"
         )

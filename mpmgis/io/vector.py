@@ -1,5 +1,5 @@
-"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (physics.md D2, D9, D10, H16 to "
-"H19)."""
+"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (physics.md D2, D9, D10, H16 to
+H19)."""
 
 import difflib
 import math
@@ -28,12 +28,14 @@ from ..geo.release import (
     without_overlaps,
 )
 from ..geo.terrain import bilinear
+from ..seeding.bed import require_bed
 from .raster import file_sha256, open_raster, read_raster
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _LAYER = "|layername="  # as QGIS writes a source with several layers
 _SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
+_SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting
 _AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
 
 
@@ -67,14 +69,15 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     else:
         features, own = _vector_features(path, terrain, wanted, say), None
     record = {}
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+        require_bed(part, terrain)
     if wanted.raster is not None:
         own = _surface_thickness(wanted.raster, terrain, features, record, say) if surface is not None else (
             _thickness_raster(wanted.raster, terrain, say)
         )
     if own is not None:
         features = [_where_thick(part, own, say) for part in features]
-    for part in features:
-        require_on_terrain(part, terrain.grid)
     plain = Path(str(path).split(_LAYER)[0])
     return ReleaseArea(
         without_overlaps(features, say),
@@ -303,8 +306,7 @@ def _require_lies_on(bounds, crs, terrain, path, say):
         problem = "carries no CRS" if crs is None else f"is in {name_of(crs)}, the DTM in a local frame"
         raise GeoreferenceError(
             f"{path} {problem}, and its coordinates ({west:.6g}, {south:.6g}) do not lie on the DTM{degrees}; assign "
-            "its "
-            f"CRS (QGIS: Define projection), or use the frame of the DTM"
+            f"its CRS (QGIS: Define projection), or use the frame of the DTM"
         )
     if crs is None and grid.crs is not None:
         say(f"{path} carries no CRS; its coordinates lie on the terrain, so {name_of(grid.crs)} is assumed")
@@ -397,8 +399,11 @@ def _thickness_raster(path, terrain, say):
 
 
 def _surface_thickness(path, terrain, features, record, say):
-    """Surface minus bed on the finer of the two grids, clipped at 0; what was clipped under the release is said "
-    "(D2)."""
+    """Surface minus bed on the finer of the two grids, clipped at 0; what was clipped under the release is said (D2).
+
+    Pixels are cut into smaller ones before clipping, so that the material ends where surface and bed meet and not at
+    the border of a pixel.
+    """
     values, grid = read_raster(path)
     grid = _grid_on_terrain(values, grid, terrain, path, say)
     if grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9):
@@ -407,17 +412,28 @@ def _surface_thickness(path, terrain, features, record, say):
     else:
         points = terrain.grid.xy(*np.indices(terrain.grid.shape))
         thickness, grid = bilinear(values, *grid.rowcol(*points)) - terrain.elevation, terrain.grid
+    polygons = [part.polygon for part in features]
+    whole = _cropped(ThicknessRaster(thickness, grid), shapely.total_bounds(polygons))
+    under = rasterio.features.geometry_mask(polygons, whole.grid.shape, whole.grid.transform, invert=True)
     with np.errstate(invalid="ignore"):
-        below = thickness < 0
-    t = grid.transform
-    under = rasterio.features.geometry_mask([f.polygon for f in features], grid.shape, t, invert=True)
-    clipped = below & under
-    count, volume = int(clipped.sum()), float(-thickness[clipped].sum() * grid.cell_area)
+        clipped = under & (whole.values < 0)
+    count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
     record.update(clipped_cells=count, clipped_volume=volume)
     if count:
         say(f"{path}: lies below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+    fine = _finer(whole)
     with np.errstate(invalid="ignore"):
-        return ThicknessRaster(np.where(thickness > 0, thickness, np.nan), grid)
+        return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
+
+
+def _finer(raster):
+    """`raster` with every pixel cut into up to 8 x 8, bilinear."""
+    cut = int(np.clip(np.sqrt(_MOST_PIXELS / raster.values.size), 1, _SURFACE_CUT))
+    rows, columns = (n * cut for n in raster.grid.shape)
+    row, column = np.ogrid[:rows, :columns]
+    values = bilinear(raster.values, (row + 0.5) / cut - 0.5, (column + 0.5) / cut - 0.5)
+    transform = raster.grid.transform * Affine.scale(1 / cut)
+    return ThicknessRaster(values, Grid(raster.grid.crs, transform, (rows, columns)))
 
 
 def _where_thick(part, thickness, say):

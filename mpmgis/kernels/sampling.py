@@ -388,9 +388,10 @@ def merge_slivers(pieces, starts, cells, columns, order, forced):
         small = pieces[i, 2] < SLIVER * pieces[i, 3]
         if not small and done >= forced:
             continue
-        j = _nearest(i, pieces, starts, cells, key, columns, owner[i], alive, True)
-        if j < 0:
-            j = _nearest(i, pieces, starts, cells, key, columns, owner[i], alive, False)
+        j = np.int64(-1)
+        for large in (True, False):
+            if j < 0:
+                j = _nearest(i, pieces, starts, cells, key, columns, owner[i], alive, large)
         if j < 0:
             continue
         area = pieces[i, 2] + pieces[j, 2]
@@ -512,46 +513,46 @@ def cell_counts(cells, n0, beta, slope, slope_map, seed, row0, column0, largest)
     return counts
 
 
-@jit_parallel
+@jit
 def count_rows(rows, inner, inner_start, n0, beta, slope, slope_map, seed, row0, column0, largest):
     """int64[rows]: particles in the inner cells of each row."""
     counts = np.zeros(rows, np.int64)
-    for row in prange(rows):
-        n = 0
+    for row in range(rows):
         for s in range(inner_start[row], inner_start[row + 1]):
             if beta == 0.0:
-                n += (inner[s, 2] - inner[s, 1]) * int(n0)
-            else:
-                for column in range(inner[s, 1], inner[s, 2]):
-                    n += cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
-        counts[row] = n
+                counts[row] += (inner[s, 2] - inner[s, 1]) * int(n0)
+                continue
+            for column in range(inner[s, 1], inner[s, 2]):
+                counts[row] += cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
     return counts
 
 
-@jit_inline
-def _vertex(seed, i, j, sx, sy, across, down):
-    """A sub-square's corner within its cell; corners inside the cell are displaced, those on its border slide on it."""
-    u, v = sx / across, sy / down
-    counter = 2 * (sy * (across + 1) + sx)
-    if 0 < sx < across:
-        u += JITTER * (uniform(seed, i, j, counter) - 0.5) / across
-    if 0 < sy < down:
-        v += JITTER * (uniform(seed, i, j, counter + 1) - 0.5) / down
-    return u, v
+@jit
+def displaced_corners(corners, seed, i, j, across, down):
+    """Fill corners float64[:, 2] with the corners of a cell's sub-squares, displaced: those on its border slide on it.
+
+    The quads between them still tile the cell exactly, whatever its neighbours do.
+    """
+    n = 0
+    for sy in range(down + 1):
+        for sx in range(across + 1):
+            moved_u = JITTER / across if 0 < sx < across else 0.0
+            moved_v = JITTER / down if 0 < sy < down else 0.0
+            corners[n, 0] = sx / across + moved_u * (uniform(seed, i, j, 2 * n) - 0.5)
+            corners[n, 1] = sy / down + moved_v * (uniform(seed, i, j, 2 * n + 1) - 0.5)
+            n += 1
 
 
 @jit_inline
-def jittered_quad(seed, i, j, sx, sy, across, down):
-    """(centroid u, v, area) of a sub-square whose corners are displaced: the quads still tile the cell exactly."""
-    x0, y0 = _vertex(seed, i, j, sx, sy, across, down)
-    x1, y1 = _vertex(seed, i, j, sx + 1, sy, across, down)
-    x2, y2 = _vertex(seed, i, j, sx + 1, sy + 1, across, down)
-    x3, y3 = _vertex(seed, i, j, sx, sy + 1, across, down)
-    first = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    second = (x2 - x0) * (y3 - y0) - (x3 - x0) * (y2 - y0)
-    area = 0.5 * (first + second)
-    u = (first * (x0 + x1 + x2) + second * (x0 + x2 + x3)) / (6.0 * area)
-    v = (first * (y0 + y1 + y2) + second * (y0 + y2 + y3)) / (6.0 * area)
+def _quad(corners, first, second):
+    """(centroid u, v, area) of the quad with lower corners first, first + 1 and upper corners second, second + 1."""
+    x0, y0, x1, y1 = corners[first, 0], corners[first, 1], corners[first + 1, 0], corners[first + 1, 1]
+    x3, y3, x2, y2 = corners[second, 0], corners[second, 1], corners[second + 1, 0], corners[second + 1, 1]
+    lower = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    upper = (x2 - x0) * (y3 - y0) - (x3 - x0) * (y2 - y0)
+    area = 0.5 * (lower + upper)
+    u = (lower * (x0 + x1 + x2) + upper * (x0 + x2 + x3)) / (6.0 * area)
+    v = (lower * (y0 + y1 + y2) + upper * (y0 + y2 + y3)) / (6.0 * area)
     return u, v, area
 
 
@@ -560,26 +561,77 @@ def _at(affine, u, v):
     return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
 
 
-@jit_inline
-def _put(n, u, v, area, write, place, bed, bed_map, thick, thick_map, law, position, columns):
-    """Evaluate one particle at (u, v); write row n if asked. Returns thickness times area [m3] before closure.
+@jit
+def evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums):
+    """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them to the rows from n on if asked.
 
-    `law` is (closure factor, density, volume of every particle or 0 where mass follows thickness); `columns` is
-    float64[4, n]: thickness, area, volume, mass.
+    `law` is (closure factor, density, volume of every column or 0 where mass follows thickness); `columns` is
+    float64[4, n]: thickness, area, volume, mass. `sums` float64[3] takes sum, smallest and largest of thickness times
+    area [m3] before closure.
     """
-    i, j = _at(thick_map, u, v)
-    thickness = valid_at(thick, i, j)
-    if write:
-        x, y = _at(place, u, v)
-        i, j = _at(bed_map, u, v)
-        position[n, 0], position[n, 1], position[n, 2] = x, y, linear_at(bed, i, j)
-        if law[2] > 0.0:
-            columns[0, n], columns[1, n], columns[2, n] = thickness, law[2] / thickness, law[2]
-        else:
-            columns[0, n], columns[1, n] = law[0] * thickness, area
-            columns[2, n] = columns[0, n] * area
-        columns[3, n] = law[1] * columns[2, n]
-    return thickness * area
+    for k in range(count):
+        u, v, area = points[k, 0], points[k, 1], points[k, 2]
+        i, j = _at(thick_map, u, v)
+        thickness = valid_at(thick, i, j)
+        volume = thickness * area
+        sums[0] += volume
+        sums[1], sums[2] = min(sums[1], volume), max(sums[2], volume)
+        if write:
+            x, y = _at(place, u, v)
+            i, j = _at(bed_map, u, v)
+            position[n + k, 0], position[n + k, 1], position[n + k, 2] = x, y, linear_at(bed, i, j)
+            if law[2] > 0.0:
+                thickness, area, volume = thickness, law[2] / thickness, law[2]
+            else:
+                thickness = law[0] * thickness
+                volume = thickness * area
+            columns[0, n + k], columns[1, n + k], columns[2, n + k] = thickness, area, volume
+            columns[3, n + k] = law[1] * volume
+
+
+@jit
+def cell_points(points, corners, row, column, count, down, kind, seed, row0, column0, cell_area):
+    """Fill points float64[:, 3] (u, v, area [m2]) with the `count` particles of a whole cell.
+
+    The cell is cut into `down` rows that share `count` as evenly as whole numbers allow; every tile has the area
+    cell / count and its particle at its centre (`kind` CENTRED), or is displaced (JITTERED), or the particle lies
+    anywhere in the cell (RANDOM).
+    """
+    i, j, across = column + column0, row + row0, count // down
+    if kind == JITTERED:
+        displaced_corners(corners, seed, i, j, across, down)
+    for sy in range(down):
+        k0, k1 = (sy * count) // down, ((sy + 1) * count) // down
+        for k in range(k0, k1):
+            u, v, share = (k - k0 + 0.5) / (k1 - k0), 0.5 * (k0 + k1) / count, 1.0 / count
+            if kind == JITTERED:
+                corner = sy * (across + 1) + k - k0
+                u, v, share = _quad(corners, corner, corner + across + 1)
+            elif kind == RANDOM:
+                u, v = uniform(seed, i, j, 2 * k), uniform(seed, i, j, 2 * k + 1)
+            points[k, 0], points[k, 1], points[k, 2] = column + u, row + v, share * cell_area
+
+
+@jit
+def fill_row(
+    row, n, write, inner, first_span, last_span, piece, first_piece, last_piece, kind, n0, beta, tile_rows, slope,
+    slope_map, seed, row0, column0, cell_area, place, bed, bed_map, thick, thick_map, law, position, columns, sums,
+):  # fmt: skip
+    """Particles of one row of the lattice, written from n on: whole cells tiled, rim pieces as they are."""
+    largest = tile_rows.size - 1
+    points = np.empty((max(largest, last_piece - first_piece), 3))
+    corners = np.empty((2 * largest + 2 if kind == JITTERED else 0, 2))
+    for s in range(first_span, last_span):
+        for column in range(inner[s, 1], inner[s, 2]):
+            count = cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
+            cell_points(points, corners, row, column, count, tile_rows[count], kind, seed, row0, column0, cell_area)
+            evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums)
+            n += count
+    count = last_piece - first_piece
+    for p in range(count):
+        points[p, 0], points[p, 1] = piece[first_piece + p, 0], piece[first_piece + p, 1]
+        points[p, 2] = piece[first_piece + p, 2] * cell_area
+    evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums)
 
 
 @jit_parallel
@@ -587,11 +639,7 @@ def fill_rows(
     first, last, write, offsets, inner, inner_start, piece, piece_start, kind, n0, beta, tile_rows, slope, slope_map,
     seed, row0, column0, cell_area, place, bed, bed_map, thick, thick_map, law, position, columns,
 ):  # fmt: skip
-    """Particles of the lattice rows first <= row < last: whole cells tiled, rim pieces as they are.
-
-    A whole cell of K particles is cut into ``tile_rows[K]`` rows that share K as evenly as whole numbers allow; every
-    tile has the area cell / K and its particle at its centre (`kind` CENTRED), or is displaced (JITTERED), or the
-    particle lies anywhere in the cell (RANDOM).
+    """`fill_row` of the lattice rows first <= row < last; a whole cell of K particles has ``tile_rows[K]`` rows.
 
     Returns
     -------
@@ -599,39 +647,14 @@ def fill_rows(
         Sum, smallest and largest of thickness times area [m3] before closure, a row.
     """
     sums = np.zeros((last - first, 3))
-    largest = tile_rows.size - 1
+    sums[:, 1] = np.inf
     for r in prange(last - first):
         row = first + r
-        n, total, low, high = offsets[r], 0.0, np.inf, 0.0
-        for s in range(inner_start[row], inner_start[row + 1]):
-            for column in range(inner[s, 1], inner[s, 2]):
-                count = cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
-                down = tile_rows[count]
-                for sy in range(down):
-                    k0, k1 = (sy * count) // down, ((sy + 1) * count) // down
-                    for k in range(k0, k1):
-                        u, v, share = (k - k0 + 0.5) / (k1 - k0), 0.5 * (k0 + k1) / count, 1.0 / count
-                        if kind == JITTERED:
-                            u, v, share = jittered_quad(
-                                seed, column + column0, row + row0, k - k0, sy, count // down, down
-                            )
-                        elif kind == RANDOM:
-                            u = uniform(seed, column + column0, row + row0, 2 * k)
-                            v = uniform(seed, column + column0, row + row0, 2 * k + 1)
-                        volume = _put(
-                            n, column + u, row + v, share * cell_area, write, place, bed, bed_map, thick, thick_map,
-                            law, position, columns,
-                        )  # fmt: skip
-                        total, low, high = total + volume, min(low, volume), max(high, volume)
-                        n += 1
-        for p in range(piece_start[row], piece_start[row + 1]):
-            volume = _put(
-                n, piece[p, 0], piece[p, 1], piece[p, 2] * cell_area, write, place, bed, bed_map, thick, thick_map,
-                law, position, columns,
-            )  # fmt: skip
-            total, low, high = total + volume, min(low, volume), max(high, volume)
-            n += 1
-        sums[r, 0], sums[r, 1], sums[r, 2] = total, low, high
+        fill_row(
+            row, offsets[r], write, inner, inner_start[row], inner_start[row + 1], piece, piece_start[row],
+            piece_start[row + 1], kind, n0, beta, tile_rows, slope, slope_map, seed, row0, column0, cell_area, place,
+            bed, bed_map, thick, thick_map, law, position, columns, sums[r],
+        )  # fmt: skip
     return sums
 
 
@@ -664,8 +687,8 @@ def integrate_cover(values, rim_key, rim, spans, columns, row0, column0):
 # ------------------------------------------------------------------------------------------------ Halton's points
 
 
-@jit_inline
-def _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+@jit
+def covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
     """Is (u, v) inside the polygon? Whole cells are known; only in rim cells are edges asked."""
     row, column = math.floor(v), math.floor(u)
     if row < 0 or row >= rim_start.size - 1 or column < 0 or column >= columns:
@@ -675,6 +698,39 @@ def _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_s
     if _find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
         return False
     return is_inside(u, v, edges, edge_start, edge_index)
+
+
+@jit
+def halton_chunk(
+    index, size, quota, shift, box, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index, beta,
+    slope, slope_map, seed, area, points,
+):  # fmt: skip
+    """Fill points float64[:, 3] (u, v, area [m2]) with those of `size` Halton points from `index` on that lie inside.
+
+    Returns
+    -------
+    taken, weights : int, float
+        Their number (at most `quota`) and sum of weights.
+    """
+    taken, weights = 0, 0.0
+    for k in range(index, index + size):
+        if taken >= quota:
+            break
+        s, t = radical_inverse(k, 2) + shift[0], radical_inverse(k, 3) + shift[1]
+        u, v = box[0] + box[2] * (s - math.floor(s)), box[1] + box[3] * (t - math.floor(t))
+        if not covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+            continue
+        weight = 1.0
+        if beta > 0.0:
+            i, j = _at(slope_map, u, v)
+            density = 1.0 + beta * min(valid_at(slope, i, j), 1.0)
+            if uniform(seed, k, 7, 7) * (1.0 + beta) >= density:
+                continue
+            weight = 1.0 / density
+        points[taken, 0], points[taken, 1], points[taken, 2] = u, v, weight * area
+        taken += 1
+        weights += weight
+    return taken, weights
 
 
 @jit_parallel
@@ -692,56 +748,46 @@ def halton_chunks(
     Returns
     -------
     float64[last - first, 5]
-        A chunk's points, sum of weights, and sum, smallest and largest of thickness times area [m3].
+        Sum, smallest and largest of thickness times area [m3] of a chunk, its points, sum of their weights.
     """
     sums = np.zeros((last - first, 5))
+    sums[:, 1] = np.inf
     for c in prange(last - first):
-        n, taken, weights, total, low, high = offsets[c], 0, 0.0, 0.0, np.inf, 0.0
-        for k in range(size):
-            if taken >= quota[first + c]:
-                break
-            index = (first + c) * size + k + 1
-            s, t = radical_inverse(index, 2) + shift[0], radical_inverse(index, 3) + shift[1]
-            u, v = box[0] + box[2] * (s - math.floor(s)), box[1] + box[3] * (t - math.floor(t))
-            if not _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
-                continue
-            weight = 1.0
-            if beta > 0.0:
-                i, j = _at(slope_map, u, v)
-                density = 1.0 + beta * min(valid_at(slope, i, j), 1.0)
-                if uniform(seed, index, 7, 7) * (1.0 + beta) >= density:
-                    continue
-                weight = 1.0 / density
-            volume = _put(
-                n, u, v, weight * area, write, place, bed, bed_map, thick, thick_map, law, position, out
-            )
-            n += 1
-            taken += 1
-            weights += weight
-            total, low, high = total + volume, min(low, volume), max(high, volume)
-        sums[c, 0], sums[c, 1], sums[c, 2], sums[c, 3], sums[c, 4] = taken, weights, total, low, high
+        points = np.empty((size, 3))
+        taken, weights = halton_chunk(
+            (first + c) * size + 1, size, quota[first + c], shift, box, columns, rim_key, rim_start, spans, span_start,
+            edges, edge_start, edge_index, beta, slope, slope_map, seed, area, points,
+        )  # fmt: skip
+        evaluate(
+            points, taken, offsets[c], write, place, bed, bed_map, thick, thick_map, law, position, out, sums[c]
+        )
+        sums[c, 3], sums[c, 4] = taken, weights
     return sums
 
 
 # ----------------------------------------------------------------------------------------------------- equal mass
 
 
+@jit
+def cover_row_sum(row, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map, sums):
+    """Fill sums float64[2]: sum of thickness times covered share, and of covered share, of a row of cells."""
+    for s in range(span_start[row], span_start[row + 1]):
+        for column in range(spans[s, 1], spans[s, 2]):
+            i, j = _at(thick_map, column + 0.5, row + 0.5)
+            sums[0] += valid_at(thick, i, j)
+            sums[1] += 1.0
+    for m in range(rim_start[row], rim_start[row + 1]):
+        i, j = _at(thick_map, rim_key[m] - row * columns + rim[m, 1], row + rim[m, 2])
+        sums[0] += valid_at(thick, i, j) * rim[m, 0]
+        sums[1] += rim[m, 0]
+
+
 @jit_parallel
 def cover_row_sums(rows, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map):
-    """float64[rows, 2]: sum of thickness times covered share, and of covered share, of each row of cells."""
+    """float64[rows, 2]: `cover_row_sum` of every row of cells."""
     sums = np.zeros((rows, 2))
     for row in prange(rows):
-        total, area = 0.0, 0.0
-        for s in range(span_start[row], span_start[row + 1]):
-            for column in range(spans[s, 1], spans[s, 2]):
-                i, j = _at(thick_map, column + 0.5, row + 0.5)
-                total += valid_at(thick, i, j)
-                area += 1.0
-        for m in range(rim_start[row], rim_start[row + 1]):
-            i, j = _at(thick_map, rim_key[m] - row * columns + rim[m, 1], row + rim[m, 2])
-            total += valid_at(thick, i, j) * rim[m, 0]
-            area += rim[m, 0]
-        sums[row, 0], sums[row, 1] = total, area
+        cover_row_sum(np.int64(row), columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map, sums[row])
     return sums
 
 
@@ -752,8 +798,8 @@ def _add_cell(sums, column, u, v, mass):
     sums[2, column] += mass * v
 
 
-@jit_inline
-def _strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map):
+@jit
+def strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map):
     """float64[3, columns]: thickness times area, and its u- and v-moment, of each column of cells of a strip."""
     sums = np.zeros((3, columns))
     for row in range(math.floor(v0), math.ceil(v1)):
@@ -789,8 +835,8 @@ def _thickest(column, v0, v1, columns, rim_key, rim, rim_start, spans, span_star
     return u, v
 
 
-@jit_inline
-def _cut_equal(sums, count, quantile):
+@jit
+def cut_equal(sums, count, quantile):
     """Cut a strip's columns into `count` pieces of equal mass, from left to right.
 
     Returns
@@ -835,6 +881,34 @@ def _cut_equal(sums, count, quantile):
     return pieces
 
 
+@jit
+def strip_points(
+    strip, v0, v1, count, start, spread, halton, seed, shift, columns, rim_key, rim, rim_start, spans, span_start,
+    edges, edge_start, edge_index, thick, thick_map,
+):  # fmt: skip
+    """float64[count, 3]: (u, v, 0) of a strip's columns of equal mass; see `fill_strips`."""
+    across, up = np.full(count, 0.5), np.full(count, 0.5)
+    if spread > 0.0:
+        for k in range(count):
+            if halton:
+                a, b = radical_inverse(start + k + 1, 2) + shift[0], radical_inverse(start + k + 1, 3) + shift[1]
+                a, b = a - math.floor(a), b - math.floor(b)
+            else:
+                a, b = uniform(seed, strip, k, 0), uniform(seed, strip, k, 1)
+            across[k], up[k] = 0.5 + spread * (a - 0.5), 0.5 + spread * (b - 0.5)
+    sums = strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map)
+    pieces = cut_equal(sums, count, across)
+    points = np.zeros((count, 3))
+    for k in range(count):
+        u, v = pieces[k, 0], pieces[k, 1]
+        if spread > 0.0:
+            u, v = pieces[k, 2], v0 + up[k] * (v1 - v0)
+        if not covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+            u, v = _thickest(np.int64(pieces[k, 3]), v0, v1, columns, rim_key, rim, rim_start, spans, span_start)
+        points[k, 0], points[k, 1] = u, v
+    return points
+
+
 @jit_parallel
 def fill_strips(
     first, last, write, borders, counts, offsets, start, spread, halton, seed, shift, columns, rim_key, rim, rim_start,
@@ -846,27 +920,13 @@ def fill_strips(
     Halton's, if `halton`) pick the quantile of mass along the strip and the height in it, over the middle `spread` of
     both. What would fall outside the polygon goes to the thickest cell at the piece's median.
     """
+    sums = np.zeros((last - first, 3))
     for c in prange(last - first):
         s = first + c
-        v0, v1, count = borders[s], borders[s + 1], counts[s]
-        across, up = np.full(count, 0.5), np.full(count, 0.5)
-        if spread > 0.0:
-            for k in range(count):
-                number = start[s] + k
-                if halton:
-                    a, b = radical_inverse(number + 1, 2) + shift[0], radical_inverse(number + 1, 3) + shift[1]
-                    a, b = a - math.floor(a), b - math.floor(b)
-                else:
-                    a, b = uniform(seed, s, k, 0), uniform(seed, s, k, 1)
-                across[k], up[k] = 0.5 + spread * (a - 0.5), 0.5 + spread * (b - 0.5)
-        sums = _strip_columns(v0, v1, columns, rim_key, rim, rim_start, spans, span_start, thick, thick_map)
-        pieces = _cut_equal(sums, count, across)
-        for k in range(count):
-            u, v = pieces[k, 0], pieces[k, 1]
-            if spread > 0.0:
-                u, v = pieces[k, 2], v0 + up[k] * (v1 - v0)
-            if not _covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
-                u, v = _thickest(
-                    np.int64(pieces[k, 3]), v0, v1, columns, rim_key, rim, rim_start, spans, span_start
-                )
-            _put(offsets[c] + k, u, v, 0.0, write, place, bed, bed_map, thick, thick_map, law, position, out)
+        points = strip_points(
+            s, borders[s], borders[s + 1], counts[s], start[s], spread, halton, seed, shift, columns, rim_key, rim,
+            rim_start, spans, span_start, edges, edge_start, edge_index, thick, thick_map,
+        )  # fmt: skip
+        evaluate(
+            points, counts[s], offsets[c], write, place, bed, bed_map, thick, thick_map, law, position, out, sums[c]
+        )

@@ -53,8 +53,7 @@ def require_bed(part, terrain):
         more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
         raise InputError(
             f"{terrain.path or 'terrain'}: no elevation under release '{part.name}' in cell (row, column) "
-            f"{named}{more}; "
-            f"fill the DTM (gdal_fillnodata) or clip the release"
+            f"{named}{more}; fill the DTM (gdal_fillnodata) or clip the release"
         )
 
 
@@ -159,8 +158,8 @@ def _cropped_raster(raster, bounds):
 
 
 def _valid_bilinear(values, row, column):
-    """Bilinear over valid neighbours with renormalised weights (D10); NaN where the pixel under the point is not "
-    "valid."""
+    """Bilinear over valid neighbours with renormalised weights (D10); NaN where the pixel under the point is not
+    valid."""
     row = np.clip(row, 0, values.shape[0] - 1)
     column = np.clip(column, 0, values.shape[1] - 1)
     valid = np.isfinite(values)

@@ -79,9 +79,9 @@ class EqualMassColumns:
         self.counts = np.diff(whole)
         self._start = whole[:-1].copy()
 
-    def march(self, first, last, scene, law, position, columns):
-        """Write the columns of the strips first <= strip < last."""
-        offsets = self._start[first:last] - self._start[first]
+    def march(self, first, last, scene, law, position, columns, at=0):
+        """Write the columns of the strips first <= strip < last from `at` on."""
+        offsets = at + self._start[first:last] - self._start[first]
         cover = self.cover
         sampling.fill_strips(
             first, last, True, self._borders, self.counts, offsets, self._start, _SPREAD[self.points],
@@ -94,8 +94,8 @@ class EqualMassColumns:
 
 
 def _inverse(values, edges, wanted):
-    """Where piecewise linear, non-decreasing `values` at `edges` reach `wanted` (the first place, inside flat "
-    "parts)."""
+    """Where piecewise linear, non-decreasing `values` at `edges` reach `wanted` (the first place, inside flat
+    parts)."""
     rising = np.concatenate(([True], np.diff(values) > 0))
     before = np.concatenate((np.diff(values) > 0, [False]))
     keep = rising | before

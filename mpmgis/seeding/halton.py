@@ -52,17 +52,17 @@ class HaltonColumns:
             expected = (self.count - found) * self._box[2] * self._box[3] * self.lattice.cell_area / area / _CHUNK
             batch = int(min(max(1.1 * expected, 1), _CHUNKS_AT_ONCE * 64)) + 1
             sums = self._chunks(first, first + batch, np.full(first + batch, _CHUNK), 1.0)
-            counts.extend(sums[:, 0].astype(int).tolist())
-            weights.extend(sums[:, 1].tolist())
-            found += int(sums[:, 0].sum())
+            counts.extend(sums[:, 3].astype(int).tolist())
+            weights.extend(sums[:, 4].tolist())
+            found += int(sums[:, 3].sum())
         ends = np.cumsum(counts)
         last = int(np.searchsorted(ends, self.count))
         self.counts = np.array(counts[: last + 1])
         self.counts[last] -= int(ends[last]) - self.count
-        weights = weights[:last] + self._chunks(last, last + 1, self.counts, 1.0)[:, 1].tolist()
+        weights = weights[:last] + self._chunks(last, last + 1, self.counts, 1.0)[:, 4].tolist()
         self._unit_area = area / sum(weights)
 
-    def _chunks(self, first, last, quota, unit_area, scene=None, law=None, position=None, columns=None):
+    def _chunks(self, first, last, quota, unit_area, scene=None, law=None, position=None, columns=None, at=0):
         offsets = np.zeros(last - first, np.int64)
         place = np.zeros(6)
         bed = thick = np.ones((2, 2))
@@ -74,6 +74,7 @@ class HaltonColumns:
         write = position is not None
         if write:
             offsets[1:] = np.cumsum(self.counts[first:last])[:-1]
+            offsets += at
         else:
             position, columns, law = np.empty((0, 3)), np.empty((4, 0)), np.zeros(3)
         cover = self.cover
@@ -84,6 +85,6 @@ class HaltonColumns:
             bed_map, thick, thick_map, law, position, columns,
         )  # fmt: skip
 
-    def march(self, first, last, scene, law, position, columns):
+    def march(self, first, last, scene, law, position=None, columns=None, at=0):
         """As `LatticeColumns.march`, over chunks of the sequence."""
-        return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns)[:, 2:]
+        return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns, at)[:, :3]

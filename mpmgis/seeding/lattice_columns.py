@@ -146,12 +146,13 @@ class LatticeColumns:
         """How many columns in all."""
         return int(self.counts.sum())
 
-    def march(self, first, last, scene, law, position, columns):
-        """Evaluate the rows first <= row < last; write them if `position` is given. Returns sums of thickness x area.
+    def march(self, first, last, scene, law, position=None, columns=None, at=0):
+        """Evaluate the rows first <= row < last; write them from `at` on if `position` is given.
 
-        `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling`.
+        `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling.evaluate`. Returns
+        float64[last - first, 3]: sum, smallest and largest of thickness times area [m3].
         """
-        offsets = np.concatenate(([0], np.cumsum(self.counts[first:last])))[:-1]
+        offsets = at + np.concatenate(([0], np.cumsum(self.counts[first:last])))[:-1]
         write = position is not None
         if not write:
             position, columns = np.empty((0, 3)), np.empty((4, 0))

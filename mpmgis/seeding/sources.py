@@ -149,7 +149,6 @@ def _joined_to(make, tried, wanted):
     if abs(got - wanted) > _TOLERANCE * wanted:
         raise InputError(
             f"--count {wanted} cannot be met within {100 * _TOLERANCE:g} % on this release; the nearest is {got}: ask "
-            "for "
-            f"that, or for more"
+            f"for that, or for more"
         )
     return sources
