@@ -20,7 +20,7 @@ from mpmgis.products.bed import Bed, place
 from mpmgis.products.cells import bin_frame
 from mpmgis.products.sampling import export_grid
 
-FRAMES, COUNT, REPEATS = 40, 500_000, 5
+FRAMES, COUNT, REPEATS = 40, 500_000, 15
 BUDGET, STARTUP = 250.0, 1.5  # ns per particle and frame; s
 SIDE = 1.25  # 16 columns a DTM cell of 5 m
 ORIGIN = np.array([600000.0, 5167000.0, 0.0])
@@ -31,10 +31,10 @@ def surface(x, y):
     return 2500 - 0.5 * x + 40 * np.sin(y / 300) + 10 * np.cos(x / 90)
 
 
-def ground():
-    """1000 x 1000 pixels of 5 m."""
-    grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5172000.0, 5.0, (1000, 1000))
-    x, y = grid.xy(*np.mgrid[:1000, :1000])
+def ground(rows=1000):
+    """`rows` x 1000 pixels of 5 m, the last one always at the same place."""
+    grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5167000.0 + 5 * rows, 5.0, (rows, 1000))
+    x, y = grid.xy(*np.mgrid[:rows, :1000])
     return Terrain(grid, surface(x - ORIGIN[0], y - ORIGIN[1]))
 
 
@@ -137,10 +137,10 @@ def command(folder, *options):
 
 
 def command_rows():
-    """The whole command, QGIS folder included; one frame of 100 particles tells the start-up."""
+    """The whole command, QGIS folder included; one frame of 100 columns on a smaller DTM tells the start-up."""
     with tempfile.TemporaryDirectory() as place_for_runs:
         runs = Path(place_for_runs)
-        small = _write(runs / "small", 1, 2, 100)
+        small = _write(runs / "small", 1, 2, 100, rows=410)
         command(small)  # compiles, once for all
         startup = min(command(small) for _ in range(3))
         yield (
@@ -158,9 +158,9 @@ def command_rows():
             yield case, value, "ns/particle/frame", f"budget {BUDGET:.0f} ns", value / BUDGET
 
 
-def _write(folder, frames, dimension, count):
+def _write(folder, frames, dimension, count, rows=1000):
     folder.mkdir()
-    terrain = ground()
+    terrain = ground(rows)
     write_geotiff(folder / "terrain.tif", terrain.grid, [(Quantity("elevation", "m", ""), terrain.elevation)], {})
     for step in range(frames):
         write_frame(folder / f"frame_{step:06d}.h5", flow(step, dimension, count))
