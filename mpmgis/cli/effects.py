@@ -24,7 +24,7 @@ def run(arguments):
         entries = catalogue()
         print(json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries))
         return 0
-    from ..pipeline.run import prepare
+    from ..pipeline.prepare import prepare
 
     decisions = prepare(arguments.scene, talk.detail).decisions
     print(json.dumps([d._asdict() for d in decisions], indent=1) if arguments.json else _table(decisions))

@@ -16,6 +16,7 @@ def add_arguments(parser):
     parser.add_argument("scene", nargs="?", metavar="scene.toml", help="the scene to simulate")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for frames (default: results/ beside the scene)")
     parser.add_argument("--overwrite", action="store_true", help="replace the frames of an earlier run in that folder")
+    parser.add_argument("--resume", action="store_true", help="go on after the last whole frame in that folder")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all); same result")
     parser.add_argument("--yes", action="store_true", help="do not ask about predicted time and memory")
     parser.add_argument("--template", action="store_true", help="print a commented scene and stop")
@@ -34,6 +35,8 @@ def run(arguments):
         raise InputError("which scene? give scene.toml, or --template to see one")
     if arguments.threads is not None and arguments.threads < 1:
         raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
+    if arguments.resume and arguments.overwrite:
+        raise InputError("--resume and --overwrite contradict each other; give one of them")
     from ..pipeline.run import run as run_scene
 
     with run_progress() as watch:
@@ -41,6 +44,7 @@ def run(arguments):
             arguments.scene,
             arguments.output,
             overwrite=arguments.overwrite,
+            resume=arguments.resume,
             threads=arguments.threads,
             confirm=lambda question: arguments.yes or _asked(question),
             say=talk.say,
@@ -75,5 +79,7 @@ def tell(summary):
             f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "
             "(the bed falls away faster than it falls); a 3D run would follow it"
         )
+    if not summary.wall_seconds:
+        return
     rate = summary.particle_steps_per_second / 1e6
     talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")

@@ -4,6 +4,7 @@ Two parts under one switch (physics.md 3.8): (T) the velocity turns with the bed
 centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 
@@ -40,14 +41,12 @@ class Curvature(NamedTuple):
         u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
         before = u * u + v * v + w * w
         after = u_new * u_new + v_new * v_new + w_new * w_new
-        if after <= 1e-12 * before or before == 0.0:
-            return u, v
-        scale = (before / after) ** 0.5
+        scale = sqrt(before / after) if after > 1e-12 * before else 1.0
         return u_new * scale, v_new * scale
 
     def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
         """kappa = u . (grad b(new) - grad b(old)) / dt [m s-2]; positive in hollows."""
-        return (u * (new_x - old_x) + v * (new_y - old_y)) * (1.0 / time_step)
+        return (u * (new_x - old_x) + v * (new_y - old_y)) / time_step
 
     def effective_gravity(self, gravity, centrifugal):
         """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""

@@ -6,6 +6,7 @@ compiled solver. The basal stress is split so that the solver can apply it semi-
     tau = dry_stress(density, normal_stress, thickness_normal, speed) + density * drag_coefficient(gravity) * speed^2
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 
@@ -68,7 +69,7 @@ def slowed_speed(speed, time_step, dry_deceleration, drag_per_length):
     reduced = speed - time_step * dry_deceleration
     if reduced <= 0.0:
         return 0.0
-    return 2.0 * reduced / (1.0 + (1.0 + 4.0 * time_step * drag_per_length * reduced) ** 0.5)
+    return 2.0 * reduced / (1.0 + sqrt(1.0 + 4.0 * time_step * drag_per_length * reduced))
 
 
 # law name in a scene -> (law, {parameter: (unit, meaning, smallest, largest)})

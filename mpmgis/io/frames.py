@@ -78,15 +78,28 @@ def _create_dataset(group, name, count, dimension):
 
 
 def _write_group(file, name, values):
-    """Arrays as datasets, numbers and strings as attributes; nothing at all where `values` is empty."""
+    """Arrays as datasets, large grids deflated; numbers and strings as attributes; nothing where `values` is empty."""
     if not values:
         return
     group = file.create_group(name)
     for key, value in values.items():
         if isinstance(value, np.ndarray):
-            group.create_dataset(key, data=value)
+            packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if value.ndim > 1 else {}
+            group.create_dataset(key, data=value, **packed)
         else:
             group.attrs[key] = value
+
+
+def drop_state(path):
+    """Rewrite the frame at `path` without what only a restart needs; whole at any moment."""
+    with h5py.File(path, "r") as source:
+        if "state" not in source:
+            return
+        with whole_file(path) as part, h5py.File(part, "w") as target:
+            target.attrs.update(source.attrs)
+            for name in source:
+                if name != "state":
+                    source.copy(name, target)
 
 
 def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None):

@@ -10,12 +10,13 @@ import numpy as np
 import rasterio
 
 from .. import __version__
-from ..errors import OutputError
+from ..errors import FormatError, OutputError, one_line
 from .atomic import output_error, refuse_existing, whole_file
-from .frames import write_frame
+from .frames import drop_state, read_frame, write_frame
 from .raster import file_sha256
 
 FRAME_PATTERN = "frame_*.h5"
+FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 
 
@@ -36,6 +37,46 @@ class RunFolder:
         refuse_existing(self.path, overwrite)
         self._overwrite = overwrite
         self.frames = 0
+
+    @classmethod
+    def resumed(cls, path):
+        """The folder of an earlier run, to go on in; an empty or missing one starts at the beginning."""
+        path = Path(path)
+        if path.is_dir() and (path / RECORD_FILE).is_file():
+            folder = cls(path, overwrite=True)
+            folder._overwrite = False
+            return folder
+        return cls(path)
+
+    def record(self):
+        """The record of the run so far; {} where there is none.
+
+        Raises
+        ------
+        FormatError
+            `run.json` cannot be read.
+        """
+        file = self.path / RECORD_FILE
+        if not file.is_file():
+            return {}
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            reason = one_line(error)[:80]
+            raise FormatError(f"{file} cannot be read ({reason}); start again with --overwrite") from error
+        return record if isinstance(record, dict) else {}
+
+    def last_frame(self):
+        """The newest whole frame with its state, None where there is none; `frames` then counts up to it.
+
+        Newer frames without state, which no run leaves, are not trusted: they are written again.
+        """
+        for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
+            frame = read_frame(path)
+            if frame.state:
+                self.frames = int(path.stem.rpartition("_")[2]) + 1
+                return frame
+        return None
 
     def open(self):
         """Make the folder, or clear it of an earlier run's files."""
@@ -70,9 +111,14 @@ class RunFolder:
         return file_sha256(path)
 
     def write_frame(self, frame):
-        """The next frame, numbered in the order of writing."""
-        write_frame(self.path / f"frame_{self.frames:06d}.h5", frame)
+        """The next frame, numbered in the order of writing; only the newest two keep what a restart needs."""
+        write_frame(self._frame_path(self.frames), frame)
         self.frames += 1
+        if self.frames > FRAMES_WITH_STATE:
+            drop_state(self._frame_path(self.frames - 1 - FRAMES_WITH_STATE))
+
+    def _frame_path(self, number):
+        return self.path / f"frame_{number:06d}.h5"
 
     def write_record(self, **record):
         """`run.json`: versions, effects and why, balances, timings, and the state of the run."""

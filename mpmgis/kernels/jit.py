@@ -46,8 +46,10 @@ from numba.extending import overload_method, register_jitable  # noqa: E402
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
 numba.config.SLP_VECTORIZE = 1  # 12 % off the step of the depth-averaged solver (measured 2026-11-21)
 
-# Not "nnan" and "ninf": they fold x != x to False, and kernels count non-finite values (kernels.md, traps).
-FASTMATH = {"contract", "nsz", "arcp"}
+# Only what leaves every result as IEEE 754 has it. "contract" lets the compiler choose which product of a*b + c*d goes
+# into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
+# between two compilations (measured). "nnan" and "ninf" fold x != x to False, and kernels count non-finite values.
+FASTMATH = {"nsz"}
 
 prange = numba.prange
 

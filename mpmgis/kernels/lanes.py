@@ -6,6 +6,7 @@ compiler finds this form by itself only now and then; written down, it halves th
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 _VECTOR = ir.VectorType(ir.DoubleType(), 4)
@@ -36,9 +37,9 @@ def _splat(builder, scalar):
 
 
 def _multiply_add(builder, factor, vector, total):
-    """factor * vector + total, one rounding where the processor can."""
-    product = builder.fmul(factor, vector, flags=("contract",))
-    return builder.fadd(product, total, flags=("contract",))
+    """factor * vector + total with one rounding, wherever it is compiled."""
+    fused = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), "llvm.fma.v4f64")
+    return builder.call(fused, [factor, vector, total])
 
 
 @intrinsic

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..io.atomic import refuse_existing
+from ..io.atomic import refuse_existing, whole_folder
 from ..io.picture import write_picture
 from ..io.raster import read_raster, read_terrain
 from ..io.sample import SITE, sample_folder
@@ -22,7 +22,9 @@ CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Ge
 
 def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=lambda solver, end_time: None,
          progress=lambda done, total: None):  # fmt: skip
-    """Copy the sample site to `output`, simulate it, export it for QGIS, and draw one picture.
+    """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
+
+    With `overwrite` an earlier demo in `output` is replaced, and nothing that is not one.
 
     Returns
     -------
@@ -30,11 +32,11 @@ def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=
     """
     output = Path(output)
     refuse_existing(output, overwrite)
-    output.mkdir(parents=True, exist_ok=True)
-    for file in sample_folder().iterdir():
-        if file.is_file():
-            shutil.copy(file, output / file.name)
-    scene = output / "scene.toml"
+    with whole_folder(output / "site", overwrite) as site:
+        for file in sample_folder().iterdir():
+            if file.is_file():
+                shutil.copy(file, site / file.name)
+    scene = output / "site" / "scene.toml"
     summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, say=say, watch=watch)
     frames = tuple(sorted((output / SITE).glob("frame_*.h5")))
     request = ExportRequest(frames, output / f"{SITE}_gis", overwrite=overwrite, workers=threads)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects.metric import SlopeMetric, WaterMetric
-from ..errors import SceneError
+from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
 from ..kernels import columns as kernel
 from ..particles import Frame, Particles
@@ -182,7 +182,47 @@ class ColumnSolver:
             digest=start.digest,
             header={"density": density},
             maxima=self.maxima(),
+            state=self.state(),
         )
+
+    def state(self):
+        """What a restart needs besides the frame's particles: the arrays that change, as they are."""
+        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
+        keep = self._keys[now, :n] != kernel.GONE
+        arrays = {
+            "rows": self._rows[now, :n][keep],
+            "wet": np.packbits(self._wet, axis=1),
+            "ledger": self._ledger,
+            "clock": self._clock,
+            "counts": self._counts,
+        }
+        return arrays | ({"peaks": self._peaks} if self.numerics.maxima else {})
+
+    def restore(self, frame):
+        """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
+
+        Raises
+        ------
+        FormatError
+            No state in it, or the state of another run.
+        """
+        state, ids = frame.state, frame.particles.id
+        wanted = {"rows", "wet", "ledger", "clock", "counts"} | ({"peaks"} if self.numerics.maxima else set())
+        if not wanted <= set(state) or ids is None:
+            at = f"t = {frame.time:g} s"
+            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
+        rows = state["rows"]
+        shapes = {"rows": (len(ids), self._rows.shape[2]), "clock": self._clock.shape, "counts": self._counts.shape}
+        shapes |= {"ledger": self._ledger.shape, "wet": np.packbits(self._wet, axis=1).shape}
+        shapes |= {"peaks": self._peaks.shape} if self.numerics.maxima else {}
+        if any(state[name].shape != shape for name, shape in shapes.items()) or len(ids) > self._rows.shape[1]:
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
+        self._wet[:] = np.unpackbits(state["wet"], axis=1, count=self._wet.shape[1])
+        for name in ("ledger", "clock", "counts", *(["peaks"] if self.numerics.maxima else [])):
+            getattr(self, f"_{name}")[:] = state[name]
+        self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
+        kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
 
     def maxima(self):
         """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.

@@ -21,7 +21,8 @@ END_REASONS = {
 class March:
     """An iterator of frames at 0, interval, 2 interval, ... end, and at the end itself if the flow stops before.
 
-    After the last frame `reason` says why it ended. `observe(solver)` is called a few times a second.
+    With `first` = k it goes on after frame k, which the solver was restored from. After the last frame `reason` says
+    why it ended; a terrain that all mass has left gets no frame. `observe(solver)` is called a few times a second.
 
     Raises
     ------
@@ -29,22 +30,25 @@ class March:
         A state that is not finite, or a speed of twice what energy allows; frames before it are whole.
     """
 
-    def __init__(self, solver, end_time, frame_interval, observe=None):
+    def __init__(self, solver, end_time, frame_interval, observe=None, first=None):
         self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
+        self.first = first
         self.observe = observe or (lambda solver: None)
         self.reason = ""
 
     def __iter__(self):
         solver = self.solver
-        yield solver.frame()
-        start, number = solver.time, 0
+        number = self.first or 0
+        if self.first is None:
+            yield solver.frame()
         while not self.reason:
             number += 1
-            until = min(start + number * self.interval, self.end_time)
+            until = min(number * self.interval, self.end_time)
             code = self._advance(until)
             if code != kernel.REACHED_TIME or until >= self.end_time:
                 self.reason = END_REASONS[code]
-            yield solver.frame()
+            if code != kernel.ALL_LEFT:
+                yield solver.frame()
 
     def _advance(self, until):
         """March to `until` in slices of a quarter second of wall time."""

@@ -1,0 +1,93 @@
+"""What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..geo.reach import reach_facts
+from ..io.frames import read_frame
+from ..io.raster import file_sha256, read_terrain
+from ..io.vector import read_release
+from ..scene import TerrainFacts, mu_least, read_scene, resolve
+from ..seeding.columns import seed_columns
+from ..solvers.columns import ColumnNumerics
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything a run needs, checked, before its first step."""
+
+    scene: object
+    terrain: object
+    frame: object
+    effects: object
+    decisions: tuple
+    facts: TerrainFacts
+    numerics: ColumnNumerics
+    digest: str
+
+
+def prepare(scene_path, say=lambda text: None):
+    """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects."""
+    scene = read_scene(scene_path)
+    table = scene.terrain
+    terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
+    cell_size = scene.numerics.cell_size or terrain.grid.cell_size
+    scene = replace(scene, numerics=replace(scene.numerics, cell_size=cell_size))
+    frame = _columns(scene, terrain, cell_size, say)
+    x, y = frame.map_xy()
+    bed = terrain.sample(x, y)
+    some = slice(None, None, max(1, len(x) // 10_000))
+    facts = TerrainFacts(**reach_facts(terrain, np.column_stack([x, y])[some], bed[some], mu_least(scene)))
+    effects, decisions = resolve(scene, facts)
+    stop = scene.output.stop_at_rest
+    numerics = ColumnNumerics(
+        cell_size=cell_size,
+        cfl=scene.numerics.cfl,
+        edges=scene.numerics.edges,
+        clamp=scene.numerics.clamp,
+        density=frame.header["density"],
+        stop_at_rest=scene.numerics.form == "slope" if stop is None else stop,
+        maxima=scene.output.maxima,
+    )
+    digest = scene.digest(terrain.sha256, _input_digest(scene))
+    return Prepared(scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, digest)
+
+
+def _columns(scene, terrain, cell_size, say):
+    """The columns at the start: seeded on the solver's own lattice of cells, or read from a seed."""
+    release = scene.release
+    if release.particles is not None:
+        return _read_columns(scene.path(release.particles), terrain, release.density)
+    thickness = release.thickness
+    if isinstance(thickness, str) and scene.path(thickness).exists():
+        thickness = str(scene.path(thickness))
+    surface = None if release.surface is None else scene.path(release.surface)
+    area = read_release(
+        scene.path(release.source), terrain, thickness=thickness, thickness_mode=release.thickness_mode,
+        surface=surface, say=say,
+    )  # fmt: skip
+    west, _, _, north = terrain.grid.bounds
+    return seed_columns(
+        terrain, area, cell_size=cell_size, anchor=(west, north), per_cell=scene.numerics.particles_per_cell,
+        points=release.points, density=release.density, velocity=release.velocity, seed=release.seed,
+    )  # fmt: skip
+
+
+def _read_columns(path, terrain, density):
+    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
+    frame = read_frame(path, with_state=False)
+    if frame.dimension != 2:
+        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them")
+    if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
+        raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    header = dict(frame.header)
+    header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
+    return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
+
+
+def _input_digest(scene):
+    """Digest of the release's files; a shapefile's geometry and columns lie in two."""
+    named = scene.path(scene.release.source or scene.release.particles)
+    return [file_sha256(named), file_sha256(named.with_suffix(".dbf"))]
