@@ -96,7 +96,7 @@ def open_raster(path):
         try:
             source = rasterio.open(path)
         except (RasterioError, OSError, ValueError) as error:
-            raise FormatError(f"{path} is no raster that GDAL reads ({_reason(error, path)})") from error
+            raise FormatError(f"{path} is no raster that GDAL reads, or a truncated one ({_reason(error, path)})") from error
         with source:
             if source.count == 0:
                 raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")

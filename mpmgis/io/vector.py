@@ -163,7 +163,7 @@ def _only_layer(source):
             f"--release '{source.name}{_LAYER}{choice[0]}'"
         )
     if not choice:
-        raise FormatError(f"{source} holds no layer with geometry, wanted polygons")
+        raise FormatError(f"{source} holds no layer with geometry, wanted polygons; it is a table without, or damaged")
     return choice[0]
 
 

@@ -32,7 +32,7 @@ def field_error(frame, hump):
 @pytest.mark.parametrize("mass", ["thickness", "equal"])
 @pytest.mark.parametrize("per_cell", [4, 16])
 def test_modes_t_and_e_put_the_field_on_the_grid(points, mass, per_cell):
-    """1.3: relative L2 <= 3 % from 4 particles a cell for the sets that are meant for it; centroid within 0.02 cells."""
+    """1.3: relative L2 <= 3 % from 4 particles a cell on, for the sets meant for it; centroid within 0.02 cells."""
     terrain, release, hump = paper_hump()
     frame = seed_columns(terrain, release, per_cell=per_cell, mass=mass, points=points)
     limit = {"lattice": 0.03, "jittered": 0.03, "halton": 0.10, "random": 0.20}[points]
@@ -107,7 +107,7 @@ def coverage_noise(points, count):
     ],
 )
 def test_coverage_noise_is_that_of_the_table(points, limits):
-    """1.4 measured 0.01, 0.01, 0.00 % (lattice), 2.6, 0.8, 0.17 % (jittered), 3.3, 0.7, 0.18 % (Halton), 16 % (random)."""
+    """1.4 measured 0.01, 0.01, 0.00 % (lattice), 2.6, 0.8, 0.17 (jittered), 3.3, 0.7, 0.18 (Halton), 16 (random)."""
     for count, limit in zip((1000, 4000, 16000), limits, strict=True):
         assert coverage_noise(points, count) <= limit
 

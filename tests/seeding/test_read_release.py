@@ -171,7 +171,7 @@ def mask(shape=(60, 60)):
 def test_a_mask_raster_is_a_union_of_pixel_squares(tmp_path, terrain):
     """D9: no contour through pixel centres, the hole is kept."""
     path = write_raster(tmp_path / "m.tif", mask().astype(np.uint8), PIXELS["north_up"])
-    with pytest.raises(InputError, match="only 0 and 1.*--thickness"):
+    with pytest.raises(InputError, match=r"only 0 and 1.*--thickness"):
         read_release(path, terrain)
     release = read_release(path, terrain, 2.0, "vertical")
     assert release.area == pytest.approx((250 - 4) * 25, rel=1e-12)

@@ -83,7 +83,7 @@ def test_a_bare_picture_needs_local(tmp_path):
 def test_bands(tmp_path):
     stack = np.stack([np.full((4, 4), 3.0), np.full((4, 4), 800.0)])
     path = write_raster(tmp_path / "d.tif", stack, PIXELS["north_up"])
-    with pytest.raises(InputError, match="2 bands.*--dem-band"):
+    with pytest.raises(InputError, match=r"2 bands.*--dem-band"):
         read_terrain(path)
     assert read_terrain(path, band=2).elevation.max() == 800.0
     with pytest.raises(InputError, match="band 3"):

@@ -179,7 +179,7 @@ def test_a_raster_too_rough_for_its_columns_is_refused():
 
 def test_bed_without_data_is_refused_by_cell_and_beside_it_is_not():
     terrain = inclined(PIXELS["north_up"])
-    row, column = (int(round(float(v))) for v in terrain.grid.rowcol(CENTRE[0] - 20, CENTRE[1]))
+    row, column = (round(float(v)) for v in terrain.grid.rowcol(CENTRE[0] - 20, CENTRE[1]))
     holed = terrain.elevation.copy()
     holed[row, column] = np.nan
     with pytest.raises(InputError, match=rf"\({row}, {column}\)"):

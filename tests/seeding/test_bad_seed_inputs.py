@@ -1,0 +1,497 @@
+"""Broken inputs to `mpmgis seed`: exit code 2, exactly one line that names the trouble, nothing left behind."""
+
+import geopandas
+import numpy as np
+import pytest
+import shapely
+from affine import Affine
+from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, write_dtm, write_raster
+
+from mpmgis.cli.main import main
+
+X, Y = CENTRE
+
+
+class Kitchen:
+    """Makes the good files of a scene in a folder; recipes spoil one of them."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.dem = write_dtm(folder / "dtm.tif")
+        self.release = self.vector("area.gpkg", ring(), d0=[2.0], name=["A1"])
+        self.options = []
+
+    def vector(self, file_name, *polygons, crs="EPSG:32632", **columns):
+        path = self.folder / file_name
+        geopandas.GeoDataFrame(columns, geometry=list(polygons), crs=crs).to_file(path)
+        return path
+
+    def raster(self, name, values, transform=PIXELS["north_up"], crs="EPSG:32632", **options):
+        return write_raster(self.folder / name, values, transform, crs, **options)
+
+    def file(self, name, content):
+        path = self.folder / name
+        path.write_bytes(content)
+        return path
+
+
+RECIPES = {}
+
+
+def recipe(words):
+    """Register a broken input; `words` must stand in its one line."""
+
+    def register(function):
+        RECIPES[function.__name__] = (function, words)
+        return function
+
+    return register
+
+
+# ------------------------------------------------------------------------------------------------------------ the DTM
+
+
+@recipe("no such file")
+def dem_missing(k):
+    k.dem = k.folder / "nowhere.tif"
+
+
+@recipe("empty (0 bytes)")
+def dem_empty(k):
+    k.dem = k.file("empty.tif", b"")
+
+
+@recipe("no raster that GDAL reads")
+def dem_junk(k):
+    k.dem = k.file("junk.tif", bytes(range(256)) * 20)
+
+
+@recipe("no raster that GDAL reads")
+def dem_is_text(k):
+    k.dem = k.file("notes.txt", b"this is no raster\n" * 10)
+
+
+@recipe("no raster that GDAL reads")
+def dem_is_a_folder(k):
+    k.dem = k.folder / "sub"
+    k.dem.mkdir()
+
+
+@recipe("truncated")
+def dem_truncated(k):
+    path = write_dtm(k.folder / "big.tif", shape=(400, 400))
+    k.dem = k.file("cut.tif", path.read_bytes()[:300_000])
+
+
+@recipe("no raster that GDAL reads")
+def dem_is_a_vector(k):
+    k.dem = k.vector("v.geojson", ring())
+
+
+@recipe("gdalwarp -t_srs EPSG:32632")
+def dem_geographic(k):
+    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(1e-4, 0, 9.0, 0, -1e-4, 46.0), "EPSG:4326")
+
+
+@recipe("foot")
+def dem_in_us_feet(k):
+    k.dem = k.raster("f.tif", np.full((50, 50), 9.0), Affine(9, 0, 6_000_000, 0, -9, 2_100_000), "EPSG:2226")
+
+
+@recipe("heights are in ft")
+def dem_heights_in_feet(k):
+    k.dem = write_dtm(k.folder / "f.tif", unit="ft")
+
+
+@recipe("heights are in US survey foot")
+def dem_vertical_crs_in_feet(k):
+    k.dem = write_dtm(k.folder / "f.tif", crs="EPSG:26910+6360")
+
+
+@recipe("look like degrees")
+def dem_degrees_under_a_projected_tag(k):
+    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(1e-4, 0, 9.0, 0, -1e-4, 46.0))
+
+
+@recipe("tag is false")
+def dem_of_another_country(k):
+    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(5, 0, 2_600_000, 0, -5, 1_200_000))
+
+
+@recipe("--crs local")
+def dem_without_crs(k):
+    k.dem = write_dtm(k.folder / "n.tif", crs=None)
+
+
+@recipe("in EPSG:32632 already")
+def crs_contradicts_the_dem(k):
+    k.options = ["--crs", "EPSG:25833"]
+
+
+@recipe("no such EPSG code")
+def crs_unknown(k):
+    k.options = ["--crs", "EPSG:99999"]
+
+
+@recipe("wanted EPSG:n")
+def crs_is_words(k):
+    k.options = ["--crs", "utm32"]
+
+
+@recipe("degrees")
+def crs_given_is_geographic(k):
+    k.dem = write_dtm(k.folder / "n.tif", crs=None)
+    k.options = ["--crs", "EPSG:4326"]
+
+
+@recipe("--dem-band")
+def dem_with_bands(k):
+    k.dem = k.raster("b.tif", np.ones((3, 60, 60)) * 9)
+
+
+@recipe("band 4")
+def dem_band_too_high(k):
+    k.dem = k.raster("b.tif", np.ones((3, 60, 60)) * 9)
+    k.options = ["--dem-band", "4"]
+
+
+@recipe("complex")
+def dem_complex(k):
+    k.dem = k.raster("c.tif", np.ones((60, 60), np.complex64))
+
+
+@recipe("every cell is nodata")
+def dem_all_nodata(k):
+    k.dem = k.raster("n.tif", np.full((60, 60), -9999.0), nodata=-9999)
+
+
+@recipe("at least 2 x 2")
+def dem_of_one_row(k):
+    k.dem = k.raster("r.tif", np.ones((1, 60)) * 9)
+
+
+@recipe("(row, column) (28, 25)")
+def dem_nodata_under_the_release(k):
+    heights = np.full((60, 60), 700.0)
+    heights[28, 25] = -9999
+    k.dem = k.raster("h.tif", heights, nodata=-9999)
+
+
+@recipe("(row, column) (28, 25)")
+def dem_nan_under_the_release(k):
+    heights = np.full((60, 60), 700.0)
+    heights[28, 25] = np.nan
+    k.dem = k.raster("h.tif", heights)
+
+
+@recipe("heights reach from")
+def dem_of_other_numbers(k):
+    heights = np.full((60, 60), 700.0)
+    heights[3, 3] = -1e30
+    k.dem = k.raster("h.tif", heights)
+
+
+# -------------------------------------------------------------------------------------------------------- the release
+
+
+@recipe("no such file")
+def release_missing(k):
+    k.release = k.folder / "nowhere.shp"
+
+
+@recipe("empty (0 bytes)")
+def release_empty_file(k):
+    k.release = k.file("empty.gpkg", b"")
+
+
+@recipe("neither a vector file nor a raster")
+def release_junk(k):
+    k.release = k.file("junk.gpkg", b"\x07" * 500)
+
+
+@recipe("or damaged")
+def release_truncated(k):
+    k.release = k.file("cut.fgb", k.vector("whole.fgb", ring(), d0=[1.0]).read_bytes()[:300])
+
+
+@recipe("neither a vector file nor a raster")
+def release_broken_json(k):
+    k.release = k.file("cut.geojson", k.vector("whole.geojson", ring(), d0=[1.0]).read_bytes()[:-40])
+
+
+@recipe("neither a vector file nor a raster")
+def release_broken_parquet(k):
+    k.release = k.file("cut.parquet", b"PAR1" + b"junk" * 30)
+
+
+@recipe("a.shx")
+def release_without_index(k):
+    k.release = k.vector("a.shp", ring(), d0=[1.0])
+    k.release.with_suffix(".shx").unlink()
+
+
+@recipe("no feature at all")
+def release_without_features(k):
+    k.release = k.folder / "none.gpkg"
+    geopandas.GeoDataFrame({"d0": []}, geometry=[], crs="EPSG:32632").to_file(k.release, geometry_type="Polygon")
+
+
+@recipe("empty geometry")
+def release_with_empty_geometry(k):
+    k.release = k.vector("e.gpkg", shapely.Polygon(), d0=[1.0])
+
+
+@recipe("holds Point, wanted polygons")
+def release_of_points(k):
+    k.release = k.vector("p.gpkg", shapely.Point(X, Y), d0=[1.0])
+
+
+@recipe("LineString, wanted polygons")
+def release_of_lines(k):
+    k.release = k.vector("l.gpkg", shapely.LineString([(X, Y), (X + 9, Y), (X, Y + 9)]), d0=[1.0])
+
+
+@recipe("no layer with geometry")
+def release_is_a_table(k):
+    k.release = k.file("t.csv", b"name,d0\na,1.0\n")
+
+
+@recipe("no area")
+def release_of_zero_area(k):
+    k.release = k.vector("z.gpkg", shapely.Polygon([(X, Y), (X + 9, Y), (X + 5, Y)]), d0=[1.0])
+
+
+@recipe("2 layers")
+def release_with_two_layers(k):
+    for layer in ("one", "two"):
+        k.release = k.folder / "l.gpkg"
+        geopandas.GeoDataFrame({"d0": [1.0]}, geometry=[ring()], crs="EPSG:32632").to_file(k.release, layer=layer)
+
+
+@recipe("neither a vector file nor a raster")
+def release_layer_unknown(k):
+    k.release = f"{k.release}|layername=nothing"
+
+
+@recipe("outside the terrain")
+def release_elsewhere(k):
+    k.release = k.vector("o.gpkg", shapely.affinity.translate(ring(), 5000, 0), d0=[1.0])
+
+
+@recipe("leaves the terrain by 50 m to the south")
+def release_leaves_the_terrain(k):
+    k.release = k.vector("o.gpkg", shapely.box(X, NORTH - 50, X + 20, NORTH + 30), d0=[1.0])
+
+
+@recipe("look like degrees")
+def release_without_crs_in_degrees(k):
+    k.release = k.vector("d.gpkg", shapely.box(9.0, 46.0, 9.01, 46.01), crs=None, d0=[1.0])
+
+
+@recipe("overlap by")
+def releases_that_overlap(k):
+    k.release = k.vector("o.gpkg", ring(), shapely.affinity.translate(ring(), 20, 0), d0=[1.0, 2.0])
+
+
+# ------------------------------------------------------------------------------------------------------ the thickness
+
+
+@recipe("has none of the columns thickness, d0, relth")
+def thickness_not_given(k):
+    k.release = k.vector("n.gpkg", ring(), depth=[1.0])
+
+
+@recipe("did you mean 'd0'")
+def thickness_column_misspelt(k):
+    k.options = ["--thickness", "d"]
+
+
+@recipe("no column")
+def thickness_raster_or_column_missing(k):
+    k.options = ["--thickness", "depth_of_snow"]
+
+
+@recipe("no such file")
+def thickness_raster_missing(k):
+    k.options = ["--thickness", "thick.tif"]
+
+
+@recipe("holds text, wanted numbers")
+def thickness_column_of_text(k):
+    k.release = k.vector("t.gpkg", ring(), d0=["1.5"])
+
+
+@recipe("thickness is nan")
+def thickness_column_with_a_gap(k):
+    two = shapely.affinity.translate(ring(), 0, 100)
+    k.release = k.vector("t.gpkg", ring(), two, d0=[1.0, np.nan])
+
+
+@recipe("thickness is 0")
+def thickness_zero(k):
+    k.options = ["--thickness", "0"]
+
+
+@recipe("thickness is -2")
+def thickness_negative(k):
+    k.options = ["--thickness=-2"]
+
+
+@recipe("thickness is nan")
+def thickness_nan(k):
+    k.options = ["--thickness", "nan"]
+
+
+@recipe("thickness is inf")
+def thickness_infinite(k):
+    k.options = ["--thickness", "inf"]
+
+
+@recipe("'A1', column 'd0': thickness is -1")
+def thickness_column_negative(k):
+    k.release = k.vector("t.gpkg", ring(), d0=[-1.0], name=["A1"])
+
+
+@recipe("only 0 and 1")
+def mask_without_thickness(k):
+    k.release = k.raster("m.tif", np.eye(60))
+
+
+@recipe("no cell holds a value other than 0")
+def mask_of_zeros(k):
+    k.release = k.raster("m.tif", np.zeros((60, 60)))
+
+
+@recipe("has no columns")
+def mask_with_a_column(k):
+    k.release = k.raster("m.tif", np.eye(60))
+    k.options = ["--thickness", "d0"]
+
+
+@recipe("in row 4, column 5")
+def thickness_raster_negative(k):
+    values = np.ones((60, 60))
+    values[4, 5] = -1
+    k.options = ["--thickness", k.raster("t.tif", values)]
+
+
+@recipe("zero thickness")
+def thickness_raster_of_zeros_under_the_release(k):
+    values = np.zeros((60, 60))
+    values[0, 0] = 1
+    k.options = ["--thickness", k.raster("t.tif", values)]
+
+
+@recipe("zero thickness")
+def surface_below_the_bed(k):
+    k.options = ["--surface", k.raster("s.tif", np.zeros((60, 60)))]
+
+
+@recipe("exclude each other")
+def surface_and_thickness(k):
+    k.options = ["--thickness", "2", "--surface", k.raster("s.tif", np.full((60, 60), 2000.0))]
+
+
+@recipe("contradicts")
+def surface_and_normal(k):
+    k.options = ["--surface", k.raster("s.tif", np.full((60, 60), 2000.0)), "--thickness-mode", "normal"]
+
+
+@recipe("do not lie on the DTM")
+def thickness_raster_elsewhere_without_crs(k):
+    k.options = ["--thickness", k.raster("t.tif", np.ones((9, 9)), Affine(5, 0, 0, 0, -5, 0), None)]
+
+
+# -------------------------------------------------------------------------------------------------------- the numbers
+
+NUMBERS = {
+    "count_zero": ("1 or more", ["--count", "0"]),
+    "count_negative": ("whole number", ["--count=-5"]),
+    "count_a_fraction": ("whole number", ["--count", "10.5"]),
+    "count_a_word": ("--count", ["--count", "many"]),
+    "count_too_large": ("4000000000", ["--count", "1e12"]),
+    "spacing_zero": ("above 0", ["--spacing", "0"]),
+    "spacing_nan": ("finite", ["--spacing", "nan"]),
+    "spacing_far_too_small": ("at most", ["--spacing", "1e-6"]),
+    "per_cell_zero": ("1 or more", ["--per-cell", "0"]),
+    "per_cell_and_count": ("not allowed with", ["--per-cell", "4", "--count", "9"]),
+    "density_negative": ("above 0", ["--density=-1"]),
+    "density_infinite": ("finite", ["--density", "inf"]),
+    "velocity_one_number": ("wanted two numbers", ["--velocity", "3"]),
+    "velocity_of_words": ("--velocity", ["--velocity", "a,b"]),
+    "velocity_nan": ("finite", ["--velocity", "nan,0"]),
+    "refinement_too_strong": ("0 to 3", ["--refine-slope", "9"]),
+    "refinement_negative": ("0 to 3", ["--refine-slope=-1"]),
+    "refinement_of_equal_masses": ("refine slope", ["--refine-slope", "1", "--mass", "equal"]),
+    "seed_negative": ("0 or more", ["--seed=-1"]),
+    "points_unknown": ("invalid choice", ["--points", "sobol"]),
+    "mass_unknown": ("invalid choice", ["--mass", "heavy"]),
+    "mode_unknown": ("invalid choice", ["--thickness-mode", "sideways"]),
+    "option_unknown": ("unrecognized arguments", ["--thicknes-mode", "normal"]),
+    "jitter_of_a_prime": ("cut regularly", ["--points", "jittered", "--per-cell", "7"]),
+    "output_unknown": ("unknown, wanted .h5", ["-o", "out.xyz"]),
+    "output_without_suffix": ("unknown, wanted .h5", ["-o", "out"]),
+    "output_exists": ("exists already", ["-o", "area.gpkg"]),
+    "band_zero": ("1 or more", ["--dem-band", "0"]),
+}
+
+
+def run(capfd, *arguments):
+    """(exit code, lines on stderr, stdout) of `mpmgis seed`; capfd sees what C libraries write, too."""
+    capfd.readouterr()
+    try:
+        code = main(["seed", *map(str, arguments)])
+    except SystemExit as stop:  # argparse
+        code = stop.code
+    out, err = capfd.readouterr()
+    return code, err.splitlines(), out
+
+
+def refused(kitchen, capfd, monkeypatch, words, options):
+    monkeypatch.chdir(kitchen.folder)
+    before = sorted(path.name for path in kitchen.folder.rglob("*"))
+    code, lines, out = run(capfd, "--dem", kitchen.dem, "--release", kitchen.release, "-q", *options)
+    assert code == 2
+    assert out == ""
+    assert len(lines) == 1, lines
+    assert words in lines[0] and lines[0].startswith("mpmgis")
+    assert "Traceback" not in lines[0] and len(lines[0]) < 400
+    assert sorted(path.name for path in kitchen.folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_broken_files(name, tmp_path, capfd, monkeypatch):
+    kitchen = Kitchen(tmp_path)
+    spoil, words = RECIPES[name]
+    spoil(kitchen)
+    refused(kitchen, capfd, monkeypatch, words, kitchen.options)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_broken_options(name, tmp_path, capfd, monkeypatch):
+    words, options = NUMBERS[name]
+    refused(Kitchen(tmp_path), capfd, monkeypatch, words, options)
+
+
+def test_what_is_left_out_is_asked_for(capfd):
+    for arguments, words in ((["--dem", "x.tif"], "--release"), (["--release", "x.shp"], "--dem")):
+        code, lines, _ = run(capfd, *arguments)
+        assert code == 2 and len(lines) == 1 and words in lines[0]
+
+
+def test_a_read_only_folder(tmp_path, capfd, monkeypatch):
+    kitchen = Kitchen(tmp_path)
+    monkeypatch.setattr("mpmgis.io.atomic.Path.mkdir", _denied)
+    refused(kitchen, capfd, monkeypatch, "no permission", ["-o", "deep/out.h5"])
+
+
+def _denied(*arguments, **options):
+    raise PermissionError(13, "Permission denied")
+
+
+def test_the_good_scene_is_good(tmp_path, capfd, monkeypatch):
+    """What the recipes spoil is whole before: the refusals above are theirs."""
+    monkeypatch.chdir(tmp_path)
+    kitchen = Kitchen(tmp_path)
+    assert run(capfd, "--dem", kitchen.dem, "--release", kitchen.release, "-q") == (0, [], "area_particles.h5\n")
+    assert EAST < X
