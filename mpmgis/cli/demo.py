@@ -21,9 +21,11 @@ def run(arguments):
 
     if arguments.threads is not None and arguments.threads < 1:
         raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
+    from ..io.atomic import refuse_existing
     from ..pipeline.demo import demo
     from .run import tell
 
+    refuse_existing(arguments.output, arguments.overwrite)
     talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 20 seconds)")
     with run_progress() as watch:
         summary, project, picture = demo(

@@ -96,7 +96,8 @@ def open_raster(path):
         try:
             source = rasterio.open(path)
         except (RasterioError, OSError, ValueError) as error:
-            raise FormatError(f"{path} is no raster that GDAL reads, or a truncated one ({_reason(error, path)})") from error
+            reason = _reason(error, path)
+            raise FormatError(f"{path} is no raster that GDAL reads, or a truncated one ({reason})") from error
         with source:
             if source.count == 0:
                 raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")

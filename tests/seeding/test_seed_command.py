@@ -84,7 +84,8 @@ def test_formats(site, tmp_path, suffix, capsys):
 def test_options_reach_the_columns(site, tmp_path, capsys):
     dem, release, area, _ = site
     path = tmp_path / "p.h5"
-    options = "--thickness 2 --thickness-mode vertical --density 300 --count 5000 --points jittered --seed 4".split()
+    options = ["--thickness", 2, "--thickness-mode", "vertical", "--density", 300, "--count", 5000]
+    options += ["--points", "jittered", "--seed", 4]
     assert seed("--dem", dem, "--release", release, "-o", path, "--velocity=-1,2.5", *options) == 0
     frame = read_frame(path)
     assert abs(len(frame.particles) - 5000) <= 50
