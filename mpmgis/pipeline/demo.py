@@ -54,4 +54,4 @@ def draw(picture, scene_path, gis_folder, name, title=TITLE, credit=CREDIT):
     rasters = Path(gis_folder) / "rasters"
     speed, grid = read_raster(rasters / f"{name}_max.tif", MAXIMA_BANDS.index("Ut_max") + 1)
     depth, _ = read_raster(rasters / f"{name}_deposit.tif", DEPOSIT_BANDS.index("h") + 1)
-    write_picture(picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.25)
+    write_picture(picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.5)
