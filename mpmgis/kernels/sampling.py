@@ -38,15 +38,22 @@ def uniform(seed, i, j, k):
     return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@jit_inline
-def radical_inverse(index, base):
-    """Van der Corput's sequence in `base`; two bases make Halton's sequence."""
-    inverse, digit = 0.0, 1.0 / base
-    while index > 0:
-        inverse += digit * (index % base)
-        index //= base
-        digit /= base
-    return inverse
+@jit
+def halton(index):
+    """Point (s, t) number `index` of Halton's sequence: van der Corput's sequences in the bases 2 and 3."""
+    bits, s, half = np.uint64(index), 0.0, 0.5
+    while bits > np.uint64(0):
+        if bits & np.uint64(1):
+            s += half
+        bits >>= np.uint64(1)
+        half *= 0.5
+    digits, t, third = np.uint64(index), 0.0, 1.0 / 3.0
+    while digits > np.uint64(0):
+        rest = digits // np.uint64(3)
+        t += third * np.float64(digits - np.uint64(3) * rest)
+        digits = rest
+        third *= 1.0 / 3.0
+    return s, t
 
 
 # ------------------------------------------------------------------------------------------------ values of rasters
@@ -73,6 +80,11 @@ def valid_at(values, row, column):
     i, j = min(int(row), max(rows - 2, 0)), min(int(column), max(columns - 2, 0))
     i1, j1 = min(i + 1, rows - 1), min(j + 1, columns - 1)
     fi, fj = row - i, column - j
+    top = values[i, j] * (1 - fj) + values[i, j1] * fj
+    bottom = values[i1, j] * (1 - fj) + values[i1, j1] * fj
+    mean = top * (1 - fi) + bottom * fi
+    if mean == mean:
+        return mean
     total, weight = 0.0, 0.0
     for r, wr in ((i, 1 - fi), (i1, fi)):
         for c, wc in ((j, 1 - fj), (j1, fj)):
@@ -238,22 +250,23 @@ def row_starts(rows, count):
 
 
 @jit_inline
-def _mark(status, row, rows, columns, rim_key, rim_start, spans, span_start):
-    """Status of the cells of `row`: 0 outside, 1 full, 2 rim."""
+def _mark(status, row, rows, columns, rim_key, share, sliver, rim_start, spans, span_start):
+    """Status of the cells of `row`: 0 outside, 1 whole, 2 rim, 3 rim with a sliver in it."""
     status[:] = 0
     if row < 0 or row >= rows:
         return
     for s in range(span_start[row], span_start[row + 1]):
         status[spans[s, 1] : spans[s, 2]] = 1
     for i in range(rim_start[row], rim_start[row + 1]):
-        status[rim_key[i] - row * columns] = 2
+        status[rim_key[i] - row * columns] = 3 if sliver[i] else 2 if share[i] < 1.0 else 1
 
 
 @jit
-def split_cells(rows, columns, rim_key, rim_start, spans, span_start):
-    """Part the covered cells into spans that need no care and cells at or beside the rim.
+def split_cells(rows, columns, rim_key, share, sliver, rim_start, spans, span_start):
+    """Part the covered cells into spans that need no care and cells at or near the rim.
 
-    Cells beside the rim are cut into pieces like rim cells, because slivers of their neighbours join them.
+    Cells beside one with a sliver are cut into pieces like rim cells, because the sliver may join them. `share` and
+    `sliver` say of each rim cell how much of it is covered, and whether there is a sliver in it.
 
     Returns
     -------
@@ -265,8 +278,8 @@ def split_cells(rows, columns, rim_key, rim_start, spans, span_start):
     inner = np.empty((spans.shape[0] + 9 * rim_key.size + 1, 3), np.int64)
     near = np.empty((9 * rim_key.size + 1, 2), np.int64)
     below, here, above = np.zeros(columns, np.uint8), np.zeros(columns, np.uint8), np.zeros(columns, np.uint8)
-    _mark(here, 0, rows, columns, rim_key, rim_start, spans, span_start)
-    _mark(above, 1, rows, columns, rim_key, rim_start, spans, span_start)
+    _mark(here, 0, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
+    _mark(above, 1, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
     s, m = 0, 0
     for row in range(rows):
         start = -1
@@ -274,9 +287,9 @@ def split_cells(rows, columns, rim_key, rim_start, spans, span_start):
             if here[column] == 0:
                 rim = True
             else:
-                rim = False
+                rim = here[column] >= 2
                 for c in range(max(column - 1, 0), min(column + 2, columns)):
-                    rim |= below[c] == 2 or here[c] == 2 or above[c] == 2
+                    rim |= below[c] == 3 or here[c] == 3 or above[c] == 3
                 if rim:
                     near[m, 0], near[m, 1] = row, column
                     m += 1
@@ -290,7 +303,7 @@ def split_cells(rows, columns, rim_key, rim_start, spans, span_start):
             inner[s, 0], inner[s, 1], inner[s, 2] = row, start, columns
             s += 1
         below, here, above = here, above, below
-        _mark(above, row + 2, rows, columns, rim_key, rim_start, spans, span_start)
+        _mark(above, row + 2, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
     return inner[:s], near[:m]
 
 
@@ -319,6 +332,22 @@ def _in_span(spans, first, last, column):
         else:
             return True
     return False
+
+
+@jit
+def cells_with_slivers(cell_key, columns, rim_key, share, across, down):
+    """bool[m]: which cells of ascending `cell_key` hold a sub-square that is covered by less than 5 %.
+
+    `rim_key`, `share` are the rim of the lattice with every cell of `columns` cut into across x down sub-squares.
+    """
+    sliver = np.zeros(cell_key.size, np.bool_)
+    for i in range(rim_key.size):
+        if share[i] < SLIVER:
+            row, column = rim_key[i] // (columns * across), rim_key[i] % (columns * across)
+            at = _find(cell_key, 0, cell_key.size, (row // down) * columns + column // across)
+            if at >= 0:
+                sliver[at] = True
+    return sliver
 
 
 @jit
@@ -469,7 +498,38 @@ def inside(points, edges, starts, index):
 
 
 @jit
-def scatter_in_pieces(points, width, height, keys, seed, spread, edges, starts, index):
+def points_in_squares(corners, sizes, edges, starts, index):
+    """float64[n, 2]: a point of the polygon in each square, the middle of the longest stretch on seven lines across it.
+
+    `corners` float64[n, 2] are the squares' lower corners, `sizes` float64[n, 2] their sides; NaN where none is found.
+    """
+    points = np.full((corners.shape[0], 2), np.nan)
+    for n in range(corners.shape[0]):
+        low, high, longest = corners[n, 0], corners[n, 0] + sizes[n, 0], 0.0
+        row = math.floor(corners[n, 1] + 0.5 * sizes[n, 1])
+        if row < 0 or row >= starts.size - 1:
+            continue
+        crossings = np.empty(starts[row + 1] - starts[row])
+        for line in range(1, 8):
+            v = corners[n, 1] + 0.125 * line * sizes[n, 1]
+            m = 0
+            for i in range(starts[row], starts[row + 1]):
+                e = index[i]
+                if (edges[e, 1] > v) != (edges[e, 3] > v):
+                    along = (v - edges[e, 1]) / (edges[e, 3] - edges[e, 1])
+                    crossings[m] = edges[e, 0] + (edges[e, 2] - edges[e, 0]) * along
+                    m += 1
+            crossings[:m].sort()
+            for k in range(0, m - 1, 2):
+                u0, u1 = max(crossings[k], low), min(crossings[k + 1], high)
+                if u1 - u0 > longest:
+                    longest = u1 - u0
+                    points[n, 0], points[n, 1] = 0.5 * (u0 + u1), v
+    return points
+
+
+@jit
+def scatter_in_pieces(points, width, height, keys, seed, edges, starts, index):
     """Move each rim point to a random place of its sub-square that lies inside the polygon; it stays if 32 tries fail.
 
     `points` float64[n, 2] is changed in place; the squares of `width` x `height` [cells] hold them; `keys` int64[n, 3]
@@ -479,8 +539,8 @@ def scatter_in_pieces(points, width, height, keys, seed, spread, edges, starts, 
         u0, v0 = math.floor(points[n, 0] / width[n]) * width[n], math.floor(points[n, 1] / height[n]) * height[n]
         for attempt in range(32):
             counter = (keys[n, 2] + 1) * 1024 + attempt * 2
-            u = u0 + width[n] * (0.5 + spread * (uniform(seed, keys[n, 0], keys[n, 1], counter) - 0.5))
-            v = v0 + height[n] * (0.5 + spread * (uniform(seed, keys[n, 0], keys[n, 1], counter + 1) - 0.5))
+            u = u0 + width[n] * uniform(seed, keys[n, 0], keys[n, 1], counter)
+            v = v0 + height[n] * uniform(seed, keys[n, 0], keys[n, 1], counter + 1)
             if is_inside(u, v, edges, starts, index):
                 points[n, 0], points[n, 1] = u, v
                 break
@@ -687,14 +747,26 @@ def integrate_cover(values, rim_key, rim, spans, columns, row0, column0):
 # ------------------------------------------------------------------------------------------------ Halton's points
 
 
+@jit_inline
+def _in_whole_cell(u, v, columns, spans, span_start):
+    """Is (u, v) in a cell that the polygon covers whole?"""
+    row, column = math.floor(v), math.floor(u)
+    if row < 0 or row >= span_start.size - 1 or column < 0 or column >= columns:
+        return False
+    return _in_span(spans, span_start[row], span_start[row + 1], column)
+
+
 @jit
 def covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
-    """Is (u, v) inside the polygon? Whole cells are known; only in rim cells are edges asked."""
+    """Is (u, v) inside the polygon? Whole cells are known; only in rim cells are edges asked.
+
+    Kernels ask `_in_whole_cell` first: a call with so many arrays costs more than that answer.
+    """
+    if _in_whole_cell(u, v, columns, spans, span_start):
+        return True
     row, column = math.floor(v), math.floor(u)
     if row < 0 or row >= rim_start.size - 1 or column < 0 or column >= columns:
         return False
-    if _in_span(spans, span_start[row], span_start[row + 1], column):
-        return True
     if _find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
         return False
     return is_inside(u, v, edges, edge_start, edge_index)
@@ -716,9 +788,12 @@ def halton_chunk(
     for k in range(index, index + size):
         if taken >= quota:
             break
-        s, t = radical_inverse(k, 2) + shift[0], radical_inverse(k, 3) + shift[1]
+        s, t = halton(k)
+        s, t = s + shift[0], t + shift[1]
         u, v = box[0] + box[2] * (s - math.floor(s)), box[1] + box[3] * (t - math.floor(t))
-        if not covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+        if not _in_whole_cell(u, v, columns, spans, span_start) and not covered(
+            u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index
+        ):
             continue
         weight = 1.0
         if beta > 0.0:
@@ -852,13 +927,15 @@ def cut_equal(sums, count, quantile):
         mass = sums[0, column]
         if mass <= 0.0:
             continue
-        u, v, used = sums[1, column] / mass, sums[2, column] / mass, 0.0
+        inverse = 1.0 / mass
+        u, v, used = sums[1, column] * inverse, sums[2, column] * inverse, 0.0
         half = min(u - column, column + 1.0 - u)
+        scale = 2.0 * half * inverse
         while used < mass and i < count:
             part = mass - used
             if filled + part > each and i < count - 1:
                 part = each - filled
-            low, high = u - half + 2.0 * half * used / mass, u - half + 2.0 * half * (used + part) / mass
+            low, high = u - half + scale * used, u - half + scale * (used + part)
             pieces[i, 0] += part * 0.5 * (low + high)
             pieces[i, 1] += part * v
             if filled <= quantile[i] * each:
@@ -883,15 +960,16 @@ def cut_equal(sums, count, quantile):
 
 @jit
 def strip_points(
-    strip, v0, v1, count, start, spread, halton, seed, shift, columns, rim_key, rim, rim_start, spans, span_start,
+    strip, v0, v1, count, start, spread, sequence, seed, shift, columns, rim_key, rim, rim_start, spans, span_start,
     edges, edge_start, edge_index, thick, thick_map,
 ):  # fmt: skip
     """float64[count, 3]: (u, v, 0) of a strip's columns of equal mass; see `fill_strips`."""
     across, up = np.full(count, 0.5), np.full(count, 0.5)
     if spread > 0.0:
         for k in range(count):
-            if halton:
-                a, b = radical_inverse(start + k + 1, 2) + shift[0], radical_inverse(start + k + 1, 3) + shift[1]
+            if sequence:
+                a, b = halton(start + k + 1)
+                a, b = a + shift[0], b + shift[1]
                 a, b = a - math.floor(a), b - math.floor(b)
             else:
                 a, b = uniform(seed, strip, k, 0), uniform(seed, strip, k, 1)
@@ -903,7 +981,9 @@ def strip_points(
         u, v = pieces[k, 0], pieces[k, 1]
         if spread > 0.0:
             u, v = pieces[k, 2], v0 + up[k] * (v1 - v0)
-        if not covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
+        if not _in_whole_cell(u, v, columns, spans, span_start) and not covered(
+            u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index
+        ):
             u, v = _thickest(np.int64(pieces[k, 3]), v0, v1, columns, rim_key, rim, rim_start, spans, span_start)
         points[k, 0], points[k, 1] = u, v
     return points
@@ -911,20 +991,20 @@ def strip_points(
 
 @jit_parallel
 def fill_strips(
-    first, last, write, borders, counts, offsets, start, spread, halton, seed, shift, columns, rim_key, rim, rim_start,
-    spans, span_start, edges, edge_start, edge_index, place, bed, bed_map, thick, thick_map, law, position, out,
+    first, last, write, borders, counts, offsets, start, spread, sequence, seed, shift, columns, rim_key, rim,
+    rim_start, spans, span_start, edges, edge_start, edge_index, place, bed, bed_map, thick, thick_map, law, position, out,
 ):  # fmt: skip
     """Columns of equal mass: every strip borders[s] <= v < borders[s + 1] is cut into counts[s] pieces.
 
     With `spread` 0 a column lies at its piece's centroid; otherwise at a place of the piece: random numbers (or
-    Halton's, if `halton`) pick the quantile of mass along the strip and the height in it, over the middle `spread` of
+    Halton's, if `sequence`) pick the quantile of mass along the strip and the height in it, over the middle `spread` of
     both. What would fall outside the polygon goes to the thickest cell at the piece's median.
     """
     sums = np.zeros((last - first, 3))
     for c in prange(last - first):
         s = first + c
         points = strip_points(
-            s, borders[s], borders[s + 1], counts[s], start[s], spread, halton, seed, shift, columns, rim_key, rim,
+            s, borders[s], borders[s + 1], counts[s], start[s], spread, sequence, seed, shift, columns, rim_key, rim,
             rim_start, spans, span_start, edges, edge_start, edge_index, thick, thick_map,
         )  # fmt: skip
         evaluate(

@@ -89,7 +89,6 @@ class Outline:
     window: Window
     edges: np.ndarray
     orientation: float
-    geometry: shapely.Geometry
 
     @classmethod
     def of(cls, polygon, lattice):
@@ -104,7 +103,7 @@ class Outline:
         joined = ring[1:] == ring[:-1]
         edges = np.ascontiguousarray(np.hstack((cells[:-1][joined], cells[1:][joined])))
         area = 0.5 * np.sum((edges[:, 0] + edges[:, 2]) * (edges[:, 3] - edges[:, 1]))
-        return cls(lattice, window, edges, -1.0 if area > 0 else 1.0, polygon)
+        return cls(lattice, window, edges, -1.0 if area > 0 else 1.0)
 
     def cover(self, across=1, down=1):
         """What the polygon covers of the lattice with every cell cut into `across` x `down` sub-squares."""
@@ -127,16 +126,15 @@ class Outline:
         """bool[n]: which points float64[n, 2] in (u, v) of the window lie inside."""
         return sampling.inside(np.ascontiguousarray(points), self.edges, *self.binned_edges)
 
+    def points_in_squares(self, corners, sizes):
+        """float64[n, 2]: a point inside the polygon in each square of lower corner and size float64[n, 2], or NaN."""
+        corners, sizes = np.ascontiguousarray(corners), np.ascontiguousarray(sizes)
+        return sampling.points_in_squares(corners, sizes, self.edges, *self.binned_edges)
+
     @cached_property
     def binned_edges(self):
         """(starts, index) of the edges by row of cells."""
         return sampling.edges_by_row(self.edges, self.window.rows)
-
-    @cached_property
-    def polygon(self):
-        """The polygon in (u, v) of the window."""
-        shift = np.array([self.window.column, self.window.row])
-        return shapely.transform(self.geometry, lambda points: self.lattice.to_cells(points) - shift)
 
 
 def _snapped(values):

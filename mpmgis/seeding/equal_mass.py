@@ -6,12 +6,11 @@ total and centroid are kept; other point sets move it within its piece (stratifi
 """
 
 import numpy as np
-import shapely
 
 from ..kernels import sampling
 from .cover import Outline
 
-_FINER = 0.5  # side of the cells that the mass is summed on, over the columns' mean spacing
+_FINER = 0.71  # side of the cells that the mass is summed on, over the columns' mean spacing
 # Width of a column's displacement over its piece; jittered as far as the centroids of quads with displaced corners are.
 _SPREAD = {"lattice": 0.0, "jittered": 0.5 * sampling.JITTER, "halton": 1.0, "random": 1.0}
 
@@ -48,12 +47,11 @@ class EqualMassColumns:
         doubtful = np.flatnonzero(rim[:, 3] >= 2)
         corner = np.column_stack((self.cover.rim_key % columns, self.cover.rim_key // columns)).astype(float)
         outside = doubtful[~self.outline.contains(corner[doubtful] + rim[doubtful, 1:3])]
-        if len(outside):
-            low = corner[outside]
-            squares = shapely.box(low[:, 0], low[:, 1], low[:, 0] + 1, low[:, 1] + 1)
-            points = shapely.point_on_surface(shapely.intersection(self.outline.polygon, squares))
-            found = ~shapely.is_empty(points)
-            rim[outside[found], 1:3] = shapely.get_coordinates(points[found]) - low[found]
+        if not len(outside):
+            return
+        points = self.outline.points_in_squares(corner[outside], np.ones((len(outside), 2)))
+        found = np.isfinite(points[:, 0])
+        rim[outside[found], 1:3] = points[found] - corner[outside[found]]
 
     def _set_strips(self, scene):
         """Borders of the strips [rows of cells] and how many columns each holds."""

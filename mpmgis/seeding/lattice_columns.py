@@ -3,7 +3,6 @@
 from functools import cached_property
 
 import numpy as np
-import shapely
 
 from ..kernels import sampling
 from .cover import Outline
@@ -47,25 +46,26 @@ class Tiling:
 class LatticeColumns:
     """The columns of one polygon on a lattice, row of cells by row of cells.
 
-    `counts` int64[blocks] says how many columns each row holds; `area` is their total plan area [m2]; `mergeable` is
-    the number of pieces at the rim, `joined` how many slivers went into them.
+    `counts` int64[blocks] says how many columns each row holds; `mergeable` is the number of pieces at the rim,
+    `joined` how many slivers went into them.
     """
 
     def __init__(self, polygon, lattice, tiling, kind, seed, slope=None, forced=0):
         self.lattice, self.tiling, self.kind, self.seed = lattice, tiling, KINDS[kind], int(seed)
         self.outline = Outline.of(polygon, lattice)
         self.window = self.outline.window
+        self._levels = {}
         self._set_slope(slope)
         cover = self.outline.cover()
-        self.inner, near = sampling.split_cells(
-            cover.rows, cover.columns, cover.rim_key, cover.rim_start, cover.spans, cover.span_start
-        )
+        share = np.ascontiguousarray(cover.rim[:, 0])
+        self.inner, self._near = sampling.split_cells(
+            cover.rows, cover.columns, cover.rim_key, share, self._slivers(cover, forced), cover.rim_start, cover.spans,
+            cover.span_start,
+        )  # fmt: skip
         self.inner_start = sampling.row_starts(self.inner[:, 0], cover.rows)
-        self._set_pieces(near, forced)
+        self._set_pieces(forced)
         inner_counts = sampling.count_rows(self.window.rows, self.inner, self.inner_start, *self._counting)
         self.counts = inner_counts + np.diff(self.piece_start)
-        whole = int((self.inner[:, 2] - self.inner[:, 1]).sum())
-        self.area = (whole + float(self.piece[:, 2].sum())) * lattice.cell_area
 
     def _set_slope(self, slope):
         """`slope` is None or (tan of the slope float64[rows, columns], its Grid)."""
@@ -81,31 +81,44 @@ class LatticeColumns:
             tiling.largest,
         )  # fmt: skip
 
-    def _set_pieces(self, near, forced):
-        """Cut the cells at and beside the rim, join slivers, put every piece's particle inside the polygon."""
+    def _slivers(self, cover, forced):
+        """bool[m]: rim cells whose pieces may have to join others beyond the cell."""
+        if self.tiling.beta or forced:  # cells of several levels, or pieces joined for their number's sake
+            return np.ones(len(cover.rim_key), bool)
+        across, down = self.tiling.cut(int(self.tiling.n0))
+        fine = self._level(across, down)
+        share = np.ascontiguousarray(fine.rim[:, 0])
+        return sampling.cells_with_slivers(cover.rim_key, cover.columns, fine.rim_key, share, across, down)
+
+    def _level(self, across, down):
+        """The Cover with every cell cut into `across` x `down` sub-squares, kept until the pieces are cut."""
+        if (across, down) not in self._levels:
+            self._levels[across, down] = self.outline.cover(across, down)
+        return self._levels[across, down]
+
+    def _set_pieces(self, forced):
+        """Cut the cells at and near the rim, and join slivers."""
+        near = self._near
         counts = sampling.cell_counts(near, *self._counting)
-        owner, pieces, cut = self._cut(near, counts)
+        owner, pieces, cut = self._cut(counts)
         starts = sampling.row_starts(owner, len(near))
-        before = pieces[:, :2].copy()
+        alone = pieces[:, :2].copy()
         order = np.argsort(pieces[:, 2], kind="stable")
         alive = sampling.merge_slivers(pieces, starts, near, self.window.columns, order, forced)
         self.mergeable, self.joined = int(alive.sum()), int((~alive).sum())
-        owner, pieces, before, cut = owner[alive], pieces[alive], before[alive], cut[alive]
-        self._keep_inside(pieces, before, cut)
-        if self.kind == sampling.RANDOM:
-            self._scatter(owner, near, pieces, cut)
-        self.piece = np.ascontiguousarray(pieces[:, :3])
-        self.piece_start = sampling.row_starts(near[owner, 0], self.window.rows)
+        self._pieces = owner[alive], pieces[alive], alone[alive], cut[alive]
+        self.piece_start = sampling.row_starts(near[owner[alive], 0], self.window.rows)
+        self._levels.clear()
 
-    def _cut(self, near, counts):
+    def _cut(self, counts):
         """(owner, pieces, sub-square sizes) of all near cells; cells of another count are cut at another level."""
         owners, pieces, cuts = [], [], []
         for count in np.unique(counts):
             across, down = self.tiling.cut(count)
             cells = np.flatnonzero(counts == count)
-            cover = self.outline.cover(across, down)
+            cover = self._level(across, down)
             owner, piece = sampling.gather_pieces(
-                near[cells], across, down, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans,
+                self._near[cells], across, down, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans,
                 cover.span_start,
             )  # fmt: skip
             owners.append(cells[owner])
@@ -115,30 +128,39 @@ class LatticeColumns:
         order = np.argsort(owner, kind="stable")
         return owner[order], np.vstack([np.empty((0, 5)), *pieces])[order], np.vstack([np.empty((0, 2)), *cuts])[order]
 
-    def _keep_inside(self, pieces, before, cut):
-        """A centroid outside the polygon goes to a point of its piece inside (contract.md section 1)."""
+    @cached_property
+    def piece(self):
+        """float64[n, 3]: (u, v, area [cells]) of the columns of all pieces, inside the polygon."""
+        owner, pieces, alone, cut = self._pieces
+        self._keep_inside(pieces, alone, cut)
+        if self.kind == sampling.RANDOM:
+            self._scatter(owner, pieces, cut)
+        return np.ascontiguousarray(pieces[:, :3])
+
+    def _keep_inside(self, pieces, alone, cut):
+        """A centroid outside the polygon goes to a point of its piece inside (contract.md section 1).
+
+        `alone` float64[n, 2] are the centroids before slivers joined.
+        """
         doubtful = np.flatnonzero(pieces[:, 4] >= 2)
         outside = doubtful[~self.outline.contains(pieces[doubtful, :2])]
-        pieces[outside, :2] = before[outside]
+        pieces[outside, :2] = alone[outside]
         outside = outside[~self.outline.contains(pieces[outside, :2])]
         if not len(outside):
             return
-        low = np.floor(pieces[outside, :2] / cut[outside]) * cut[outside]
-        squares = shapely.box(low[:, 0], low[:, 1], low[:, 0] + cut[outside, 0], low[:, 1] + cut[outside, 1])
-        shapely.prepare(self.outline.polygon)
-        within = shapely.intersection(self.outline.polygon, squares)
-        points = shapely.point_on_surface(within)
-        found = ~shapely.is_empty(points)
-        pieces[outside[found], :2] = shapely.get_coordinates(points[found])
+        corners = np.floor(pieces[outside, :2] / cut[outside]) * cut[outside]
+        points = self.outline.points_in_squares(corners, cut[outside])
+        found = np.isfinite(points[:, 0])
+        pieces[outside[found], :2] = points[found]
 
-    def _scatter(self, owner, near, pieces, cut):
+    def _scatter(self, owner, pieces, cut):
         points = np.ascontiguousarray(pieces[:, :2])
         number = np.arange(len(owner)) - np.searchsorted(owner, owner)
-        keys = np.column_stack((near[owner, 1] + self.window.column, near[owner, 0] + self.window.row, number))
+        cell = self._near[owner]
+        keys = np.column_stack((cell[:, 1] + self.window.column, cell[:, 0] + self.window.row, number))
         sampling.scatter_in_pieces(
-            points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, 1.0, self.outline.edges,
-            *self.outline.binned_edges,
-        )  # fmt: skip
+            points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, self.outline.edges, *self.outline.binned_edges
+        )
         pieces[:, :2] = points
 
     @cached_property

@@ -36,7 +36,7 @@ def scene(polygon=None):
 def star(vertices):
     """A spiky release of so many vertices."""
     angle = np.linspace(0, 2 * np.pi, vertices, endpoint=False)
-    radius = 40 + 8 * (np.arange(vertices) % 2) * np.random.default_rng(1).random(vertices)
+    radius = 40 + 4 * (np.arange(vertices) % 2) * np.random.default_rng(1).random(vertices)
     return shapely.Polygon(np.column_stack((50 + radius * np.cos(angle), 50 + radius * np.sin(angle))))
 
 
@@ -52,7 +52,7 @@ def seconds(work, repeats=REPEATS):
 
 
 def with_libraries(terrain, release, count):
-    """The same points with the usual libraries: shapely decides what is inside, SciPy interpolates bed and thickness."""
+    """The same points with the usual libraries: shapely says what is inside, SciPy interpolates bed and thickness."""
     part = release.parts[0]
     west, south, east, north = part.polygon.bounds
     spacing = np.sqrt(part.polygon.area / count)
@@ -70,7 +70,7 @@ def with_libraries(terrain, release, count):
 
 
 def peak_memory(work):
-    """Bytes by which the process's resident memory peaks above its start during `work()`; None where it cannot be told."""
+    """(bytes by which resident memory peaks above its start during `work()`, or None; what it returns)."""
     try:
         Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew (proc(5))
         start = _status("VmRSS")
@@ -125,15 +125,17 @@ def other_rows():
         taken = seconds(lambda options=options: seed_columns(terrain, release, count=COUNTS[-1], **options), 3)
         words = " ".join(options.values())
         yield f"seed {COUNTS[-1]:,} columns, {words}", taken, "s", f"lattice {plain:.3g} s", taken / plain
-    for vertices in (201, 5001):
-        terrain, release = scene(star(vertices))
-        count = COUNTS[-1] if vertices < 1000 else COUNTS[-1] // 10
-        taken = seconds(lambda: seed_columns(terrain, release, count=count), 3)
-        began = time.perf_counter()
-        with_libraries(terrain, release, count)
-        reference = time.perf_counter() - began
-        name = f"shapely.contains_xy + RegularGridInterpolator {reference:.3g} s"
-        yield f"seed {count:,} columns, {vertices} vertices", taken, "s", name, taken / reference
+    yield star_row(201, COUNTS[-1])
+    yield star_row(5001, COUNTS[-1])
+
+
+def star_row(vertices, count):
+    """A release of many vertices against the usual libraries."""
+    terrain, release = scene(star(vertices))
+    taken = seconds(lambda: seed_columns(terrain, release, count=count), 3)
+    reference = seconds(lambda: with_libraries(terrain, release, count), 1)
+    name = f"shapely.contains_xy + RegularGridInterpolator {reference:.3g} s"
+    return f"seed {count:,} columns, {vertices} spiky vertices", taken, "s", name, taken / reference
 
 
 def many_rows(terrain, release):
