@@ -36,6 +36,9 @@ def cache_folder():
     return folder
 
 
+# Threads that wait sleep instead of spinning: on an idle machine a small step takes a fifth longer, on a busy one it is
+# five times faster (25 600 columns, measured 2026-11-21). Read by the OpenMP runtime when numba starts it.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if "NUMBA_CACHE_DIR" not in os.environ:
     os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())
 
