@@ -49,7 +49,7 @@ class Particles:
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time, with their place on the map. `contract.md` section 2 is its form on disk.
+    """All particles at one time, with their place on the map. README tells its form on disk.
 
     `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' where
     unknown; `state` holds what a restart needs besides; `maxima` holds running peaks of the solver; `header` holds

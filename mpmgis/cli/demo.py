@@ -9,7 +9,7 @@ mpmgis demo -o demo
 
 
 def add_arguments(parser):
-    """The options of contract.md section 1."""
+    """Declare the verb's options."""
     parser.add_argument("-o", "--output", metavar="DIR", default="mpmgis_demo", help="folder (default: mpmgis_demo)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier demo in that folder")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all)")

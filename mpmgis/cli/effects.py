@@ -11,7 +11,7 @@ mpmgis effects scene.toml
 
 
 def add_arguments(parser):
-    """The options of contract.md section 1."""
+    """Declare the verb's options."""
     parser.add_argument("scene", nargs="?", metavar="scene.toml", help="decide the effects of this scene")
     parser.add_argument("--json", action="store_true", help="print JSON")
 

@@ -12,7 +12,7 @@ mpmgis run scene.toml -o results
 
 
 def add_arguments(parser):
-    """The options of contract.md section 1."""
+    """Declare the verb's options."""
     parser.add_argument("scene", nargs="?", metavar="scene.toml", help="the scene to simulate")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for frames (default: results/ beside the scene)")
     parser.add_argument("--overwrite", action="store_true", help="replace the frames of an earlier run in that folder")

@@ -1,6 +1,6 @@
 """Curvature of the bed: the flow keeps its speed where the slope changes, and presses harder in hollows.
 
-Two parts under one switch (physics.md 3.8): (T) the velocity turns with the bed at constant speed, (N) the
+Two parts under one switch (design notes 3.8): (T) the velocity turns with the bed at constant speed, (N) the
 centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction.
 """
 

@@ -1,7 +1,7 @@
 """Basal resistance: the stress with which the bed opposes the flow.
 
 A friction law is a NamedTuple of its parameters with two methods that run as plain Python and, unchanged, inside the
-compiled solver. The basal stress is split so that the solver can apply it semi-implicitly (physics.md 3.5):
+compiled solver. The basal stress is split so that the solver can apply it semi-implicitly (design notes 3.5):
 
     tau = dry_stress(density, normal_stress, thickness_normal, speed) + density * drag_coefficient(gravity) * speed^2
 """
@@ -61,7 +61,7 @@ def basal_stress(law, density, gravity, normal_stress, thickness_normal, speed):
 
 
 def slowed_speed(speed, time_step, dry_deceleration, drag_per_length):
-    """Speed [m s-1] after `time_step` [s] of friction; never reverses (physics.md 3.5).
+    """Speed [m s-1] after `time_step` [s] of friction; never reverses (design notes 3.5).
 
     The exact solution of s = S - dt k s^2 with S = max(0, speed - dt F): F is `dry_deceleration` [m s-2], k is
     `drag_per_length` [m-1]. S = 0 is the exact static test tan(theta) <= mu on planes.

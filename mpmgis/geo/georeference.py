@@ -1,4 +1,4 @@
-"""Is this CRS, with these coordinates, a map in metres? The refusals of physics.md D7, each with its cure."""
+"""Is this CRS, with these coordinates, a map in metres? Refusals (design note D7), each with its cure."""
 
 import math
 
@@ -10,7 +10,7 @@ from ..errors import GeoreferenceError, InputError, one_line
 LOCAL = "local"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
-_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] physics.md D7
+_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] design note D7
 
 
 def parse_crs(text):
@@ -70,7 +70,7 @@ def same_place(first, second):
 
 
 def require_metric(crs, bounds, where, say):
-    """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean (physics.md D7).
+    """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean (design note D7).
 
     Parameters
     ----------

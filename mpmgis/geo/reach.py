@@ -7,7 +7,7 @@ from ..fields import GRAVITY
 
 
 def reach_facts(terrain, release_xy, release_bed, mu):
-    """Numbers about the ground below the energy line of the highest release (physics.md section 8).
+    """Numbers about the ground below the energy line of the highest release (design notes 8).
 
     Parameters
     ----------

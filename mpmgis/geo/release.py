@@ -69,7 +69,7 @@ class ReleaseArea:
 
 
 def without_overlaps(parts, say):
-    """`parts` with those of one thickness united into one, so that no ground is counted twice (physics.md H19).
+    """`parts` with those of one thickness united into one, so that no ground is counted twice (design note H19).
 
     Raises
     ------

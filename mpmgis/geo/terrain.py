@@ -7,7 +7,7 @@ import numpy as np
 
 from .grid import Grid
 
-BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge (physics.md X3)
+BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge (design note X3)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Terrain:
         """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
 
         One-sided to second order at the rim and first order beside nodata; both components NaN where one axis has
-        no valid neighbour (physics.md X4); 0 across a raster of a single row or column. Mapped by the inverse
+        no valid neighbour (design note X4); 0 across a raster of a single row or column. Mapped by the inverse
         transpose of the pixel matrix (D6), so that it holds for any affine.
         """
         return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))

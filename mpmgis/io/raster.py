@@ -1,4 +1,4 @@
-"""Rasters in: a DTM with every refusal that physics.md D4 to D7 and D12 ask for, and any other raster."""
+"""Rasters in: a DTM with every refusal that design note D4 to D7 and D12 ask for, and any other raster."""
 
 import hashlib
 import math
@@ -27,7 +27,7 @@ _OTHER_UNITS = {  # unit type of a band -> metres
 }  # fmt: skip
 _USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
-STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # physics.md D7
+STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
 _ROWS_AT_ONCE = 512
 
 

@@ -1,4 +1,4 @@
-"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (physics.md D2, D9, D10, H16 to
+"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (design note D2, D9, D10, H16 to
 H19)."""
 
 import difflib
@@ -296,7 +296,7 @@ def _to_terrain(shapes, crs, terrain, path, say):
 
 
 def _require_lies_on(bounds, crs, terrain, path, say):
-    """Without a CRS on one side the coordinates must lie on the terrain (contract.md: said; else refused)."""
+    """Without a CRS on one side the coordinates must lie on the terrain (that is said; else refused)."""
     grid = terrain.grid
     west, south, east, north = bounds
     apart = west > grid.bounds[2] or east < grid.bounds[0] or south > grid.bounds[3] or north < grid.bounds[1]
@@ -367,7 +367,7 @@ def _raster_features(path, terrain, wanted, say):
 
 
 def _outline(inside, grid):
-    """The union of the pixel squares that are `inside` (physics.md D9: no contour through centres)."""
+    """The union of the pixel squares that are `inside` (design note D9: no contour through centres)."""
     shapes = rasterio.features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4)
     pieces = [shapely.geometry.shape(shape) for shape, _ in shapes]
     whole = shapely.union_all(pieces)

@@ -239,7 +239,7 @@ def footprints(position, area, row, origin, corner, cell, shape, footprint, boun
 
 @jit
 def bin_columns(footprint, row, column, bounds, mark, pixel, gradient, velocity, mass, volume, sums, count):
-    """Share every column over the cells that its square overlaps (contract.md section 3, Columns).
+    """Share every column over the cells that its square overlaps (the columns' convention in README).
 
     `row`, `column` int32[n] are the cell of the column's position, for `count` alone. A square cut by the grid's rim
     fills what is left of it, so that no mass is lost.
@@ -286,7 +286,7 @@ def group_by_cell(slot, start, order):
 def cell_quantiles(start, order, distance, mass, share, quantile):
     """Lower mass-weighted quantile of the distances in each cell: the smallest with `share` of the mass at or below.
 
-    Never between two particles (physics.md X6). `share` in (0, 1]; cells without a particle are left as they are.
+    Never between two particles (design note X6). `share` in (0, 1]; cells without a particle are left as they are.
     """
     for k in range(start.shape[0] - 1):
         members = order[start[k] : start[k + 1]]

@@ -1,4 +1,4 @@
-"""Compiled loops of the depth-averaged MPM (physics.md section 3, kernels.md section 6).
+"""Compiled loops of the depth-averaged MPM (design notes 3; blocks as in design notes on kernels).
 
 Particles are rows of consecutive floats. Each step sorts their indices by blocks of 8 x 8 nodes; a block sums its
 particles into a private tile (particles to grid), the grid gathers the tiles that overlap a node in a fixed order, is
@@ -55,9 +55,9 @@ REPORT = OUT + EDGES * OUT_ENTRIES
 # what each chunk of the node loop reports
 WET_NEW, AIRBORNE_MASS, NODE_REPORT = range(3)
 
-MOVING_SPEED = 0.05  # [m s-1] (physics.md 3.9)
+MOVING_SPEED = 0.05  # [m s-1] (design notes 3.9)
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
-AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (physics.md 3.3)
+AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (design notes 3.3)
 
 _slowed_speed = jit_inline(slowed_speed)
 _cosine_squared = jit_inline(cosine_squared)
@@ -207,7 +207,7 @@ def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
 def particles_to_grid(
     rows, order, start, block, bounds, west, south, width, tiles, bed, dx, dt, density, gravity, metric, curvature, lake
 ):
-    """Sum mass, momentum and impulse of each block's particles into its tile (weak form, physics.md 3.4).
+    """Sum mass, momentum and impulse of each block's particles into its tile (weak form, design notes 3.4).
 
     f_i = sum_p A_p rho g c^2 h_p^2 / 2 P grad N_i - m_p g c^2 grad b N_i, with P = I - c^2 grad b grad b^T and
     momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
@@ -319,7 +319,7 @@ def clear_ghosts(nodes):
 
 @jit
 def fold_walls(nodes):
-    """Walls on all four edges: what the ghosts hold is mirrored inwards (physics.md 3.9).
+    """Walls on all four edges: what the ghosts hold is mirrored inwards (design notes 3.9).
 
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
@@ -362,7 +362,7 @@ def update_nodes(
     nodes, node_gradient, wet, touched, n_touched, west, south, width, report,
     dx, dt, density, gravity, thickness_floor, wet_thickness, metric, friction, curvature,
 ):  # fmt: skip
-    """Momentum to velocity, and basal friction: semi-implicit, in the metric of the ground (physics.md 3.5)."""
+    """Momentum to velocity, and basal friction: semi-implicit, in the metric of the ground (design notes 3.5)."""
     rows, columns = nodes.shape[0], nodes.shape[1]
     per_area = 1.0 / (density * dx * dx)
     for c in prange(CHUNKS):
@@ -436,7 +436,7 @@ def grid_to_particles(
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
     APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p), and never so small
-    that the column is more than `clamp` times as thick as the grid there (physics.md 3.3; only this side: lifting thin
+    that the column is more than `clamp` times as thick as the grid there (design notes 3.3; only this side: lifting thin
     columns would add energy, and did, to the front of a dam break). Columns that leave through an open edge or onto
     nodata go to the ledger and get the key GONE.
     """
@@ -599,7 +599,7 @@ CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, C
 
 @jit
 def next_time_step(clock, step, dx, cfl, first_limit):
-    """C dx / max(|u| + sqrt(g h)), at most dx / 4 per step, growing by at most 1.5 (physics.md 3.7)."""
+    """C dx / max(|u| + sqrt(g h)), at most dx / 4 per step, growing by at most 1.5 (design notes 3.7)."""
     dt = cfl * dx / max(clock[SIGNAL], 1e-300)
     dt = min(dt, 0.25 * dx / max(clock[SPEED], 1e-300), first_limit if step == 0 else 1.5 * clock[LAST_DT])
     return dt
@@ -647,7 +647,7 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
 
 @jit
 def stop_rule(clock, counts):
-    """Has the flow come to rest? (physics.md 3.9) Answers the reason or RUNNING."""
+    """Has the flow come to rest? (design notes 3.9) Answers the reason or RUNNING."""
     time = clock[TIME]
     if clock[MOVING_PEAK] > 0.0 and clock[MOVING_SHARE] < 0.01 * clock[MOVING_PEAK]:
         return STOPPED_MOVING

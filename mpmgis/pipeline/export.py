@@ -78,7 +78,7 @@ class Plan:
 
 
 def export_raster(request, say=lambda text: None, progress=lambda done, total: None):
-    """Write the folder that `contract.md` section 3 describes; it appears whole or not at all.
+    """Write the folder for GIS that README describes; it appears whole or not at all.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from ..seeding.columns import plan_seed
 
 @dataclass(frozen=True)
 class Seeded:
-    """What came of it: the file, the number of columns, and the record of physics.md 1.5."""
+    """What came of it: the file, the number of columns, and the record of design notes 1.5."""
 
     path: Path
     count: int

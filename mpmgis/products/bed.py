@@ -24,7 +24,7 @@ class Bed:
     elevation : float64[rows, columns] [m], NaN where there is no data
     gradient : float64[rows, columns, 2] [1], (db/dE, db/dN)
     kind : str
-        One of `BEDS` (physics.md X3).
+        One of `BEDS` (design note X3).
     standoff : float [m]
         Height, along the normal, at which the code that made the particles lets them rest; taken off distances.
     """

@@ -40,7 +40,7 @@ def parallel_velocity_north(cells):
 
 
 def volume_thickness(cells):
-    """t_vol [m]: sum of m / density times n_H, over the cell's area; conserves mass (physics.md X5)."""
+    """t_vol [m]: sum of m / density times n_H, over the cell's area; conserves mass (design note X5)."""
     thickness = cells.sums[:, binning.UPRIGHT] / (cells.density * cells.cell_area)
     return np.where(cells.sums[:, binning.SLOPED] > 0, thickness, np.nan)
 
@@ -51,7 +51,7 @@ def particle_count(cells):
 
 
 def areal_mass(cells):
-    """mass [kg m-2]: per plan area; times the cell's area it sums to the particles' mass (physics.md 5.3)."""
+    """mass [kg m-2]: per plan area; times the cell's area it sums to the particles' mass (design notes 5.3)."""
     return cells.sums[:, binning.MASS] / cells.cell_area
 
 

@@ -9,7 +9,7 @@ from affine import Affine
 from ..errors import InputError
 from ..geo.grid import Grid
 
-POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (physics.md 5.3)
+POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (design notes 5.3)
 MOST_CELLS = 400_000_000
 FINEST_CELL = 1e-6  # [m]
 
@@ -35,7 +35,7 @@ class FrameFacts(NamedTuple):
 
 
 def automatic_cell_size(facts, terrain_cell):
-    """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (physics.md 5.3).
+    """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (design notes 5.3).
 
     The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid;
     then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it. Columns leave no cell

@@ -35,7 +35,7 @@ def _pixel_range(grid, bounds, margin):
 
 
 def require_bed(part, terrain):
-    """Refuse a release part over cells without an elevation, naming them (physics.md D12).
+    """Refuse a release part over cells without an elevation, naming them (design note D12).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain, with the resolutions of physics.md section 1."""
+"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain; its ambiguities resolved (notes D1 to D17)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from .bed import cropped_terrain, deposit_of, extended_elevation, require_bed, s
 from .options import SeedOptions
 from .sources import column_sources
 
-_LARGEST_CLOSURE = 0.02  # physics.md 1.3: beyond it the region is too coarse for its raster
+_LARGEST_CLOSURE = 0.02  # design notes 1.3: beyond it the region is too coarse for its raster
 _SLAB = 1 << 20  # [columns]
 
 
@@ -38,7 +38,7 @@ def seed_columns(terrain, release, *, say=None, **options):
     -------
     Frame
         Its origin is the terrain's south-west corner in whole metres at height 0, its `header` the record of
-        physics.md 1.5.
+        design notes 1.5.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class _Closure:
 
 
 def _close(sources, scenes, deposits, options):
-    """The closure of physics.md 1.3: one factor k for mode T, one mass for modes E and P."""
+    """The closure of design notes 1.3: one factor k for mode T, one mass for modes E and P."""
     volume = math.fsum(deposit.volume for deposit in deposits)
     number = sum(source.count for source in sources)
     if options.mass != "thickness":
@@ -114,7 +114,7 @@ def _close(sources, scenes, deposits, options):
 
 
 def _record(terrain, release, options, deposits, closure):
-    """The record of physics.md 1.5, plain numbers and strings."""
+    """The record of design notes 1.5, plain numbers and strings."""
     area = math.fsum(deposit.area for deposit in deposits)
     mean = closure.volume / area
     mean_square = math.fsum(deposit.square for deposit in deposits) / area

@@ -11,7 +11,7 @@ from .lattice_columns import KINDS
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
-REFINEMENT_LIMIT = 3.0  # physics.md D14
+REFINEMENT_LIMIT = 3.0  # design note D14
 _MOST = 4_000_000_000
 
 

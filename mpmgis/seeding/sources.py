@@ -10,7 +10,7 @@ from .halton import HaltonColumns
 from .lattice_columns import LatticeColumns, Tiling, tiling_rows
 
 _BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
-_TOLERANCE = 0.01  # of a count that was asked for (contract.md section 1)
+_TOLERANCE = 0.01  # of a count that was asked for
 _GOOD_ENOUGH = 0.004
 
 

@@ -1,4 +1,4 @@
-"""The depth-averaged solver: its state, one call to advance it, its frames and its balances (physics.md section 3)."""
+"""The depth-averaged solver: its state, one call to advance it, its frames and its balances (design notes 3)."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ BOUND_STOP = 4.0  # |U|^2 over its physical bound at which a run stops itself: t
 class ColumnNumerics:
     """How the columns are marched; what is marched is in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness below `clamp` times the grid's (physics.md 3.3; 0: off; None: 2 in form
+    `clamp` keeps a column's thickness below `clamp` times the grid's (design notes 3.3; 0: off; None: 2 in form
     `slope`, off in `swe`). `time_step` fixes the step [s] (None: from the CFL number).
     """
 

@@ -20,7 +20,7 @@ CASES = {
 
 
 def rows():
-    """Rows of the table: relative L1 error of the depth, and its ratio to the prototype's (physics.md section 6)."""
+    """Rows of the table: relative L1 error of the depth, and its ratio to the prototype's (design notes 6)."""
     for case, (arguments, start, published) in CASES.items():
         longer = {"reservoir": 80, "length": 160} if "degrees" in arguments else {}
         for dx, before in zip(CELLS, published, strict=True):

@@ -14,7 +14,7 @@ from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Voellmy
 from mpmgis.kernels.jit import set_threads
 
-PROTOTYPE = {1: 40.0, 2: 24.0}  # kernels.md section 3: plain friction, no curvature
+PROTOTYPE = {1: 40.0, 2: 24.0}  # design notes on kernels, 3: plain friction, no curvature
 BYTES = 3 * 13 * 8 + 20  # a row is read twice and written once; key and order
 STEPS, REPEATS = 20, 5
 
@@ -87,7 +87,7 @@ def rows():
             case = f"solver, {per_side**2:,} columns, {used} thread{'s' * (used > 1)}"
             yield case, measured, "ns/particle/step", name, measured / reference
             if per_side == 1000:
-                published = f"prototype, {PROTOTYPE[threads]:.0f} ns (kernels.md)"
+                published = f"prototype, {PROTOTYPE[threads]:.0f} ns (design notes on kernels)"
                 yield case, measured, "ns/particle/step", published, measured / PROTOTYPE[threads]
     set_threads(None)
     floor = BYTES / copy_rate() * 1e9

@@ -220,7 +220,7 @@ BAD_SCENES = {
     "xi zero": (swap("xi = 1000", "xi = 0"), "at least 1"),
     "density negative": (swap("density = 2000", "density = -5"), "at least 1"),
     "density as boolean": (swap("density = 2000", "density = true"), "a number"),
-    "no release": (lambda t: t.replace("[release]", "[output]").replace("[output]\nend", "end"), "[release] is missing"),
+    "no release": (lambda t: t.split("[release]")[0] + "[output]" + t.split("[output]")[1], "[release] is missing"),
     "no terrain": (lambda t: "[release]" + t.split("[release]")[1], "[terrain] is missing"),
     "no output": (lambda t: t.split("[output]")[0], "[output] is missing"),
     "end time missing": (swap("end_time = 6", ""), "end_time is missing"),

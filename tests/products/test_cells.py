@@ -56,7 +56,7 @@ def values_of(*args, min_depth=0.0, **kwargs):
     seed=st.integers(0, 1000),
 )
 def test_mass_is_closed(affine, dimension, cell_size, seed):
-    """Cells and what is outside sum to the particles (physics.md 5.3)."""
+    """Cells and what is outside sum to the particles (design notes 5.3)."""
     ground = terrain(AFFINES[affine], holes=[(5, 5), (20, 20)])
     frame = random_frame(ground, 200, dimension, seed)
     grid = export_grid(ground.grid, cell_size)

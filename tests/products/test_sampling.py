@@ -1,4 +1,4 @@
-"""Cell size, time step, steps and grid: Eqs 15 and 17 with the rules of physics.md 5.3."""
+"""Cell size, time step, steps and grid: Eqs 15 and 17 with the rules of design notes 5.3."""
 
 import math
 

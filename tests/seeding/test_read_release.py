@@ -1,4 +1,4 @@
-"""Releases in: every vector format, rasters, repair, overlap, CRS, thickness (physics.md D2, D9, D10, H16 to H19)."""
+"""Releases in: every vector format, rasters, repair, overlap, CRS, thickness (design note D2, D9, D10, H16 to H19)."""
 
 import geopandas
 import numpy as np

@@ -102,7 +102,7 @@ def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, dept
 
 
 def mangeney(x, t, depth, slope, delta):
-    """Slope-normal depth of the frictional dam break on a slope (physics.md V7); Ritter for slope = delta = 0."""
+    """Slope-normal depth of the frictional dam break on a slope (design note V7); Ritter for slope = delta = 0."""
     m = G * np.cos(slope) * (np.tan(slope) - np.tan(delta))
     c0 = np.sqrt(G * depth * np.cos(slope))
     fan = (2 * c0 - x / t + m * t / 2) ** 2 / (9 * G * np.cos(slope))
@@ -111,7 +111,7 @@ def mangeney(x, t, depth, slope, delta):
 
 
 def stoker(x, t, left, right):
-    """Depth of the dam break on a wet bed (physics.md V6)."""
+    """Depth of the dam break on a wet bed (design note V6)."""
     from scipy.optimize import brentq
 
     def residual(h):

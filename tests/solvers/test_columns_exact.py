@@ -1,4 +1,4 @@
-"""The depth-averaged solver against exact answers (physics.md section 6; numbers in brackets are its prototype's)."""
+"""The depth-averaged solver against exact answers (design notes 6; numbers in brackets are its prototype's)."""
 
 import numpy as np
 import pytest

@@ -47,7 +47,7 @@ def splines(position, start, dx):
 
 
 def plain_step(particles, solver, dt, law, curved):
-    """One step in plain Python, dense, in the order of physics.md 3.7: the oracle."""
+    """One step in plain Python, dense, in the order of design notes 3.7: the oracle."""
     dx, density, grid = solver.grid.cell_size, solver.numerics.density, solver.grid
     shape = grid.bed.shape
     mass, momentum = np.zeros(shape), np.zeros((*shape, 2))
