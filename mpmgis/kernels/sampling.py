@@ -992,7 +992,8 @@ def strip_points(
 @jit_parallel
 def fill_strips(
     first, last, write, borders, counts, offsets, start, spread, sequence, seed, shift, columns, rim_key, rim,
-    rim_start, spans, span_start, edges, edge_start, edge_index, place, bed, bed_map, thick, thick_map, law, position, out,
+    rim_start, spans, span_start, edges, edge_start, edge_index, place, bed, bed_map, thick, thick_map,
+    law, position, out,
 ):  # fmt: skip
     """Columns of equal mass: every strip borders[s] <= v < borders[s + 1] is cut into counts[s] pieces.
 

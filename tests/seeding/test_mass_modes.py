@@ -65,9 +65,9 @@ def test_equal_mass_is_dense_where_it_is_thick():
     terrain, release, _ = paper_hump()
     frame = seed_columns(terrain, release, count=20_000, mass="equal")
     x, y = frame.map_xy()
-    thick = np.hypot(x - 50, y - 50) < 4
-    thin = np.hypot(x - 15, y - 15) < 4
-    assert thick.sum() / thin.sum() == pytest.approx(2.82, rel=0.05)
+    thick, thin = (np.hypot(x - centre, y - centre) < 8 for centre in (50, 15))
+    mean = 1 + 2 * 150 / 64 * (1 - np.exp(-64 / 150))  # of eq (9) over a disc of radius 8; 1 far from the hump
+    assert thick.sum() / thin.sum() == pytest.approx(mean, rel=0.03)
 
 
 def test_equal_mass_columns_stay_inside_narrow_and_branched_shapes():
