@@ -105,11 +105,11 @@ def require_metric(crs, bounds, where, say):
             f"{where} is tagged {name} (metres), but its coordinates {_pair(centre)} look like degrees; correct the "
             f"tag (gdal_edit -a_srs EPSG:4326), then reproject, for example to {metric_equivalent(*centre)}"
         )
-    scale_error = _require_place(plane, centre, where, name)
+    scale_error, area_error = _require_place(plane, centre, where, name)
     if scale_error > _LARGEST_SILENT_SCALE_ERROR:
         say(
-            f"{where}: {name} stretches lengths here by {100 * scale_error:.2f} %, so areas and volumes are off "
-            f"by about {200 * scale_error:.2f} %; a projection made for this place, for example "
+            f"{where}: {name} stretches lengths here by up to {100 * scale_error:.2f} %, so areas and volumes are off "
+            f"by {100 * area_error:.2f} %; a projection made for this place, for example "
             f"{metric_equivalent(*_longitude_latitude(plane, centre))}, would be truer"
         )
 
@@ -155,7 +155,7 @@ def _require_metres(plane, crs, where, centre):
 
 
 def _require_place(plane, centre, where, name):
-    """Refuse coordinates that the CRS cannot mean; returns the scale error |k - 1| at `centre`."""
+    """Refuse coordinates that the CRS cannot mean; returns (|k - 1|, areal scale - 1) at `centre`."""
     longitude, latitude = _longitude_latitude(plane, centre)
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
         raise GeoreferenceError(
@@ -164,7 +164,8 @@ def _require_place(plane, centre, where, name):
         )
     factors = pyproj.Proj(plane).get_factors(longitude, latitude)
     scales = np.array([factors.meridional_scale, factors.parallel_scale])
-    scale_error = float(np.abs(scales - 1.0).max()) if np.isfinite(scales).all() else 0.0
+    known = np.isfinite(scales).all() and math.isfinite(factors.areal_scale)
+    scale_error, area_error = (float(np.abs(scales - 1.0).max()), factors.areal_scale - 1.0) if known else (0.0, 0.0)
     outside = _degrees_outside(plane.area_of_use, longitude, latitude)
     if outside > _FAR_OUTSIDE or (outside > 3.0 and scale_error > _FAR_FROM_AREA_OF_USE):
         raise GeoreferenceError(
@@ -173,7 +174,7 @@ def _require_place(plane, centre, where, name):
             f"area of use ({plane.area_of_use.name.split(';')[0].split(' - ')[0][:60]}); the tag is false: give the "
             f"file its true CRS (gdal_edit -a_srs EPSG:n)"
         )
-    return scale_error
+    return scale_error, area_error
 
 
 def _degrees_outside(area, longitude, latitude):

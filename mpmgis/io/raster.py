@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,6 +30,7 @@ _USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
 STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
 _ROWS_AT_ONCE = 512
+_GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
 
 
 def read_terrain(path, crs=None, band=None, say=None):
@@ -86,7 +88,7 @@ def read_raster(path, band=None):
 def open_raster(path):
     """rasterio's dataset at `path`, with its errors and warnings turned into one line."""
     path = Path(path)
-    if not str(path).startswith("/vsi"):
+    if not _GDAL_NAME.match(str(path)):
         if not path.exists():
             raise FormatError(f"{path}: no such file")
         if path.is_file() and path.stat().st_size == 0:

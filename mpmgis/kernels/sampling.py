@@ -14,6 +14,8 @@ from .jit import jit, jit_inline, jit_parallel, prange
 SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour (physics.md 1.4)
 JITTER = 0.5  # full width of a vertex's displacement over the sub-square's side; no more than 0.5 (physics.md 1.4)
 CENTRED, JITTERED, RANDOM = 0, 1, 2
+_POSITIVE = 1 << 40  # added to cell indices, so that they can be taken as unsigned
+_DITHER = 1 << 40  # the number by which a cell's random numbers decide its count
 _ROUNDING = 1e-9
 _NOTHING = 1e-13
 
@@ -30,10 +32,13 @@ def _mix(word):
 
 @jit_inline
 def uniform(seed, i, j, k):
-    """A number in [0, 1) that depends on nothing but (seed, i, j, k): the same for any number of threads (D16)."""
-    word = _mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
-    word = _mix(word ^ (np.uint64(i) * np.uint64(0xD1B54A32D192ED03)))
-    word = _mix(word ^ (np.uint64(j) * np.uint64(0xABC98388FB8FAC03)))
+    """A number in [0, 1) that depends on nothing but (seed, i, j, k): the same for any number of threads (D16).
+
+    Cells i and j may be negative, above -2^40; seed and k are not.
+    """
+    word = _mix(np.uint64(seed) ^ np.uint64(0x9E3779B97F4A7C15))
+    word = _mix(word ^ (np.uint64(i + _POSITIVE) * np.uint64(0xD1B54A32D192ED03)))
+    word = _mix(word ^ (np.uint64(j + _POSITIVE) * np.uint64(0xABC98388FB8FAC03)))
     word = _mix(word ^ (np.uint64(k) * np.uint64(0x8CB92BA72F3D8DD7)))
     return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
@@ -558,7 +563,7 @@ def cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, lar
     i = slope_map[0] * u + slope_map[1] * v + slope_map[2]
     j = slope_map[3] * u + slope_map[4] * v + slope_map[5]
     wanted = n0 * (1.0 + beta * min(valid_at(slope, i, j), 1.0))
-    count = math.floor(wanted + uniform(seed, column + column0, row + row0, -1))
+    count = math.floor(wanted + uniform(seed, column + column0, row + row0, _DITHER))
     return min(max(count, 1), largest)
 
 
