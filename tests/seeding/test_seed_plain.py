@@ -1,4 +1,4 @@
-"""The seeding kernels as plain Python (NUMBA_DISABLE_JIT=1, in a process of its own) give what the compiled ones give."""
+"""Seeding kernels as plain Python (NUMBA_DISABLE_JIT=1, in a process of its own) give what the compiled ones give."""
 
 import json
 import os
