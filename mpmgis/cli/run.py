@@ -74,6 +74,9 @@ def tell(summary):
     talk.say(f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J")
     bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"
     talk.say(f"largest thickness {b['thickness_max']:.2f} m, {bound}, footprint {b['footprint_area'] / 1e4:.2f} ha")
+    if b["speed_limited_share_max"] > 0:
+        share = f"up to {100 * b['speed_limited_share_max']:.2g} % of the mass"
+        talk.say(f"beyond the model: on ground too steep for its cells {share} was held to the speed its drop allows")
     if b["airborne_share_max"] > 0.05:
         talk.say(
             f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "

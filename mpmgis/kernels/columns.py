@@ -40,23 +40,26 @@ INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, whi
     BOUND_RATIO,  # max of |U|^2 over its physical bound
     BOUND_X,  # where that is
     BOUND_Y,
+    LIMITED,  # mass whose speed was cut to that bound [kg]
+    WILD,  # mass at more than twice the speed of that bound [kg]
     NOT_FINITE,  # particles with a NaN or infinite state
-    CLAMPED,  # areas reset because the column was more than `clamp` times as thick as the grid
+    CLAMPED,  # areas reset because the column's thickness left the range about the grid's
     DEPTH_MAX,  # max thickness [m]
     BLOCK_WEST,  # window of blocks that hold particles
     BLOCK_SOUTH,
     BLOCK_EAST,
     BLOCK_NORTH,
-    OUT,  # then the outflow ledger: per edge mass, momentum east, momentum north, kinetic energy, number
-) = range(16)
+    OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
+) = range(18)
 EDGES = 5  # west, south, east, north, nodata
-OUT_ENTRIES = 5
+OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
 # what each chunk of the node loop reports
 WET_NEW, AIRBORNE_MASS, NODE_REPORT = range(3)
 
 MOVING_SPEED = 0.05  # [m s-1] (design notes 3.9)
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
+THINNEST = 1000.0  # a column keeps a thousandth of the grid's thickness: no push worth naming, and no endless area
 AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (design notes 3.3)
 
 _slowed_speed = jit_inline(slowed_speed)
@@ -66,9 +69,9 @@ _cosine_squared = jit_inline(cosine_squared)
 @jit_inline
 def weights(position, inverse_dx):
     """Base index in the node array, offset in it, and the three quadratic B-spline weights of one axis."""
-    s = position * inverse_dx + 1.0
-    base = int(s - 0.5) & INDEX_MASK
-    f = s - base
+    s = position * inverse_dx
+    base = int(s + 0.5) & INDEX_MASK  # to the letter as in the block keys, so that both round alike
+    f = s + 1.0 - base
     return base, f, 0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2
 
 
@@ -101,6 +104,28 @@ def beds_at(bed, x, y, dx):
     for p in range(x.size):
         value[p], gradient_x[p], gradient_y[p] = bed_at(bed, x[p], y[p], 1.0 / dx)
     return value, gradient_x, gradient_y
+
+
+@jit
+def grid_areas(rows, shape, dx):
+    """Area [m2] with which each column would be as thick as the grid where it stands: m / (rho h_g)."""
+    mass = np.zeros(shape)
+    share = np.zeros((2, 3))
+    areas = np.empty(rows.shape[0])
+    for reading in range(2):
+        for p in range(rows.shape[0]):
+            i0, _, share[0, 0], share[0, 1], share[0, 2] = weights(rows[p, X], 1.0 / dx)
+            j0, _, share[1, 0], share[1, 1], share[1, 2] = weights(rows[p, Y], 1.0 / dx)
+            here = 0.0
+            for j in range(3):
+                for i in range(3):
+                    if reading:
+                        here += share[0, i] * share[1, j] * mass[j0 + j, i0 + i]
+                    else:
+                        mass[j0 + j, i0 + i] += share[0, i] * share[1, j] * rows[p, MASS]
+            if reading:
+                areas[p] = rows[p, MASS] * dx * dx / here
+    return areas
 
 
 @jit
@@ -435,9 +460,9 @@ def grid_to_particles(
 ):  # fmt: skip
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
-    APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p), and never so small
-    that the column is more than `clamp` times as thick as the grid there (design notes 3.3; only this side: lifting thin
-    columns would add energy, and did, to the front of a dam break). Columns that leave through an open edge or onto
+    APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `clamp` a column
+    stays below `clamp` times the grid's thickness where the flow spreads, and above 1/clamp of it where it converges.
+    No column is faster than its drop in height allows. Columns that leave through an open edge or onto
     nodata go to the ledger and get the key GONE.
     """
     inverse_dx = 1.0 / dx
@@ -449,6 +474,7 @@ def grid_to_particles(
         mine = report[c]
         mine[:] = 0.0
         signal2_max, speed2_max, depth_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        limited, wild = 0.0, 0.0
         bound_ratio, bound_x, bound_y = 0.0, 0.0, 0.0
         block_west, block_south, block_east, block_north = 1 << 16, 1 << 16, -1, -1
         for a in range(bounds[c], bounds[c + 1]):
@@ -486,9 +512,16 @@ def grid_to_particles(
                     inverse_dx * inverse_dx
                 )
                 area = rows[p, AREA] * min(max(stretch, AREA_FACTOR_MIN), AREA_FACTOR_MAX)
-                if clamp > 0.0 and area * grid_mass * clamp < mass * dx * dx:
-                    area = mass * dx * dx / (grid_mass * clamp)  # thickness is clamp times the grid's
-                    clamped += 1.0
+                grid_area = mass * dx * dx  # times grid_mass: the area with which the column is as thick as the grid
+                area = min(area, THINNEST * grid_area / grid_mass)
+                if clamp > 0.0:
+                    if ux + vy >= 0.0:
+                        if area * grid_mass * clamp < grid_area:
+                            area = grid_area / (grid_mass * clamp)
+                            clamped += 1.0
+                    elif area * grid_mass > clamp * grid_area:
+                        area = clamp * grid_area / grid_mass
+                        clamped += 1.0
                 x, y = rows[p, X] + dt * u, rows[p, Y] + dt * v
                 if (x + y + area) * 0.0 != 0.0:  # NaN or infinite
                     mine[NOT_FINITE] += 1.0
@@ -516,7 +549,9 @@ def grid_to_particles(
                     mine[out + 1] += mass * u
                     mine[out + 2] += mass * v
                     mine[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
-                    mine[out + 4] += 1.0
+                    bed_last = bed_at(bed, rows[p, X], rows[p, Y], inverse_dx)[0]
+                    mine[out + 4] += mass * gravity * (bed_last + 0.5 * mass / (density * area))
+                    mine[out + 5] += 1.0
                     keys[p] = GONE
                     continue
                 old_x, old_y = rows[p, GX], rows[p, GY]
@@ -532,6 +567,16 @@ def grid_to_particles(
                 w = u * mx + v * my
                 horizontal2 = u * u + v * v
                 speed2 = horizontal2 + w * w
+                bound = 1.05 * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy)
+                if speed2 > bound_ratio * bound:
+                    bound_ratio, bound_x, bound_y = speed2 / bound, x, y
+                if speed2 > bound:  # a speed from level ground that the grid lays on a wall
+                    slower = np.sqrt(bound / speed2)
+                    rows[p, U], rows[p, V] = u * slower, v * slower
+                    limited += mass
+                    if speed2 > 4.0 * bound:
+                        wild += mass
+                    horizontal2, speed2 = horizontal2 * bound / speed2, bound
                 thickness = mass / (density * area)
                 depth_max = max(depth_max, thickness)
                 speed2_max = max(speed2_max, horizontal2)
@@ -542,15 +587,13 @@ def grid_to_particles(
                     moving += mass
                     if speed2 > FLOWING_SPEED * FLOWING_SPEED:
                         flowing += mass
-                bound = 1.05 * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy)
-                if speed2 > bound_ratio * bound:
-                    bound_ratio, bound_x, bound_y = speed2 / bound, x, y
                 column, line = int(x * inverse_dx + 0.5) // BLOCK, int(y * inverse_dx + 0.5) // BLOCK
                 keys[p] = (line << 16) | column
                 block_west, block_east = min(block_west, column), max(block_east, column)
                 block_south, block_north = min(block_south, line), max(block_north, line)
         mine[SIGNAL_MAX], mine[SPEED_MAX], mine[DEPTH_MAX] = np.sqrt(signal2_max), np.sqrt(speed2_max), depth_max
         mine[KINETIC], mine[MOVING], mine[FLOWING], mine[CLAMPED] = 0.5 * kinetic, moving, flowing, clamped
+        mine[LIMITED], mine[WILD] = limited, wild
         if mine[NOT_FINITE] == 0.0:
             mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y] = bound_ratio, bound_x, bound_y
         mine[BLOCK_WEST], mine[BLOCK_SOUTH] = block_west, block_south
@@ -586,30 +629,35 @@ def grid_to_particles(
     BOUND_NOW,
     BOUND_NOW_X,
     BOUND_NOW_Y,
+    LIMITED_NOW,
+    LIMITED_WORST,
+    WILD_NOW,
     DEPTH_NOW,
     DEPTH_WORST,
     AIRBORNE_NOW,
     AIRBORNE_WORST,
     CLAMPED_TOTAL,
     CLOCK,
-) = range(22)
+) = range(25)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
 
 
 @jit
-def next_time_step(clock, step, dx, cfl, first_limit):
-    """C dx / max(|u| + sqrt(g h)), at most dx / 4 per step, growing by at most 1.5 (design notes 3.7)."""
-    dt = cfl * dx / max(clock[SIGNAL], 1e-300)
-    dt = min(dt, 0.25 * dx / max(clock[SPEED], 1e-300), first_limit if step == 0 else 1.5 * clock[LAST_DT])
-    return dt
+def next_time_step(clock, step, dx, cfl, fall_limit):
+    """C dx / max(|u| + sqrt(g h)), at most dx / 4 per step, growing by at most 1.5 (design notes 3.7).
+
+    `fall_limit` [s] is C times the time in which the steepest ground moves a resting column by a cell.
+    """
+    dt = min(cfl * dx / max(clock[SIGNAL], 1e-300), 0.25 * dx / max(clock[SPEED], 1e-300), fall_limit)
+    return dt if step == 0 else min(dt, 1.5 * clock[LAST_DT])
 
 
 @jit
 def collect(report, node_report, ledger, clock, counts, total_mass):
     """Reduce the chunks' reports in their order into clock, counts and ledger."""
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
-    moving, flowing, airborne, alive_before = 0.0, 0.0, 0.0, counts[ALIVE]
+    moving, flowing, airborne, limited, wild, alive_before = 0.0, 0.0, 0.0, 0.0, 0.0, counts[ALIVE]
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for c in range(CHUNKS):
         mine = report[c]
@@ -620,6 +668,8 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
         clock[CLAMPED_TOTAL] += mine[CLAMPED]
         moving += mine[MOVING]
         flowing += mine[FLOWING]
+        limited += mine[LIMITED]
+        wild += mine[WILD]
         if mine[BOUND_RATIO] > clock[BOUND_NOW]:
             clock[BOUND_NOW], clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y]
         if mine[NOT_FINITE] > 0.0:
@@ -630,10 +680,12 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
         for edge in range(EDGES):
             for entry in range(OUT_ENTRIES):
                 ledger[edge, entry] += mine[OUT + edge * OUT_ENTRIES + entry]
-            counts[ALIVE] -= int(mine[OUT + edge * OUT_ENTRIES + 4])
+            counts[ALIVE] -= int(mine[OUT + edge * OUT_ENTRIES + 5])
         counts[WET] += int(node_report[c, WET_NEW])
         airborne += node_report[c, AIRBORNE_MASS]
     counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH] = west, south, east, north
+    clock[LIMITED_NOW], clock[WILD_NOW] = limited / total_mass, wild / total_mass
+    clock[LIMITED_WORST] = max(clock[LIMITED_WORST], clock[LIMITED_NOW])
     clock[AIRBORNE_NOW] = airborne / total_mass
     clock[AIRBORNE_WORST] = max(clock[AIRBORNE_WORST], clock[AIRBORNE_NOW])
     clock[BOUND_WORST] = max(clock[BOUND_WORST], clock[BOUND_NOW])
@@ -661,7 +713,8 @@ def stop_rule(clock, counts):
     if time - clock[FOOTPRINT_MARK_TIME] >= 10.0:
         grown = counts[WET] - clock[FOOTPRINT_MARK]
         clock[FOOTPRINT_MARK_TIME], clock[FOOTPRINT_MARK] = time, float(counts[WET])
-        if grown < 0.001 * counts[WET] and clock[FLOWING_SHARE] < 0.05:
+        slowing = clock[KINETIC_NOW] <= 0.5 * clock[KINETIC_PEAK]
+        if slowing and grown < 0.001 * counts[WET] and clock[FLOWING_SHARE] < 0.05:
             return STOPPED_FOOTPRINT
     return RUNNING
 
@@ -669,8 +722,8 @@ def stop_rule(clock, counts):
 @jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, nodes, bed, node_gradient, inside, wet, clock, counts, ledger,
-    until, max_steps, dx, cfl, fixed_dt, first_limit, density, gravity, clamp, thickness_floor, wet_thickness,
-    wall, stop_at_rest, bound_bed, bound_energy, bound_stop, total_mass, keep_peaks, peaks, arrival_thickness,
+    until, max_steps, dx, cfl, fixed_dt, fall_limit, density, gravity, clamp, thickness_floor, wet_thickness,
+    wall, stop_at_rest, bound_bed, bound_energy, wild_stop, total_mass, keep_peaks, peaks, arrival_thickness,
     metric, friction, curvature, lake,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
@@ -715,7 +768,7 @@ def advance(
         split_evenly(start, active, bounds)
         n_touched = touched_blocks(slot, width, height, touched)
 
-        dt = fixed_dt if fixed_dt > 0.0 else next_time_step(clock, counts[STEP], dx, cfl, first_limit)
+        dt = fixed_dt if fixed_dt > 0.0 else next_time_step(clock, counts[STEP], dx, cfl, fall_limit)
         clock[LAST_DT] = dt
         left = until - clock[TIME]
         last = dt >= left * (1.0 - 1e-12)
@@ -754,7 +807,7 @@ def advance(
         gone = collect(report, node_report, ledger, clock, counts, total_mass)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
-        if clock[BOUND_NOW] > bound_stop:
+        if clock[WILD_NOW] > wild_stop:
             return TOO_FAST
         if counts[ALIVE] == 0:
             return ALL_LEFT

@@ -1,5 +1,6 @@
 """What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
 
+import glob
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,6 +89,10 @@ def _read_columns(path, terrain, density):
 
 
 def _input_digest(scene):
-    """Digest of the release's files; a shapefile's geometry and columns lie in two."""
-    named = scene.path(scene.release.source or scene.release.particles)
-    return [file_sha256(named), file_sha256(named.with_suffix(".dbf"))]
+    """Digests of all files that the release is made from; a shapefile's geometry and columns lie in several."""
+    release = scene.release
+    named = [scene.path(name) for name in (release.source, release.particles, release.surface) if name is not None]
+    if isinstance(release.thickness, str) and scene.path(release.thickness).is_file():
+        named.append(scene.path(release.thickness))
+    files = {file for path in named for file in (path, *path.parent.glob(f"{glob.escape(path.stem)}.*"))}
+    return [file_sha256(file) for file in sorted(files) if file.is_file()]

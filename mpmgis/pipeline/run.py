@@ -112,8 +112,8 @@ def _restored(folder, prepared, solver, say):
     return folder.frames - 1
 
 
-def _summary(folder, reason, solver, wall):
-    steps = len(solver.frame().particles) * solver.step
+def _summary(folder, reason, solver, wall, first_step=0):
+    steps = len(solver.frame().particles) * (solver.step - first_step)
     return RunSummary(
         folder.path, reason, folder.frames, solver.step, solver.time, wall, steps / wall if wall else 0.0,
         solver.balances(),
@@ -127,7 +127,7 @@ def _march(folder, prepared, solver, watch, first):
     sha256 = folder.write_terrain(prepared.terrain)
     end = scene.output.end_time
     march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), first)
-    began = time.perf_counter()
+    began, first_step = time.perf_counter(), solver.step
 
     def record(state):
         wall = time.perf_counter() - began
@@ -149,7 +149,7 @@ def _march(folder, prepared, solver, watch, first):
     except UnphysicalError:
         record("unphysical")
         raise
-    return _summary(folder, march.reason, solver, record("finished"))
+    return _summary(folder, march.reason, solver, record("finished"), first_step)
 
 
 def _beside(scene, folder):

@@ -98,12 +98,7 @@ class NumericsTable:
                      choices=tuple(metric.FORMS))  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
     cfl: float = _key("Courant number; above 0.9 the scheme is unstable", 0.3, low=0.0, high=0.9, above=True)
-    clamp: float | None = _key(
-        "a column is at most this many times as thick as the grid; 0: off; default 2 in slope, off in swe",
-        None,
-        low=0.0,
-        example=2.0,
-    )
+    clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0)
 
 
 @dataclass(frozen=True)
@@ -208,8 +203,8 @@ def _check_together(scene, where):
     if (release.source is None) == (release.particles is None):
         got = "both" if release.source else "none"
         raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
-    if release.particles is not None and (release.thickness is not None or release.surface is not None):
-        raise SceneError(f"{where} [release]: particles bring their own thickness; take out thickness and surface")
+    if release.particles is not None:
+        _refuse_unused(release, ("source", "particles"), f"{where} [release]")
     if len(release.velocity) != 2 or not all(_is_number(v) and math.isfinite(v) for v in release.velocity):
         raise SceneError(f"{where} [release]: velocity = {list(release.velocity)}, wanted two numbers [east, north]")
     if output.frame_interval > output.end_time:
@@ -223,6 +218,13 @@ def _check_together(scene, where):
         raise SceneError(f"{where} [curvature]: use = 'on' belongs to form = 'slope'; take the table out")
     if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
+
+
+def _refuse_unused(release, used, where):
+    """Particles from a file bring all else with them: a key that would not be used is an error."""
+    for f in fields(release):
+        if f.name not in used and getattr(release, f.name) != f.default:
+            raise SceneError(f"{where}: particles bring their own {f.name}; take {f.name} out")
 
 
 def _table(kind, values, where):

@@ -12,21 +12,24 @@ from ..particles import Frame, Particles
 from .grid import ColumnGrid
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
-BOUND_STOP = 4.0  # |U|^2 over its physical bound at which a run stops itself: twice the speed that energy allows
+# of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
+LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
+SHOWN_RANGE = 4.0
+WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
 
 @dataclass(frozen=True)
 class ColumnNumerics:
     """How the columns are marched; what is marched is in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness below `clamp` times the grid's (design notes 3.3; 0: off; None: 2 in form
-    `slope`, off in `swe`). `time_step` fixes the step [s] (None: from the CFL number).
+    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's (design notes 3.3; 0: off, the default:
+    it made water heap in a corner and brought nothing on ISeeSnow). `time_step` fixes the step [s] (None: by CFL).
     """
 
     cell_size: float
     cfl: float = 0.3
     edges: str = "open"
-    clamp: float | None = None
+    clamp: float = 0.0
     gravity: float = GRAVITY
     density: float = 1000.0
     stop_at_rest: bool = True
@@ -103,8 +106,10 @@ class ColumnSolver:
         reference = float((particles.mass * thickness).sum() / self.total_mass)
         self._thickness_floor = max(1e-3, 1e-3 * reference)
         self._wet_thickness = 0.01 * reference
-        slope = float(np.hypot(gradient_x, gradient_y).max())
-        self._first_limit = numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(slope, 1e-3)))
+        slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
+        if isinstance(self.effects.metric, SlopeMetric):
+            slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
+        self._fall_limit = numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(float(slope.max()), 1e-3)))
         self._bound_bed = float(self.bed_start.max())
         self._bound_energy = float(4 * numerics.gravity * thickness.max() + (particles.velocity**2).sum(axis=1).max())
         clock = self._clock
@@ -118,9 +123,7 @@ class ColumnSolver:
     @property
     def clamp(self):
         """The thickness clamp in use; 0 is off."""
-        if self.numerics.clamp is not None:
-            return float(self.numerics.clamp)
-        return 2.0 if isinstance(self.effects.metric, SlopeMetric) else 0.0
+        return float(self.numerics.clamp)
 
     @property
     def time(self):
@@ -143,9 +146,9 @@ class ColumnSolver:
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self.grid.bed, self.grid.gradient,
             self.grid.inside, self._wet, self._clock, self._counts, self._ledger, float(until), int(max_steps),
-            self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._first_limit),
+            self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._fall_limit),
             float(numerics.density), float(numerics.gravity), self.clamp, self._thickness_floor, self._wet_thickness,
-            numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, BOUND_STOP,
+            numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, WILD_STOP,
             self.total_mass, bool(numerics.maxima), self._peaks, float(numerics.arrival_thickness),
             self.effects.metric, self.effects.friction, self.effects.curvature, self.effects.still_water,
         )  # fmt: skip
@@ -156,7 +159,11 @@ class ColumnSolver:
         return self._rows[now, :n][keep], self._ids[now, :n][keep]
 
     def frame(self):
-        """The columns now, as a Frame: z is the bed, velocities are tangent to it."""
+        """The columns now, as a Frame: z is the bed, velocities are tangent to it.
+
+        Areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was stretched a hundred
+        cells long is a thin line on the ground, not a square of that area. Masses, and so maps of thickness, are exact.
+        """
         rows, ids = self._alive()
         grid, density = self.grid, self.numerics.density
         bed = kernel.beds_at(grid.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
@@ -166,7 +173,9 @@ class ColumnSolver:
         )
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
-        mass, area = rows[:, kernel.MASS].copy(), rows[:, kernel.AREA].copy()
+        mass = rows[:, kernel.MASS].copy()
+        seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
+        area = np.clip(rows[:, kernel.AREA], seen / SHOWN_RANGE, seen * SHOWN_RANGE)
         volume = mass / density
         start = self._start
         return Frame(
@@ -192,11 +201,11 @@ class ColumnSolver:
         arrays = {
             "rows": self._rows[now, :n][keep],
             "wet": np.packbits(self._wet, axis=1),
-            "ledger": self._ledger,
-            "clock": self._clock,
-            "counts": self._counts,
+            "ledger": self._ledger.copy(),
+            "clock": self._clock.copy(),
+            "counts": self._counts.copy(),
         }
-        return arrays | ({"peaks": self._peaks} if self.numerics.maxima else {})
+        return arrays | ({"peaks": self._peaks.copy()} if self.numerics.maxima else {})
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
@@ -259,6 +268,8 @@ class ColumnSolver:
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
         kinetic, potential = self.energy()
+        datum = self.numerics.gravity * float(self.grid.bed.min())
+        energy_out = float(self._ledger[:, 3].sum() + self._ledger[:, 4].sum()) - mass_out * datum
         clock = self._clock
         return {
             "mass_start": self.total_mass,
@@ -268,33 +279,35 @@ class ColumnSolver:
             "outflow": {
                 name: dict(
                     zip(
-                        ("mass", "momentum_east", "momentum_north", "kinetic_energy", "particles"),
+                        LEDGER,
                         map(float, self._ledger[k]),
                         strict=True,
                     )
                 )
                 for k, name in enumerate(EDGE_NAMES)
-                if self._ledger[k, 4] > 0
+                if self._ledger[k, 5] > 0
             },
             "kinetic_energy": kinetic,
             "potential_energy": potential,
-            "energy_lost": sum(self.energy_start) - kinetic - potential,
+            "energy_lost": sum(self.energy_start) - kinetic - potential - energy_out,
             "speed_max_now": float(clock[kernel.SPEED]),
             "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
             "thickness_max_now": float(clock[kernel.DEPTH_NOW]),
             "thickness_max": float(clock[kernel.DEPTH_WORST]),
             "moving_share": float(clock[kernel.MOVING_SHARE]),
+            "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
             "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
         }
 
     def trouble(self):
-        """(map E, map N, particles not finite, speed over its bound) of what stopped the run."""
+        """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""
         clock = self._clock
         return (
             float(clock[kernel.BOUND_NOW_X]) + self.grid.x0,
             float(clock[kernel.BOUND_NOW_Y]) + self.grid.y0,
             int(self._counts[kernel.BAD]),
             float(np.sqrt(clock[kernel.BOUND_NOW])),
+            float(clock[kernel.WILD_NOW]),
         )

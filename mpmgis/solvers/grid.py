@@ -9,7 +9,7 @@ from ..errors import SceneError
 from ..geo.terrain import Terrain, bilinear
 from ..kernels.columns import node_gradients
 
-MAX_NODES_PER_SIDE = 500_000  # block rows and columns have 16 bits, of 8 nodes each
+MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class ColumnGrid:
         x0, y0 = west, north - ny * cell_size
         bed = _node_beds(terrain, x0, y0, cell_size, nx, ny)
         known = np.isfinite(bed)
-        core = known[1:-1, 1:-1]
+        core = known[1:-1, 1:-1] & _on_raster(terrain.grid, x0, y0, cell_size, nx, ny)
         inside = core[:-1, :-1] & core[:-1, 1:] & core[1:, :-1] & core[1:, 1:]
         if not known.all():  # ghosts and rims need a finite bed; nobody flows there
             nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
@@ -66,6 +66,15 @@ class ColumnGrid:
         gradient[0], gradient[-1] = gradient[1], gradient[-2]
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]
         return cls(x0, y0, float(cell_size), bed, gradient, inside.astype(np.uint8))
+
+
+def _on_raster(grid, x0, y0, cell_size, nx, ny):
+    """bool[ny + 1, nx + 1]: nodes on the raster itself, its rim included, not on its extension."""
+    x, y = x0 + np.arange(nx + 1) * cell_size, y0 + np.arange(ny + 1) * cell_size
+    row, column = grid.rowcol(x[None, :], y[:, None])
+    rows, columns = grid.shape
+    rim = 0.5 + 1e-6
+    return (row >= -rim) & (row <= rows - 1 + rim) & (column >= -rim) & (column <= columns - 1 + rim)
 
 
 def _node_beds(terrain, x0, y0, cell_size, nx, ny):

@@ -26,7 +26,7 @@ def _bed(bed, x, y, dx):
     return gradient
 
 
-def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, clamp, floor):
+def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, floor):
     """Advance `state` (dict of x, y, u, v, c float[2, 2, n], mass, area, gradient float[2, n], kappa) by `dt` [s].
 
     Slope form, Voellmy, curvature on, open edges; the same arithmetic as the compiled step.
@@ -78,7 +78,7 @@ def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, clamp, floor)
                 du[0, k] += dw[k] * un
                 du[1, k] += dw[k] * vn
     stretch = (1 + dt * du[0, 0]) * (1 + dt * du[1, 1]) - dt * dt * du[0, 1] * du[1, 0]
-    s["area"] = np.maximum(s["area"] * np.clip(stretch, 0.1, 10.0), s["mass"] * dx * dx / (grid_mass * clamp))
+    s["area"] = np.minimum(s["area"] * np.clip(stretch, 0.1, 10.0), 1000.0 * s["mass"] * dx * dx / grid_mass)
     s["x"], s["y"], s["c"] = s["x"] + dt * up, s["y"] + dt * vp, c * 4.0 / dx
     new = _bed(bed, s["x"], s["y"], dx)
     s["kappa"] = (up * (new[0] - tx) + vp * (new[1] - ty)) / dt

@@ -78,7 +78,7 @@ def node_thickness(solver, walls=True):
 
 
 def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, depth=5.0, reservoir=50.0, length=100.0,
-              tail=0.0, per_side=4, clamp=None):  # fmt: skip
+              tail=0.0, per_side=4, clamp=0.0):  # fmt: skip
     """A dam of slope-normal `depth` [m] at rest on a plane; answers (distance from the dam along the slope, computed
     and exact vertical thickness) at `time` [s] on the nodes (Ritter 1892; Mangeney et al. 2000).
 
