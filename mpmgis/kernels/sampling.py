@@ -11,8 +11,8 @@ import numpy as np
 
 from .jit import jit, jit_inline, jit_parallel, prange
 
-SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour (physics.md 1.4)
-JITTER = 0.5  # full width of a vertex's displacement over the sub-square's side; no more than 0.5 (physics.md 1.4)
+SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour (design notes 1.4)
+JITTER = 0.5  # full width of a vertex's displacement over the sub-square's side; no more than 0.5 (design notes 1.4)
 CENTRED, JITTERED, RANDOM = 0, 1, 2
 _POSITIVE = 1 << 40  # added to cell indices, so that they can be taken as unsigned
 _DITHER = 1 << 40  # the number by which a cell's random numbers decide its count
@@ -822,7 +822,7 @@ def halton_chunks(
     """Points of Halton's sequence (bases 2 and 3, shifted) inside a polygon; chunks of `size` indices.
 
     With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta) and stands for an area
-    in inverse proportion (physics.md D14). `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
+    in inverse proportion (design note D14). `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
     points that a chunk gives; `box` is (u0, v0, width, height).
 
     Returns

@@ -1,4 +1,4 @@
-"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon (physics.md 1.4)."""
+"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon (design notes 1.4)."""
 
 from functools import cached_property
 
@@ -27,7 +27,7 @@ def tiling_rows(count, aspect):
 
 
 class Tiling:
-    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))`` (physics.md D14)."""
+    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))`` (design note D14)."""
 
     def __init__(self, n0, beta, aspect):
         self.n0, self.beta, self.aspect = float(n0), float(beta), aspect
@@ -138,7 +138,7 @@ class LatticeColumns:
         return np.ascontiguousarray(pieces[:, :3])
 
     def _keep_inside(self, pieces, alone, cut):
-        """A centroid outside the polygon goes to a point of its piece inside (contract.md section 1).
+        """A centroid outside the polygon goes to a point of its piece inside.
 
         `alone` float64[n, 2] are the centroids before slivers joined.
         """
