@@ -1,7 +1,7 @@
 """`mpmgis demo`: the whole chain on the shipped site."""
 
 from . import talk
-from .progress import frame_progress, run_progress
+from .progress import frame_progress, interruptible, run_progress
 
 EXAMPLE = """
 mpmgis demo -o demo
@@ -27,7 +27,7 @@ def run(arguments):
 
     refuse_existing(arguments.output, arguments.overwrite)
     talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 20 seconds)")
-    with run_progress() as watch:
+    with run_progress() as shown, interruptible(shown) as watch:
         summary, project, picture = demo(
             arguments.output,
             overwrite=arguments.overwrite,

@@ -1,12 +1,46 @@
 """Progress bars on stderr: simulated time, speed and remaining time. Quiet where nobody looks."""
 
+import signal
 import sys
 import time
 from contextlib import contextmanager
 
 from . import talk
 
+STOPPING = "stopping at the end of this step; Ctrl+C once more stops at once"
 LINE_SECONDS = 10.0  # without a terminal: a line this often
+
+
+@contextmanager
+def interruptible(watch):
+    """Gives `watch` with Ctrl+C in it: the first is kept until `watch` is next called, the second stops at once.
+
+    A KeyboardInterrupt that Python raises inside a library's callback is lost; one that waits for us is not.
+    """
+    asked = []
+
+    def remember(number, frame):
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+        talk.say(STOPPING)
+
+    def watching(*state):
+        if asked:
+            raise KeyboardInterrupt
+        watch(*state)
+
+    try:
+        before = signal.signal(signal.SIGINT, remember)
+    except ValueError:  # not the main thread: signals are somebody else's
+        yield watch
+        return
+    try:
+        yield watching
+        if asked:
+            raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

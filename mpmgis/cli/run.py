@@ -3,7 +3,7 @@
 import sys
 
 from . import talk
-from .progress import run_progress
+from .progress import interruptible, run_progress
 
 EXAMPLE = """
 mpmgis run --template > scene.toml
@@ -39,7 +39,7 @@ def run(arguments):
         raise InputError("--resume and --overwrite contradict each other; give one of them")
     from ..pipeline.run import run as run_scene
 
-    with run_progress() as watch:
+    with run_progress() as shown, interruptible(shown) as watch:
         summary = run_scene(
             arguments.scene,
             arguments.output,

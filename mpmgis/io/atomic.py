@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -39,6 +40,12 @@ def whole_file(path):
     except OSError as error:
         _remove(part, *new_parents)
         raise output_error(path, error) from error
+    except RuntimeError as error:
+        _remove(part, *new_parents)
+        number = re.search(r"errno = (\d+)", str(error))  # as h5py tells of trouble when it closes a file
+        if number is None:
+            raise
+        raise output_error(path, OSError(int(number[1]), os.strerror(int(number[1])))) from error
     except BaseException:
         _remove(part, *new_parents)
         raise

@@ -4,6 +4,7 @@ A reader is two functions, `read_header(path)` and `read(path, density, memory)`
 files come in by a row in `READERS`.
 """
 
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from ..particles import Frame
 from .frames import read_frame
 
 _memory = threading.local()
+_NUMBERED = re.compile(r"(.*?)(\d+)(\.\w+)")
 
 
 class Reader(NamedTuple):
@@ -82,6 +84,16 @@ def list_frames(paths, reader="mpmgis"):
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
     _require_one_run(entries)
     return tuple(entries)
+
+
+def missing_frames(entries, most=5):
+    """Names that a series of numbered files leaves out between its first and its last; at most `most` of them."""
+    numbered = {int(match[2]): match for entry in entries if (match := _NUMBERED.fullmatch(entry.path.name))}
+    if len(numbered) < len(entries):
+        return []
+    gaps = [n for n in range(min(numbered), max(numbered)) if n not in numbered]
+    start, width, end = (lambda m: (m[1], len(m[2]), m[3]))(numbered[min(numbered)])
+    return [f"{start}{n:0{width}d}{end}" for n in gaps[:most]] + (["..."] if len(gaps) > most else [])
 
 
 def _files(paths, reader):

@@ -44,18 +44,17 @@ INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, whi
     WILD,  # mass at more than twice the speed of that bound [kg]
     NOT_FINITE,  # particles with a NaN or infinite state
     CLAMPED,  # areas reset because the column's thickness left the range about the grid's
-    DEPTH_MAX,  # max thickness [m]
     BLOCK_WEST,  # window of blocks that hold particles
     BLOCK_SOUTH,
     BLOCK_EAST,
     BLOCK_NORTH,
     OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
-) = range(18)
+) = range(17)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
 # what each chunk of the node loop reports
-WET_NEW, AIRBORNE_MASS, NODE_REPORT = range(3)
+WET_NEW, AIRBORNE_MASS, DEEPEST, NODE_REPORT = range(4)
 
 MOVING_SPEED = 0.05  # [m s-1] (design notes 3.9)
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
@@ -402,6 +401,7 @@ def update_nodes(
                         continue
                     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
                     grid_thickness = mass * per_area
+                    report[c, DEEPEST] = max(report[c, DEEPEST], grid_thickness)
                     if grid_thickness > wet_thickness and wet[j, i] == 0:
                         wet[j, i] = 1
                         report[c, WET_NEW] += 1.0
@@ -473,7 +473,7 @@ def grid_to_particles(
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
-        signal2_max, speed2_max, depth_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        signal2_max, speed2_max, kinetic, moving, flowing, clamped = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         limited, wild = 0.0, 0.0
         bound_ratio, bound_x, bound_y = 0.0, 0.0, 0.0
         block_west, block_south, block_east, block_north = 1 << 16, 1 << 16, -1, -1
@@ -578,7 +578,6 @@ def grid_to_particles(
                         wild += mass
                     horizontal2, speed2 = horizontal2 * bound / speed2, bound
                 thickness = mass / (density * area)
-                depth_max = max(depth_max, thickness)
                 speed2_max = max(speed2_max, horizontal2)
                 wave2 = gravity * thickness
                 signal2_max = max(signal2_max, horizontal2 + wave2 + 2.0 * np.sqrt(horizontal2 * wave2))
@@ -591,7 +590,7 @@ def grid_to_particles(
                 keys[p] = (line << 16) | column
                 block_west, block_east = min(block_west, column), max(block_east, column)
                 block_south, block_north = min(block_south, line), max(block_north, line)
-        mine[SIGNAL_MAX], mine[SPEED_MAX], mine[DEPTH_MAX] = np.sqrt(signal2_max), np.sqrt(speed2_max), depth_max
+        mine[SIGNAL_MAX], mine[SPEED_MAX] = np.sqrt(signal2_max), np.sqrt(speed2_max)
         mine[KINETIC], mine[MOVING], mine[FLOWING], mine[CLAMPED] = 0.5 * kinetic, moving, flowing, clamped
         mine[LIMITED], mine[WILD] = limited, wild
         if mine[NOT_FINITE] == 0.0:
@@ -663,7 +662,6 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
         mine = report[c]
         clock[SIGNAL] = max(clock[SIGNAL], mine[SIGNAL_MAX])
         clock[SPEED] = max(clock[SPEED], mine[SPEED_MAX])
-        clock[DEPTH_NOW] = max(clock[DEPTH_NOW], mine[DEPTH_MAX])
         clock[KINETIC_NOW] += mine[KINETIC]
         clock[CLAMPED_TOTAL] += mine[CLAMPED]
         moving += mine[MOVING]
@@ -683,6 +681,7 @@ def collect(report, node_report, ledger, clock, counts, total_mass):
             counts[ALIVE] -= int(mine[OUT + edge * OUT_ENTRIES + 5])
         counts[WET] += int(node_report[c, WET_NEW])
         airborne += node_report[c, AIRBORNE_MASS]
+        clock[DEPTH_NOW] = max(clock[DEPTH_NOW], node_report[c, DEEPEST])
     counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH] = west, south, east, north
     clock[LIMITED_NOW], clock[WILD_NOW] = limited / total_mass, wild / total_mass
     clock[LIMITED_WORST] = max(clock[LIMITED_WORST], clock[LIMITED_NOW])

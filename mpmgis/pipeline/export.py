@@ -9,7 +9,7 @@ from ..geo.terrain import Terrain
 from ..io import qgis_folder
 from ..io.ascii_grid import require_square
 from ..io.atomic import whole_folder
-from ..io.frame_list import list_frames
+from ..io.frame_list import list_frames, missing_frames
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
 from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
@@ -222,6 +222,9 @@ def tell(request, plan, tally, say):
             f"{name}: {100 * share:.0f} % of the mass lies below the bed (lowest {lowest:.2f} m), as grid-based codes "
             "leave it; --standoff auto moves the surface, t_vol comes from mass and is right as it is"
         )
+    missing = missing_frames(plan.entries)
+    if missing:
+        say(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
     grid = plan.averaging.grid
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
@@ -232,6 +235,10 @@ def _tell_of_time(request, plan, tally, say):
     times = [entry.time for entry in plan.entries]
     if plan.time_step is None or len(times) < 2:
         return
+    last = times[plan.steps[-1]]
+    if last < times[-1]:
+        end = f"the last step is that of {last:.4g} s, the frames go on to {times[-1]:.4g} s"
+        say(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
     interval = float(np.median(np.diff(times)))
     if plan.time_step < interval * (1 - 1e-6):
         wanted = automatic_time_step(plan.averaging.grid.cell_size, tally.fastest)

@@ -131,14 +131,13 @@ def write_rasters(request, plan, folder, pool, spool, progress):
             if second is not None:
                 second.absorb(*values.second, values.time)
             if frame in step_of:
-                last = values
                 tally.add_step(values)
                 _write_step(plan, writer, step_of[frame], entry, values, maxima)
                 if spool is not None:
                     spool.add(values, shown)
             progress(frame + 1, len(plan.entries))
     _write_maxima(plan, rasters, maxima, tally, request.cog)
-    _write_deposit(plan, rasters, last, request.cog)
+    _write_deposit(plan, rasters, values, request.cog)  # of the last frame, whichever steps were asked for
     _write_terrain(plan, folder, request.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)

@@ -2,10 +2,11 @@
 
 import glob
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts
 from ..io.frames import read_frame
 from ..io.raster import file_sha256, read_terrain
@@ -32,6 +33,15 @@ class Prepared:
 def prepare(scene_path, say=lambda text: None):
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects."""
     scene = read_scene(scene_path)
+    try:
+        return _prepare(scene, say)
+    except SceneError:
+        raise
+    except InputError as error:  # told in the words of `seed`; say whose file they are about
+        raise type(error)(f"{Path(scene_path).name}: {error}") from error
+
+
+def _prepare(scene, say):
     table = scene.terrain
     terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
     cell_size = scene.numerics.cell_size or terrain.grid.cell_size
@@ -60,7 +70,7 @@ def _columns(scene, terrain, cell_size, say):
     """The columns at the start: seeded on the solver's own lattice of cells, or read from a seed."""
     release = scene.release
     if release.particles is not None:
-        return _read_columns(scene.path(release.particles), terrain, release.density)
+        return _read_columns(scene.path(release.particles), terrain, release.density, say)
     thickness = release.thickness
     if isinstance(thickness, str) and scene.path(thickness).exists():
         thickness = str(scene.path(thickness))
@@ -76,13 +86,15 @@ def _columns(scene, terrain, cell_size, say):
     )  # fmt: skip
 
 
-def _read_columns(path, terrain, density):
+def _read_columns(path, terrain, density, say):
     """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
     frame = read_frame(path, with_state=False)
     if frame.dimension != 2:
         raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them")
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
+        say(f"{path} was seeded on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..errors import OutputError
 from ..geo.release import NORMAL
 from ..io.atomic import refuse_existing
 from ..io.particle_files import require_format, write_columns
@@ -60,10 +61,19 @@ def seed_file(
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
+    _refuse_inputs(path, (dem, release, thickness, surface))
     seed = plan_seed(terrain, area, say=say, **options)
     frame = replace(seed.empty_frame(), dem=_relative(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
+
+
+def _refuse_inputs(path, inputs):
+    """No seed takes the place of what it is made from, --overwrite or not."""
+    for given in inputs:
+        named = Path(str(given).partition("|")[0])
+        if path.exists() and named.exists() and path.samefile(named):
+            raise OutputError(f"{path} is what the seed is made from and would be replaced; give another -o")
 
 
 def _relative(path, folder):

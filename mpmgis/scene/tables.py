@@ -3,10 +3,12 @@
 A table that is present is an effect in the scene; unknown tables and keys are errors.
 """
 
+import codecs
 import difflib
 import hashlib
 import json
 import math
+import re
 import tomllib
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
@@ -165,7 +167,7 @@ def read_scene(path):
     """Read and check `scene.toml` at `path`; raises SceneError in one line."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = _decoded(path.read_bytes())
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such file") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -173,8 +175,27 @@ def read_scene(path):
     try:
         tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}") from error
+        raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_cure(text, error)}") from error
     return scene_from_tables(tables, path.parent, path.name)
+
+
+def _decoded(raw):
+    """Text of a file as editors on any system save it: UTF-8, with or without a byte order mark, or UTF-16 with one."""
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return raw.decode("utf-16")
+    return raw.decode("utf-8-sig")
+
+
+def _cure(text, error):
+    """What a line that TOML cannot read most likely means."""
+    number = re.search(r"at line (\d+)", str(error))
+    lines = text.splitlines()
+    line = lines[int(number[1]) - 1] if number and int(number[1]) <= len(lines) else ""
+    if re.search(r"=\s*-?\d+,\d", line):
+        return "; numbers take a point, not a comma"
+    if "\\" in line:
+        return "; write paths with / or in 'single quotes'"
+    return ""
 
 
 def scene_from_tables(tables, folder=".", where="scene"):

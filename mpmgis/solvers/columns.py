@@ -14,7 +14,7 @@ from .grid import ColumnGrid
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
-SHOWN_RANGE = 4.0
+SHOWN_RANGE = 2.0
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
 
@@ -161,7 +161,7 @@ class ColumnSolver:
     def frame(self):
         """The columns now, as a Frame: z is the bed, velocities are tangent to it.
 
-        Areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was stretched a hundred
+        After the first step areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was stretched a hundred
         cells long is a thin line on the ground, not a square of that area. Masses, and so maps of thickness, are exact.
         """
         rows, ids = self._alive()
@@ -174,8 +174,10 @@ class ColumnSolver:
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
         mass = rows[:, kernel.MASS].copy()
-        seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
-        area = np.clip(rows[:, kernel.AREA], seen / SHOWN_RANGE, seen * SHOWN_RANGE)
+        area = rows[:, kernel.AREA].copy()
+        if self.step:
+            seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
+            area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
         volume = mass / density
         start = self._start
         return Frame(

@@ -10,9 +10,9 @@ SLICE_SECONDS = 0.25  # wall time between two looks at progress and Ctrl+C
 END_REASONS = {
     kernel.REACHED_TIME: "end_time reached",
     kernel.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
-    kernel.STOPPED_ENERGY: "at rest: kinetic energy below 1 % of its peak for 2 s",
+    kernel.STOPPED_ENERGY: "nearly at rest: kinetic energy below 1 % of its peak for 2 s",
     kernel.STOPPED_FOOTPRINT: (
-        "at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
+        "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
     ),
     kernel.ALL_LEFT: "all mass has left the terrain",
 }

@@ -18,6 +18,7 @@ from mpmgis.io.frames import read_frame
 from mpmgis.io.sample import sample_folder
 from mpmgis.scene import read_scene, scene_from_tables, scene_text, template
 
+RELEASE = 'source = "lava_falls_release_small.shp"\ndensity = 2000'
 SCENE = """
 [terrain]
 dem = "lava_falls_dem_utm12n_10m.tif"
@@ -232,8 +233,11 @@ BAD_SCENES = {
     "release missing": (swap("lava_falls_release_small.shp", "nowhere.shp"), "no such file"),
     "both releases": (swap("density = 2000", 'density = 2000\nparticles = "a.h5"'), "either source or particles"),
     "no source": (swap('source = "lava_falls_release_small.shp"', ""), "either source or particles"),
-    "particles missing": (swap('source = "lava_falls_release_small.shp"', 'particles = "a.h5"'), "no such file"),
-    "particles are no frame": (swap('source = "lava_falls_release_small.shp"', 'particles = "README.md"'), "HDF5"),
+    "particles missing": (swap(RELEASE, 'particles = "a.h5"'), "no such file"),
+    "particles are no frame": (swap(RELEASE, 'particles = "README.md"'), "HDF5"),
+    "particles with a density": (swap('source = "lava_falls_release_small.shp"', 'particles = "a.h5"'), "own density"),
+    "comma for a point": (swap("mu = 0.25", "mu = 0,25"), "a point, not a comma"),
+    "backslashes": (swap('"lava', '"C:\\U\\lava'), "single quotes"),
     "thickness column missing": (swap("density = 2000", 'thickness = "height"'), "height"),
     "thickness zero": (swap("density = 2000", "thickness = 0"), "above 0"),
     "velocity of three": (swap("density = 2000", "velocity = [1, 2, 3]"), "two numbers"),
@@ -280,6 +284,49 @@ def test_bad_arguments_are_refused(site, capsys, tmp_path):
     with pytest.raises(SystemExit) as stop:
         main(["run", scene, "--thread", "x"])
     assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+def test_ctrl_c_ends_a_run_that_resumes(site):
+    """SIGINT in the middle: exit code 130, whole frames, and the run goes on to the bytes of one never stopped."""
+    assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "whole")]) == 0
+    command = [sys.executable, "-m", "mpmgis", "run", str(site / "scene.toml"), "-q", "-o", str(site / "cut")]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (site / "cut" / "frame_000001.h5").exists() and time.monotonic() < deadline and child.poll() is None:
+        time.sleep(0.001)
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    if child.returncode == 130:  # it may have ended by itself just before
+        assert "interrupted" in err
+        assert json.loads((site / "cut" / "run.json").read_text())["state"] == "interrupted"
+    else:
+        assert child.returncode == 0
+    assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "cut"), "--resume"]) == 0
+    assert digests(site / "whole") == digests(site / "cut")
+
+
+def test_a_changed_thickness_raster_is_another_scene(site, capsys):
+    import rasterio
+
+    with rasterio.open(site / "lava_falls_dem_utm12n_10m.tif") as dem:
+        profile, values = dem.profile, np.zeros(dem.shape, "float32")
+    values[115:125, 88:98] = 2.0
+    profile.update(dtype="float32", nodata=None)
+    scene = SCENE.replace(RELEASE, 'source = "thick.tif"\ndensity = 2000')
+    (site / "scene.toml").write_text(scene)
+    for depth in (1.0, 1.5):
+        with rasterio.open(site / "thick.tif", "w", **profile) as target:
+            target.write(values * depth, 1)
+        if depth == 1.0:
+            assert main(["run", str(site / "scene.toml"), "-q"]) == 0
+    assert refused(["run", str(site / "scene.toml"), "--resume", "-q"], capsys, "another scene")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_scenes_from_any_editor(site, encoding):
+    """PowerShell writes UTF-16, Notepad a byte order mark."""
+    (site / "scene.toml").write_text(SCENE, encoding=encoding)
+    assert read_scene(site / "scene.toml").friction.parameters == {"mu": 0.25, "xi": 1000.0}
 
 
 def test_a_very_large_run_is_not_started_unasked(site, capsys):
