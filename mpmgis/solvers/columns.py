@@ -161,8 +161,8 @@ class ColumnSolver:
     def frame(self):
         """The columns now, as a Frame: z is the bed, velocities are tangent to it.
 
-        After the first step areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was stretched a hundred
-        cells long is a thin line on the ground, not a square of that area. Masses, and so maps of thickness, are exact.
+        After the first step areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was
+        stretched a hundred cells long is a thin line on the ground, not a square of that area. Masses are exact.
         """
         rows, ids = self._alive()
         grid, density = self.grid, self.numerics.density
