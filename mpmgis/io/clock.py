@@ -66,10 +66,14 @@ class Clock:
 
     @cached_property
     def step(self):
-        """Length of a controller frame [QGIS s]: the shortest step, unless that makes thousands of frames."""
+        """Length of a controller frame [QGIS s]: the shortest step, unless that makes thousands of frames.
+
+        The last step does not count: a run that comes to rest ends anywhere between two frames.
+        """
         if len(self.begins) == 1:
             return self.stretch
-        shortest = int(np.diff(self.begins).min())
+        steps = np.diff(self.begins)
+        shortest = int(min(steps[:-1], default=steps[-1]))
         return max(shortest, -(-(self.begins[-1] - self.begins[0]) // MOST_FRAMES))
 
     @property

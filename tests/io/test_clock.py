@@ -60,6 +60,8 @@ def test_decimals_tell_steps_apart(times, decimals):
 
 def test_frames_of_the_controller_follow_the_shortest_step():
     assert Clock.of([0, 0.25, 0.75, 3]).step == 15
+    assert Clock.of([0, 2, 4, 6, 6.5]).step == 120  # the run came to rest before its next frame
+    assert Clock.of([0, 0.5]).step == 30
     assert Clock.of([0, 0.1, 10_000]).step == 120  # not 100 000 frames for one short step
 
 
