@@ -1,11 +1,11 @@
 """`mpmgis export-raster`: frames of particles to GeoTIFF bands and a QGIS project."""
 
 import argparse
-import math
-import sys
 from pathlib import Path
 
 from . import talk
+from .progress import frame_progress
+from .values import number, positive
 
 EXAMPLE = """
 mpmgis export-raster results/*.h5
@@ -92,7 +92,7 @@ def _add_averaging_options(group):
         "distance that 1 %% of the mass lies under; 0 where that share is under 1 %% (default 0)",
     )
     group.add_argument(
-        "--density", type=_positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"
+        "--density", type=positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"
     )
 
 
@@ -149,7 +149,7 @@ def run(arguments):
     paths = export_raster(
         ExportRequest(**asked | {"frames": tuple(arguments.frames)}),
         say=talk.say if talk.volume > 0 else notes.append,
-        progress=_progress if talk.volume >= 0 and sys.stderr.isatty() else lambda done, total: None,
+        progress=frame_progress,
     )
     for note in notes:
         talk.say(note)
@@ -158,47 +158,26 @@ def run(arguments):
     return 0
 
 
-def _progress(done, total):
-    print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
-
-
-def _number(text):
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a number") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a finite number")
-    return value
-
-
-def _positive(text):
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
-    return value
-
-
 def _not_negative(text):
-    value = _number(text)
+    value = number(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f"got {text}, wanted 0 or more")
     return value
 
 
 def _percentile(text):
-    value = _number(text)
+    value = number(text)
     if not 0 < value <= 100:
         raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0 and up to 100")
     return value
 
 
 def _positive_or_auto(text):
-    return AUTO if text == AUTO else _positive(text)
+    return AUTO if text == AUTO else positive(text)
 
 
 def _number_or_auto(text):
-    return AUTO if text == AUTO else _number(text)
+    return AUTO if text == AUTO else number(text)
 
 
 def _count(text):

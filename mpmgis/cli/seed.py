@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 from . import talk
+from .values import number, positive
 
 EXAMPLE = """
 mpmgis seed --dem dtm.tif --release area.shp
@@ -62,7 +63,7 @@ def _add_material_options(group):
         "--surface", type=Path, metavar="RASTER", help="surface of the material [m]: thickness is surface minus bed"
     )
     group.add_argument(
-        "--density", type=_positive, metavar="R", help=f"density [kg m-3] (default: {DEFAULT_DENSITY:g})"
+        "--density", type=positive, metavar="R", help=f"density [kg m-3] (default: {DEFAULT_DENSITY:g})"
     )
     group.add_argument(
         "--velocity",
@@ -78,7 +79,7 @@ def _add_resolution_options(group):
     resolution = group.add_mutually_exclusive_group()
     resolution.add_argument("--per-cell", type=_count, metavar="K", help="columns a DTM cell (default: 16)")
     resolution.add_argument("--count", type=_count, metavar="N", help="columns in all, met within 1 %%")
-    resolution.add_argument("--spacing", type=_positive, metavar="M", help="spacing of the columns [m]")
+    resolution.add_argument("--spacing", type=positive, metavar="M", help="spacing of the columns [m]")
     group.add_argument(
         "--points",
         choices=("lattice", "jittered", "halton", "random"),
@@ -94,7 +95,7 @@ def _add_resolution_options(group):
     )
     group.add_argument(
         "--refine-slope",
-        type=_number,
+        type=number,
         default=0.0,
         metavar="BETA",
         help="(1 + BETA min(tan slope, 1)) times the columns on steep ground, 0 to 3 (default: 0)",
@@ -153,20 +154,6 @@ def _tell(seeded):
     )
 
 
-def _number(text):
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a finite number")
-    return value
-
-
-def _positive(text):
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
-    return value
-
-
 def _whole(text):
     value = float(text)
     if not math.isfinite(value) or value != int(value) or value < 0:
@@ -185,4 +172,4 @@ def _pair(text):
     parts = text.split(",")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"got {text!r}, wanted two numbers E,N")
-    return tuple(_number(part) for part in parts)
+    return tuple(number(part) for part in parts)

@@ -586,8 +586,9 @@ def grid_to_particles(
                     moving += mass
                     if speed2 > FLOWING_SPEED * FLOWING_SPEED:
                         flowing += mass
-                column, line = int(x * inverse_dx + 0.5) // BLOCK, int(y * inverse_dx + 0.5) // BLOCK
-                keys[p] = (line << 16) | column
+                key = block_key(x, y, inverse_dx)
+                keys[p] = key
+                column, line = key & 0xFFFF, key >> 16
                 block_west, block_east = min(block_west, column), max(block_east, column)
                 block_south, block_north = min(block_south, line), max(block_north, line)
         mine[SIGNAL_MAX], mine[SPEED_MAX] = np.sqrt(signal2_max), np.sqrt(speed2_max)

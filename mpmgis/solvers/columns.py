@@ -121,11 +121,6 @@ class ColumnSolver:
         self.energy_start = self.energy()
 
     @property
-    def clamp(self):
-        """The thickness clamp in use; 0 is off."""
-        return float(self.numerics.clamp)
-
-    @property
     def time(self):
         """Simulated time [s]."""
         return float(self._clock[kernel.TIME])
@@ -147,7 +142,8 @@ class ColumnSolver:
             self._rows, self._ids, self._keys, self._order, self._nodes, self.grid.bed, self.grid.gradient,
             self.grid.inside, self._wet, self._clock, self._counts, self._ledger, float(until), int(max_steps),
             self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._fall_limit),
-            float(numerics.density), float(numerics.gravity), self.clamp, self._thickness_floor, self._wet_thickness,
+            float(numerics.density), float(numerics.gravity), float(numerics.clamp),
+            self._thickness_floor, self._wet_thickness,
             numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, WILD_STOP,
             self.total_mass, bool(numerics.maxima), self._peaks, float(numerics.arrival_thickness),
             self.effects.metric, self.effects.friction, self.effects.curvature, self.effects.still_water,

@@ -1,0 +1,23 @@
+"""Values of options: text to number, with what was got and wanted where it is none."""
+
+import argparse
+import math
+
+
+def number(text):
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a finite number")
+    return value
+
+
+def positive(text):
+    """A number above 0."""
+    value = number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
+    return value
