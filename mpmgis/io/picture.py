@@ -50,14 +50,14 @@ def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, t
     view = map_view(terrain, grid, np.isfinite(speed_max) | (deposit_depth >= min_depth), release)
     figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)
-    axes = _map_axes(figure, view)
-    interval = _draw_terrain(axes, terrain, view)
+    axes = map_axes(figure, view)
+    interval = draw_terrain(axes, terrain, view)
     classes = _draw_speed(axes, grid, speed_max)
     deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform)
-    _draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
-    _draw_outline(axes, release, RELEASE_COLOUR)
-    _draw_scale_bar(axes, view)
-    _draw_north_arrow(axes)
+    draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
+    draw_outline(axes, release, RELEASE_COLOUR)
+    draw_scale_bar(axes, view)
+    draw_north_arrow(axes)
     _draw_legend(axes, classes, bool(release), deposit is not None, min_depth, interval)
     if title:
         axes.set_title(title, loc="left", fontsize=13, fontweight="bold", pad=10)
@@ -102,7 +102,7 @@ def shaded_relief(elevation, spacing):
     return shade
 
 
-def _map_axes(figure, view):
+def map_axes(figure, view):
     """Axes of the map in a figure just large enough for it and a legend at its right."""
     west, south, east, north = view
     inch = MAP_LONG_SIDE / max(east - west, north - south)
@@ -135,7 +135,7 @@ def _label_axes(axes):
         spine.set(color=INK, linewidth=0.8)
 
 
-def _draw_terrain(axes, terrain, view):
+def draw_terrain(axes, terrain, view):
     """Hillshade and contour lines; returns the contour interval [m], or 0 where heights do not differ."""
     west, south, east, north = view
     spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
@@ -183,7 +183,7 @@ def _draw_speed(axes, grid, speed):
     return [entry for k, entry in enumerate(classes) if k <= number[np.isfinite(speed)].max(initial=0)]
 
 
-def _draw_outline(axes, shapes, colour):
+def draw_outline(axes, shapes, colour):
     """Outlines with a white rim, so that they show on any ground."""
     from matplotlib.patheffects import withStroke
 
@@ -200,7 +200,7 @@ def _draw_outline(axes, shapes, colour):
             )
 
 
-def _draw_scale_bar(axes, view):
+def draw_scale_bar(axes, view):
     """A bar of a round length in the lower left corner, half black, half white."""
     from matplotlib.patches import Rectangle
 
@@ -218,7 +218,7 @@ def _draw_scale_bar(axes, view):
         axes.text(x + at, y + 1.8 * height, label, fontsize=7.5, ha="center", va="bottom", zorder=7)
 
 
-def _draw_north_arrow(axes):
+def draw_north_arrow(axes):
     """An arrow in the upper right corner; the map is north-up by its making."""
     axes.annotate(
         "N",

@@ -34,6 +34,7 @@ from .raster import file_sha256, open_raster, read_raster
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _LAYER = "|layername="  # as QGIS writes a source with several layers
+KINDS = {"Polygon": "polygons", "LineString": "lines"}  # of geometry, in words
 _SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
 _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting
 _AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
@@ -64,7 +65,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give one of them")
     wanted = _Thickness.parse(thickness, surface)
-    if _is_raster(path):
+    if is_raster(path):
         features, own = _raster_features(path, terrain, wanted, say)
     else:
         features, own = _vector_features(path, terrain, wanted, say), None
@@ -73,8 +74,10 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
         require_on_terrain(part, terrain.grid)
         require_bed(part, terrain)
     if wanted.raster is not None:
-        own = _surface_thickness(wanted.raster, terrain, features, record, say) if surface is not None else (
-            _thickness_raster(wanted.raster, terrain, say)
+        own = (
+            _surface_thickness(wanted.raster, terrain, features, record, say)
+            if surface is not None
+            else (_thickness_raster(wanted.raster, terrain, say))
         )
     if own is not None:
         features = [_where_thick(part, own, say) for part in features]
@@ -123,7 +126,7 @@ def require_thickness(value, where):
 
 def _vector_features(path, terrain, wanted, say):
     """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
-    table = _read_table(path)
+    table = read_table(path)
     table = _require_polygons(table, path, say)
     names = _names(table)
     heights = _feature_thickness(table, names, path, wanted, say)
@@ -132,38 +135,54 @@ def _vector_features(path, terrain, wanted, say):
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
 
 
-def _read_table(path):
-    """The GeoDataFrame at `path`; a file with several polygon layers asks for one by name."""
+def read_table(path, kind="Polygon", flag="--release "):
+    """The GeoDataFrame at `path`, where `file.gpkg|layername=name` names a layer.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : {"Polygon", "LineString"}
+        Of which layers are wanted; geometries of other kinds are read too.
+    flag : str
+        What the command line would have to say before the path, for messages.
+
+    Raises
+    ------
+    FormatError, InputError
+        No vector file, or several layers of that kind and none named.
+    """
     text, _, layer = str(path).partition(_LAYER)
     source = Path(text)
     if not source.exists():
         raise FormatError(f"{source}: no such file")
     if source.is_file() and source.stat().st_size == 0:
-        raise FormatError(f"{source} is empty (0 bytes), wanted polygons")
+        raise FormatError(f"{source} is empty (0 bytes), wanted {KINDS[kind]}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             if source.suffix.lower() in (".parquet", ".geoparquet"):
                 return geopandas.read_parquet(source)
-            return geopandas.read_file(source, layer=layer or _only_layer(source), engine="pyogrio")
+            return geopandas.read_file(source, layer=layer or _only_layer(source, kind, flag), engine="pyogrio")
         except InputError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
             raise FormatError(_unreadable(source, error)) from error
 
 
-def _only_layer(source):
+def _only_layer(source, kind, flag):
     layers = pyogrio.list_layers(source)
-    with_geometry = [name for name, kind in layers if kind is not None]
-    polygons = [name for name, kind in layers if kind is not None and ("Polygon" in kind or kind == "Unknown")]
-    choice = polygons or with_geometry
+    with_geometry = [name for name, found in layers if found is not None]
+    right = [name for name, found in layers if found is not None and (kind in found or found == "Unknown")]
+    choice = right or with_geometry
     if len(choice) > 1:
         raise InputError(
-            f"{source} has {len(choice)} layers with polygons ({', '.join(choice[:6])}); name one: "
-            f"--release '{source.name}{_LAYER}{choice[0]}'"
+            f"{source} has {len(choice)} layers with {KINDS[kind]} ({', '.join(choice[:6])}); name one: "
+            f"{flag}'{source.name}{_LAYER}{choice[0]}'"
         )
     if not choice:
-        raise FormatError(f"{source} holds no layer with geometry, wanted polygons; it is a table without, or damaged")
+        raise FormatError(
+            f"{source} holds no layer with geometry, wanted {KINDS[kind]}; it is a table without, or damaged"
+        )
     return choice[0]
 
 
@@ -320,7 +339,7 @@ def _require_lies_on(bounds, crs, terrain, path, say):
 # ---------------------------------------------------------------------------------------------------- raster sources
 
 
-def _is_raster(path):
+def is_raster(path):
     """True where GDAL reads `path` as a raster; files that may be both (GeoPackage) count as vector if they can."""
     text = str(path)
     if _LAYER in text:
