@@ -2,16 +2,28 @@
 
 from typing import Any, NamedTuple
 
+from .barrier import NoBarrier
+from .cohesion import NoCohesion
 from .curvature import NoCurvature
+from .earth_pressure import NoEarthPressure
+from .entrainment import NoEntrainment
 from .friction import Frictionless
 from .metric import SlopeMetric
 from .still_water import NoStillWater
+from .viscosity import NoViscosity
+from .zones import NoZones
 
 
 class ColumnEffects(NamedTuple):
     """What moves the columns of the depth-averaged solver; defaults are the null forms."""
 
     friction: Any = Frictionless()
+    zones: Any = NoZones()
+    cohesion: Any = NoCohesion()
     metric: Any = SlopeMetric()
     curvature: Any = NoCurvature()
     still_water: Any = NoStillWater()
+    earth_pressure: Any = NoEarthPressure()
+    viscosity: Any = NoViscosity()
+    entrainment: Any = NoEntrainment()
+    barrier: Any = NoBarrier()

@@ -11,18 +11,18 @@ class NoStillWater(NamedTuple):
     def still_water_active(self):
         return False
 
-    def reference_depth(self, bed):
+    def reference_depth(self, bed, level):
         return 0.0
 
 
 class StillWater(NamedTuple):
-    """A lake whose surface at rest lies at `level` [m, same datum as the DTM]; form `swe` only."""
+    """Lakes at rest; form `swe` only. Each cell of the grid knows the still level of its lake."""
 
-    level: float
+    null: float = 0.0  # the compiler wants at least one field
 
     def still_water_active(self):
         return True
 
-    def reference_depth(self, bed):
-        """Depth of the still lake [m] over `bed` [m]."""
-        return max(self.level - bed, 0.0)
+    def reference_depth(self, bed, level):
+        """Depth of the still lake [m] over `bed` [m]; `level` [m] is very low where there is no lake."""
+        return max(level - bed, 0.0)

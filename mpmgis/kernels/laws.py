@@ -4,7 +4,12 @@ from .jit import law_method
 
 METHODS = (
     "dry_stress",  # friction
+    "viscous_coefficient",
     "drag_coefficient",
+    "placed",
+    "basal_stress",
+    "local",  # zones
+    "yield_stress",  # cohesion
     "metric_gradient",  # metric
     "curvature_active",  # curvature
     "turned_velocity",
@@ -12,6 +17,16 @@ METHODS = (
     "effective_gravity",
     "still_water_active",  # still water
     "reference_depth",
+    "earth_pressure_active",  # earth pressure
+    "pressure_factor",
+    "largest_factor",
+    "viscosity_active",  # viscosity in the plane
+    "apparent_viscosity",
+    "entrainment_active",  # entrainment
+    "erosion_rate",
+    "bed_lowering",
+    "barrier_active",  # barriers
+    "deflected",
 )
 
 for _name in METHODS:

@@ -572,9 +572,7 @@ def cell_counts(cells, n0, beta, slope, slope_map, seed, row0, column0, largest)
     """int64[m]: `cell_count` of each cell (row, column)."""
     counts = np.empty(cells.shape[0], np.int64)
     for m in range(cells.shape[0]):
-        counts[m] = cell_count(
-            n0, beta, slope, slope_map, cells[m, 0], cells[m, 1], seed, row0, column0, largest
-        )
+        counts[m] = cell_count(n0, beta, slope, slope_map, cells[m, 0], cells[m, 1], seed, row0, column0, largest)
     return counts
 
 
@@ -838,9 +836,7 @@ def halton_chunks(
             (first + c) * size + 1, size, quota[first + c], shift, box, columns, rim_key, rim_start, spans, span_start,
             edges, edge_start, edge_index, beta, slope, slope_map, seed, area, points,
         )  # fmt: skip
-        evaluate(
-            points, taken, offsets[c], write, place, bed, bed_map, thick, thick_map, law, position, out, sums[c]
-        )
+        evaluate(points, taken, offsets[c], write, place, bed, bed_map, thick, thick_map, law, position, out, sums[c])
         sums[c, 3], sums[c, 4] = taken, weights
     return sums
 

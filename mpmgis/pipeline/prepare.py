@@ -14,6 +14,8 @@ from ..io.vector import read_release
 from ..scene import TerrainFacts, mu_least, read_scene, resolve
 from ..seeding.columns import seed_columns
 from ..solvers.columns import ColumnNumerics
+from ..solvers.grid import ColumnGrid
+from ..solvers.places import Places
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Prepared:
     decisions: tuple
     facts: TerrainFacts
     numerics: ColumnNumerics
+    places: Places
     digest: str
 
 
@@ -63,7 +66,18 @@ def _prepare(scene, say):
         maxima=scene.output.maxima,
     )
     digest = scene.digest(terrain.sha256, _input_digest(scene))
-    return Prepared(scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, digest)
+    places = _places(scene, effects, ColumnGrid.on(terrain, cell_size))
+    return Prepared(
+        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, digest
+    )
+
+
+def _places(scene, effects, grid):
+    """What the effects know by place, on the solver's grid."""
+    lake = None
+    if effects.still_water.still_water_active():
+        lake = np.full(grid.inside.shape, scene.still_water.level)
+    return Places(lake_level=lake)
 
 
 def _columns(scene, terrain, cell_size, say):

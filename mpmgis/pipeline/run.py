@@ -76,7 +76,9 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     # a thread for few columns costs more than it brings, above all on a busy machine; the result is the same
     used = set_threads(threads or max(1, min(set_threads(None), len(prepared.frame.particles) // COLUMNS_PER_THREAD)))
     require_affordable(prepared, used, confirm)
-    solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics)
+    solver = ColumnSolver(
+        prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places
+    )
     for decision in prepared.decisions:
         say(decision.line())
     threads_word = "1 thread" if used == 1 else f"{used} threads"

@@ -87,7 +87,7 @@ def _still_water(scene, slots):
     if table is None or table.use == "off":
         reason = "no [still_water] in the scene" if table is None else "use = 'off'"
         return Decision("still_water", "off", "scene" if table is None else "forced", None, None, reason)
-    slots["still_water"] = still_water.StillWater(table.level)
+    slots["still_water"] = still_water.StillWater()
     return Decision("still_water", "on", "scene", None, None, f"lake at rest at {table.level:g} m")
 
 

@@ -10,10 +10,13 @@ from ..fields import GRAVITY
 from ..kernels import columns as kernel
 from ..particles import Frame, Particles
 from .grid import ColumnGrid
+from .places import Places
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
+# of what a barrier took up [N s, N s, N s, kg, N]; the force is the largest of a single step
+BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
 SHOWN_RANGE = 2.0
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
@@ -48,13 +51,17 @@ class ColumnSolver:
     terrain : Terrain
     effects : ColumnEffects
     numerics : ColumnNumerics
+    places : Places
+        What the effects know by place, on this solver's grid.
     """
 
-    def __init__(self, frame, terrain, effects, numerics):
+    def __init__(self, frame, terrain, effects, numerics, places=None):
         if frame.dimension != 2 or frame.particles.area is None:
             raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
         self.grid = ColumnGrid.on(terrain, numerics.cell_size)
+        self.places = places or Places()
+        self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
         if numerics.edges == "wall" and not self.grid.inside.all():
             raise SceneError(
                 "[numerics] edges = 'wall' wants a DTM without nodata, north-up or south-up; fill it, or edges = 'open'"
@@ -78,7 +85,7 @@ class ColumnSolver:
                 f"{int(off.sum())} of {n} columns start outside the terrain's whole cells, the first at "
                 f"E {x[at] + grid.x0:.1f} N {y[at] + grid.y0:.1f}; move the release inwards or use a larger DTM"
             )
-        self.bed_start, gradient_x, gradient_y = kernel.beds_at(grid.bed, x, y, dx)
+        self.bed_start, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, dx)
         width = kernel.KAPPA + 1 if self.effects.curvature.curvature_active() else kernel.KAPPA
         self._rows = np.zeros((2, n, width))
         self._ids = np.zeros((2, n), np.uint64)
@@ -102,20 +109,36 @@ class ColumnSolver:
         self._counts[kernel.WEST : kernel.NORTH + 1] = kernel.initial_keys(rows, self._keys[0], dx)
         thickness = particles.mass / (numerics.density * particles.area)
         speed = np.hypot(*particles.velocity[:, :2].T)
-        self.total_mass = float(particles.mass.sum())
-        reference = float((particles.mass * thickness).sum() / self.total_mass)
-        self._thickness_floor = max(1e-3, 1e-3 * reference)
-        self._wet_thickness = 0.01 * reference
+        self.mass_start = float(particles.mass.sum())
+        reference = float((particles.mass * thickness).sum() / self.mass_start)
         slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
         if isinstance(self.effects.metric, SlopeMetric):
             slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
-        self._fall_limit = numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(float(slope.max()), 1e-3)))
-        self._bound_bed = float(self.bed_start.max())
-        self._bound_energy = float(4 * numerics.gravity * thickness.max() + (particles.velocity**2).sum(axis=1).max())
+        self._settings = kernel.Settings(
+            dx=dx,
+            density=float(numerics.density),
+            gravity=float(numerics.gravity),
+            cfl=float(numerics.cfl),
+            fixed_dt=float(numerics.time_step or 0.0),
+            fall_limit=float(numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(float(slope.max()), 1e-3)))),
+            clamp=float(numerics.clamp),
+            thickness_floor=max(1e-3, 1e-3 * reference),
+            wet_thickness=0.01 * reference,
+            arrival_thickness=float(numerics.arrival_thickness),
+            wild_stop=WILD_STOP,
+            wall=numerics.edges == "wall",
+            stop_at_rest=bool(numerics.stop_at_rest),
+            keep_peaks=bool(numerics.maxima),
+        )
+        self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
         clock = self._clock
+        clock[kernel.TOTAL_MASS] = self.mass_start
+        clock[kernel.BOUND_BED] = self.bed_start.max()
+        clock[kernel.BOUND_ENERGY] = 4 * numerics.gravity * thickness.max() + (particles.velocity**2).sum(axis=1).max()
         clock[kernel.TIME] = clock[kernel.FOOTPRINT_MARK_TIME] = frame.time
         clock[kernel.SPEED] = speed.max()
-        clock[kernel.SIGNAL] = (speed + np.sqrt(numerics.gravity * thickness)).max()
+        wave = np.sqrt(self.effects.earth_pressure.largest_factor() * numerics.gravity * thickness)
+        clock[kernel.SIGNAL] = (speed + wave).max()
         clock[kernel.KINETIC_LOW_SINCE] = -1.0
         clock[kernel.DEPTH_NOW] = clock[kernel.DEPTH_WORST] = thickness.max()
         self.energy_start = self.energy()
@@ -137,16 +160,10 @@ class ColumnSolver:
 
     def advance(self, until, max_steps=1 << 62):
         """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back."""
-        numerics = self.numerics
         return kernel.advance(
-            self._rows, self._ids, self._keys, self._order, self._nodes, self.grid.bed, self.grid.gradient,
-            self.grid.inside, self._wet, self._clock, self._counts, self._ledger, float(until), int(max_steps),
-            self.grid.cell_size, float(numerics.cfl), float(numerics.time_step or 0.0), float(self._fall_limit),
-            float(numerics.density), float(numerics.gravity), float(numerics.clamp),
-            self._thickness_floor, self._wet_thickness,
-            numerics.edges == "wall", bool(numerics.stop_at_rest), self._bound_bed, self._bound_energy, WILD_STOP,
-            self.total_mass, bool(numerics.maxima), self._peaks, float(numerics.arrival_thickness),
-            self.effects.metric, self.effects.friction, self.effects.curvature, self.effects.still_water,
+            self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
+            self._ledger, self._peaks, self._barrier_sums, float(until), int(max_steps),
+            self._settings, self.fields, self.effects,
         )  # fmt: skip
 
     def _alive(self):
@@ -162,7 +179,7 @@ class ColumnSolver:
         """
         rows, ids = self._alive()
         grid, density = self.grid, self.numerics.density
-        bed = kernel.beds_at(grid.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
+        bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         origin = self._start.origin
         position = np.column_stack(
             [rows[:, kernel.X] + (grid.x0 - origin[0]), rows[:, kernel.Y] + (grid.y0 - origin[1]), bed - origin[2]]
@@ -196,14 +213,21 @@ class ColumnSolver:
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
         keep = self._keys[now, :n] != kernel.GONE
-        arrays = {
-            "rows": self._rows[now, :n][keep],
-            "wet": np.packbits(self._wet, axis=1),
-            "ledger": self._ledger.copy(),
-            "clock": self._clock.copy(),
-            "counts": self._counts.copy(),
-        }
-        return arrays | ({"peaks": self._peaks.copy()} if self.numerics.maxima else {})
+        arrays = {name: array.copy() for name, array in self._changing().items()}
+        return arrays | {"rows": self._rows[now, :n][keep], "reached": np.packbits(self._wet == kernel.REACHED, axis=1)}
+
+    def _changing(self):
+        """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
+        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts}
+        if self.numerics.maxima:
+            arrays["peaks"] = self._peaks
+        if self.effects.barrier.barrier_active():
+            arrays["barriers"] = self._barrier_sums
+        if self.effects.entrainment.entrainment_active():
+            arrays["erodible"] = self.fields.erodible
+            if self.effects.entrainment.bed_lowering() > 0.0:
+                arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
+        return arrays
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
@@ -214,20 +238,19 @@ class ColumnSolver:
             No state in it, or the state of another run.
         """
         state, ids = frame.state, frame.particles.id
-        wanted = {"rows", "wet", "ledger", "clock", "counts"} | ({"peaks"} if self.numerics.maxima else set())
-        if not wanted <= set(state) or ids is None:
+        changing = self._changing()
+        if not {"rows", "reached", *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows = state["rows"]
-        shapes = {"rows": (len(ids), self._rows.shape[2]), "clock": self._clock.shape, "counts": self._counts.shape}
-        shapes |= {"ledger": self._ledger.shape, "wet": np.packbits(self._wet, axis=1).shape}
-        shapes |= {"peaks": self._peaks.shape} if self.numerics.maxima else {}
+        shapes = {name: array.shape for name, array in changing.items()}
+        shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
         if any(state[name].shape != shape for name, shape in shapes.items()) or len(ids) > self._rows.shape[1]:
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
-        self._wet[:] = np.unpackbits(state["wet"], axis=1, count=self._wet.shape[1])
-        for name in ("ledger", "clock", "counts", *(["peaks"] if self.numerics.maxima else [])):
-            getattr(self, f"_{name}")[:] = state[name]
+        self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
+        for name, array in changing.items():
+            array[:] = state[name]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
         kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
 
@@ -252,7 +275,7 @@ class ColumnSolver:
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""
         rows, _ = self._alive()
         grid, density, gravity = self.grid, self.numerics.density, self.numerics.gravity
-        bed = kernel.beds_at(grid.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
+        bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         mass = rows[:, kernel.MASS]
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         w = u * rows[:, kernel.GX] + v * rows[:, kernel.GY] if isinstance(self.effects.metric, SlopeMetric) else 0.0
@@ -269,11 +292,14 @@ class ColumnSolver:
         datum = self.numerics.gravity * float(self.grid.bed.min())
         energy_out = float(self._ledger[:, 3].sum() + self._ledger[:, 4].sum()) - mass_out * datum
         clock = self._clock
+        released = float(clock[kernel.TOTAL_MASS] - clock[kernel.ENTRAINED_TOTAL])
         return {
-            "mass_start": self.total_mass,
+            "mass_start": self.mass_start,
             "mass_now": mass_now,
             "mass_out": mass_out,
-            "mass_error_relative": (mass_now + mass_out - self.total_mass) / self.total_mass,
+            "mass_released": released,
+            "mass_entrained": float(clock[kernel.ENTRAINED_TOTAL]),
+            "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / clock[kernel.TOTAL_MASS],
             "outflow": {
                 name: dict(
                     zip(
@@ -296,6 +322,11 @@ class ColumnSolver:
             "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
             "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
+            "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
+            "barriers": {
+                name: dict(zip(BARRIER_SUMS, map(float, sums), strict=True))
+                for name, sums in zip(self.places.barrier_names, self._barrier_sums, strict=True)
+            },
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
         }
 

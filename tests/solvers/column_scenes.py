@@ -41,11 +41,13 @@ def columns_of(thickness, west, east, south, north, spacing, density=1000.0, vel
     return Frame(particles, dimension=2)
 
 
-def solver_on(terrain, frame, cell_size, friction=None, metric=None, curvature=None, still_water=None, **numerics):
-    """A solver with the named laws, no stop rule unless asked."""
-    slots = {"friction": friction, "metric": metric, "curvature": curvature, "still_water": still_water}
+def solver_on(terrain, frame, cell_size, friction=None, metric=None, curvature=None, still_water=None, places=None,
+              laws=None, **numerics):  # fmt: skip
+    """A solver with the named laws (`laws`: those of the other slots, by name), no stop rule unless asked."""
+    slots = {"friction": friction, "metric": metric, "curvature": curvature, "still_water": still_water, **(laws or {})}
     effects = ColumnEffects(**{name: law for name, law in slots.items() if law is not None})
-    return ColumnSolver(frame, terrain, effects, ColumnNumerics(cell_size, **{"stop_at_rest": False, **numerics}))
+    numerics = ColumnNumerics(cell_size, **{"stop_at_rest": False, **numerics})
+    return ColumnSolver(frame, terrain, effects, numerics, places)
 
 
 def node_thickness(solver, walls=True):

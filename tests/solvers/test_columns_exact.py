@@ -9,6 +9,7 @@ from mpmgis.effects.friction import Coulomb, Voellmy
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
 from mpmgis.effects.still_water import StillWater
 from mpmgis.kernels.columns import beds_at
+from mpmgis.solvers.places import Places
 
 
 def test_v5_ritter_dry_dam_break():
@@ -145,8 +146,10 @@ def lake(bump, reference, spacing_shift=0.0):
         area = frame.particles.area
         frame.particles.mass, frame.particles.thickness = 1000 * h * area, h
         frame = type(frame)(frame.particles.take(keep), dimension=2)
-    law = StillWater(level) if reference else None
-    solver = solver_on(terrain, frame, dx, metric=WaterMetric(), edges="wall", still_water=law)
+    law = StillWater() if reference else None
+    cells = (round(10 / dx), round(16 / dx))
+    places = Places(lake_level=np.full(cells, level)) if reference else None
+    solver = solver_on(terrain, frame, dx, metric=WaterMetric(), edges="wall", still_water=law, places=places)
     fastest = 0.0
     for _ in range(20):
         solver.advance(1e9, 50)

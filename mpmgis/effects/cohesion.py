@@ -1,0 +1,24 @@
+"""Cohesion of the flow to its bed: a yield stress that adds to whatever law of friction is in the scene."""
+
+from typing import NamedTuple
+
+
+class NoCohesion(NamedTuple):
+    """The null law: nothing is added."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    def yield_stress(self):
+        return 0.0
+
+
+class Cohesion(NamedTuple):
+    """A basal stress tau_0 [Pa] that does not depend on load or speed (tau_0 of VoellmyMinShear, AvaFrame com1DFA).
+
+    Wet snow 50 to 1000 Pa, debris flows 100 to 5000 Pa.
+    """
+
+    stress: float  # [Pa]
+
+    def yield_stress(self):
+        return self.stress

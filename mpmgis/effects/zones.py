@@ -1,0 +1,21 @@
+"""Friction by place: the parameters of the friction law at every node of the solver's grid."""
+
+from typing import NamedTuple
+
+
+class NoZones(NamedTuple):
+    """The null law: the same friction everywhere."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    def local(self, friction, values, j, i):
+        return friction
+
+
+class FrictionZones(NamedTuple):
+    """The law's parameters come from the node array `values[j, i, :]`, in the order of the law's fields."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    def local(self, friction, values, j, i):
+        return friction.placed(values, j, i)

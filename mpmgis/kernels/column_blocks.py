@@ -1,0 +1,115 @@
+"""Columns sorted by blocks of 8 x 8 nodes: who works on what, always in the same order."""
+
+from .column_rows import BLOCK, CHUNKS, X, Y
+from .jit import jit, jit_inline, jit_parallel, prange
+
+SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
+REORDER_STEPS = 20  # rows are put into block order in memory this often
+GONE = -1  # key of a particle that has left
+
+
+@jit_inline
+def block_key(x, y, inverse_dx):
+    """Block of a particle, its row in the high and its column in the low 16 bits."""
+    return ((int(y * inverse_dx + 0.5) // BLOCK) << 16) | (int(x * inverse_dx + 0.5) // BLOCK)
+
+
+@jit
+def initial_keys(rows, keys, dx):
+    """Fill `keys` for all `rows`; answers the window of blocks (west, south, east, north)."""
+    west, south, east, north = 1 << 16, 1 << 16, -1, -1
+    for p in range(rows.shape[0]):
+        key = block_key(rows[p, X], rows[p, Y], 1.0 / dx)
+        keys[p] = key
+        west, east = min(west, key & 0xFFFF), max(east, key & 0xFFFF)
+        south, north = min(south, key >> 16), max(north, key >> 16)
+    return west, south, east, north
+
+
+@jit_parallel
+def _count(keys, n, pieces, west, south, width, size, histogram):
+    for c in prange(pieces):
+        for b in range(size):
+            histogram[c, b] = 0
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                histogram[c, ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west] += 1
+
+
+@jit_parallel
+def _scatter(keys, n, pieces, west, south, width, histogram, order):
+    for c in prange(pieces):
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                b = ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west
+                order[histogram[c, b]] = p
+                histogram[c, b] += 1
+
+
+@jit
+def sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start):
+    """Stable counting sort of indices by block.
+
+    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place,
+    `start[a]`..`start[a + 1]` its particles. Answers (active blocks, particles alive).
+    """
+    width, height = east - west + 1, north - south + 1
+    size = width * height
+    pieces = min(CHUNKS, n // SORT_ROWS + 1)
+    _count(keys, n, pieces, west, south, width, size, histogram)
+    total, active = 0, 0
+    for b in range(size):
+        first = total
+        for c in range(pieces):
+            count = histogram[c, b]
+            histogram[c, b] = total
+            total += count
+        slot[b] = -1
+        if total > first:
+            slot[b] = active
+            block[active] = b
+            start[active] = first
+            active += 1
+    start[active] = total
+    _scatter(keys, n, pieces, west, south, width, histogram, order)
+    return active, total
+
+
+@jit
+def split_evenly(start, active, bounds):
+    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of particles: `bounds[c]`..`bounds[c + 1]`."""
+    total, a = start[active], 0
+    for c in range(CHUNKS):
+        bounds[c] = a
+        while a < active and start[a + 1] * CHUNKS <= total * (c + 1):
+            a += 1
+    bounds[CHUNKS] = active
+
+
+@jit_parallel
+def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
+    """Put rows into block order in memory; particles that have left are dropped."""
+    for c in prange(CHUNKS):
+        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
+            q = order[p]
+            ids_out[p] = ids[q]
+            keys_out[p] = keys[q]
+            for k in range(rows.shape[1]):
+                rows_out[p, k] = rows[q, k]
+
+
+@jit
+def touched_blocks(slot, width, height, touched):
+    """List the node blocks that active tiles reach (themselves and their east, north, north-east neighbours)."""
+    count = 0
+    for bj in range(height + 1):
+        for bi in range(width + 1):
+            hit = False
+            for oj in range(bj - 1, bj + 1):
+                for oi in range(bi - 1, bi + 1):
+                    if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+                        hit = True
+            if hit:
+                touched[count] = bj * (width + 1) + bi
+                count += 1
+    return count

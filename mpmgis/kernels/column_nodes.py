@@ -1,0 +1,203 @@
+"""The grid between the two transfers: walls, momentum to velocity, friction, barriers, erosion, running peaks."""
+
+import numpy as np
+
+from ..effects.friction import slowed_speed
+from ..effects.metric import cosine_squared
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .column_rows import BLOCK, CHUNKS, NODE_GAIN, NODE_KAPPA, NODE_MASS, NODE_X, NODE_Y, bed_at
+from .jit import jit, jit_inline, jit_parallel, prange
+
+# what each chunk of the node loop reports
+WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, NODE_REPORT = range(5)
+# of a node that the flow has reached, has not, or whose being reached releases more mass
+DRY, REACHED, ARMED = range(3)
+# entries of a node beside a barrier: outward unit normal, elevation of the crest [m], number of the barrier (0: none),
+# and how far it is from the barrier's foot to its middle [m]
+WALL_X, WALL_Y, CREST, BARRIER, FRONT_DEPTH, BARRIER_ENTRIES = range(6)
+# what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
+IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
+MOST_GAIN = 1.0  # of a node's mass by erosion in one step
+
+_slowed_speed = jit_inline(slowed_speed)
+_cosine_squared = jit_inline(cosine_squared)
+
+
+@jit
+def clear_ghosts(nodes):
+    """Zero the ghost ring, which untouched blocks leave as an earlier step had it."""
+    nodes[0, :, :] = 0.0
+    nodes[-1, :, :] = 0.0
+    nodes[:, 0, :] = 0.0
+    nodes[:, -1, :] = 0.0
+
+
+@jit
+def fold_walls(nodes):
+    """Walls on all four edges: what the ghosts hold is mirrored inwards (design notes 3.9).
+
+    Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
+    mass and tangential momentum and takes away the normal one.
+    """
+    ny, nx = nodes.shape[0], nodes.shape[1]
+    for i in range(nx):
+        for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+            for e in range(4):
+                nodes[wall, i, e] *= 2.0
+                nodes[inner, i, e] += -nodes[ghost, i, e] if e == NODE_Y else nodes[ghost, i, e]
+            nodes[wall, i, NODE_Y] = 0.0
+    for j in range(ny):
+        for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+            for e in range(4):
+                nodes[j, wall, e] *= 2.0
+                nodes[j, inner, e] += -nodes[j, ghost, e] if e == NODE_X else nodes[j, ghost, e]
+            nodes[j, wall, NODE_X] = 0.0
+
+
+@jit
+def mirror_walls(nodes):
+    """Give the ghosts the mirrored state of the inner nodes, so that particles at a wall see no flow through it."""
+    ny, nx = nodes.shape[0], nodes.shape[1]
+    for j in range(ny):
+        for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+            nodes[j, wall, NODE_X] = 0.0
+            nodes[j, ghost, NODE_MASS] = nodes[j, inner, NODE_MASS]
+            nodes[j, ghost, NODE_GAIN] = nodes[j, inner, NODE_GAIN]
+            nodes[j, ghost, NODE_X] = -nodes[j, inner, NODE_X]
+            nodes[j, ghost, NODE_Y] = nodes[j, inner, NODE_Y]
+    for i in range(nx):
+        for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+            nodes[wall, i, NODE_Y] = 0.0
+            nodes[ghost, i, NODE_MASS] = nodes[inner, i, NODE_MASS]
+            nodes[ghost, i, NODE_GAIN] = nodes[inner, i, NODE_GAIN]
+            nodes[ghost, i, NODE_X] = nodes[inner, i, NODE_X]
+            nodes[ghost, i, NODE_Y] = -nodes[inner, i, NODE_Y]
+
+
+@jit_parallel
+def update_nodes(
+    nodes, bed, node_gradient, wet, touched, n_touched, west, south, width, report, dx, dt, density, gravity,
+    thickness_floor, wet_thickness, zone_values, erodible, barrier_nodes, barrier_report,
+    friction, zones, cohesion, metric, curvature, entrainment, barrier,
+):  # fmt: skip
+    """Momentum to velocity; barriers; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
+
+    Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
+    they gain what the bed loses.
+    """
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    per_area = 1.0 / (density * dx * dx)
+    for c in prange(CHUNKS):
+        report[c, :] = 0.0
+        if barrier.barrier_active():
+            barrier_report[c, :, :] = 0.0
+        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            j_first = (touched[k] // (width + 1) + south) * BLOCK
+            i_first = (touched[k] % (width + 1) + west) * BLOCK
+            for j in range(j_first, min(j_first + BLOCK, rows)):
+                for i in range(i_first, min(i_first + BLOCK, columns)):
+                    mass = nodes[j, i, NODE_MASS]
+                    if mass <= 0.0:
+                        continue
+                    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+                    grid_thickness = mass * per_area
+                    report[c, DEEPEST] = max(report[c, DEEPEST], grid_thickness)
+                    if grid_thickness > wet_thickness and wet[j, i] != REACHED:
+                        report[c, TRIGGERED] += wet[j, i] == ARMED
+                        report[c, WET_NEW] += 1.0
+                        wet[j, i] = REACHED
+                    if barrier.barrier_active():
+                        u, v = _at_barrier(
+                            u, v, mass, bed[j, i] + grid_thickness, barrier_nodes[j, i], barrier_report[c], dx, dt,
+                            barrier,
+                        )  # fmt: skip
+                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+                    c2 = _cosine_squared(mx, my)
+                    w = u * mx + v * my
+                    speed = np.sqrt(u * u + v * v + w * w)
+                    centrifugal = 0.0
+                    if curvature.curvature_active():
+                        centrifugal = nodes[j, i, NODE_KAPPA] / mass
+                    effective = curvature.effective_gravity(gravity, centrifugal)
+                    if effective == 0.0:
+                        report[c, AIRBORNE_MASS] += mass
+                    gain = 0.0
+                    if speed > 0.0:
+                        law = zones.local(friction, zone_values, j, i)
+                        thickness = max(grid_thickness, thickness_floor)
+                        normal_thickness = thickness * np.sqrt(c2)
+                        normal_stress = density * thickness * effective * c2
+                        dry = law.dry_stress(density, normal_stress, normal_thickness, speed) + cohesion.yield_stress()
+                        viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
+                        drag = law.drag_coefficient(gravity, normal_thickness, speed)
+                        per_mass = 1.0 / (density * normal_thickness)
+                        slowed = _slowed_speed(speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness)
+                        u, v = u * (slowed / speed), v * (slowed / speed)
+                        if entrainment.entrainment_active():
+                            basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
+                            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed)
+                            eroded = min(wanted, erodible[j, i], MOST_GAIN * mass / (dx * dx))
+                            gain = eroded * dx * dx / mass
+                            erodible[j, i] -= eroded
+                            bed[j, i] -= eroded * entrainment.bed_lowering()
+                            u, v = u / (1.0 + gain), v / (1.0 + gain)
+                    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
+                    if entrainment.entrainment_active():
+                        nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
+                        nodes[j, i, NODE_GAIN] = gain
+
+
+@jit_inline
+def _at_barrier(u, v, mass, surface, here, sums, dx, dt, barrier):
+    """Velocity at a node beside a barrier: held where the surface is below the crest, free above it."""
+    number = int(here[BARRIER])
+    if number > 0:
+        into = -(u * here[WALL_X] + v * here[WALL_Y])
+        if surface < here[CREST]:
+            u_new, v_new = barrier.deflected(u, v, here[WALL_X], here[WALL_Y])
+            sums[number - 1, IMPULSE] += mass * max(into, 0.0)
+            sums[number - 1, IMPULSE_X] += mass * (u - u_new)
+            sums[number - 1, IMPULSE_Y] += mass * (v - v_new)
+            u, v = u_new, v_new
+        elif into > 0.0:
+            sums[number - 1, OVERTOPPED] += mass * into * dt / here[FRONT_DEPTH]
+    return u, v
+
+
+@jit_parallel
+def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx):
+    """Gradients at the touched nodes anew, after erosion has lowered the bed."""
+    rows, columns = bed.shape[0], bed.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(max(j_first, 1), min(j_first + BLOCK, rows - 1)):
+            for i in range(max(i_first, 1), min(i_first + BLOCK, columns - 1)):
+                _, node_gradient[j, i, 0], node_gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
+
+
+@jit_parallel
+def accumulate_peaks(
+    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric
+):
+    """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
+
+    Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.
+    """
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
+                peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
+                if thickness >= arrival_thickness:
+                    u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+                    w = u * mx + v * my
+                    speed2 = u * u + v * v + w * w
+                    peaks[j, i, 1] = max(peaks[j, i, 1], np.sqrt(speed2))
+                    peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
+                    if peaks[j, i, 3] < 0.0:
+                        peaks[j, i, 3] = time

@@ -1,0 +1,49 @@
+"""What is known by place: friction zones, erodible ground, barriers and lakes on the solver's grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..kernels.columns import BARRIER_ENTRIES, NodeFields
+
+NO_LAKE = -1e30  # [m] a still level below all ground
+
+
+@dataclass(frozen=True)
+class Places:
+    """Node and cell arrays of one scene; None where the scene has nothing of the kind. Rows go northwards.
+
+    Parameters
+    ----------
+    zone_values : float64[ny + 3, nx + 3, k], optional
+        Parameters of the friction law at the nodes, in the order of the law's fields.
+    erodible : float64[ny + 3, nx + 3] [kg m-2], optional
+        What the flow can take up from the bed.
+    barriers : float64[ny + 3, nx + 3, BARRIER_ENTRIES], optional
+        See `kernels.column_nodes`: normal, crest, number, front depth.
+    barrier_names : tuple of str
+    lake_level : float64[ny, nx] [m], optional
+        Still level of the lake in each cell, NO_LAKE elsewhere.
+    """
+
+    zone_values: np.ndarray | None = None
+    erodible: np.ndarray | None = None
+    barriers: np.ndarray | None = None
+    barrier_names: tuple = ()
+    lake_level: np.ndarray | None = None
+
+    def fields(self, grid, lowers_bed):
+        """`NodeFields` on `grid` for one run: what the run changes is copied, what is absent holds one entry."""
+
+        def present(array, *entries):
+            return np.zeros((1, 1, *entries)) if array is None else np.ascontiguousarray(array, float)
+
+        return NodeFields(
+            bed=grid.bed.copy() if lowers_bed else grid.bed,
+            gradient=grid.gradient.copy() if lowers_bed else grid.gradient,
+            inside=grid.inside,
+            zone_values=present(self.zone_values, 1),
+            erodible=present(self.erodible).copy(),
+            barriers=present(self.barriers, BARRIER_ENTRIES),
+            lake_level=present(self.lake_level),
+        )
