@@ -37,5 +37,5 @@ def _entry(entry):
 
 
 def _table(decisions):
-    head = f"{'effect':<12} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} because"
+    head = f"{'effect':<16} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} {'runout':>8}  because"
     return "\n".join([head, *(decision.line() for decision in decisions)])

@@ -1,6 +1,8 @@
 """What is asked: the scene, its checks, its text, and the effects that it calls for."""
 
-from .resolve import Decision, TerrainFacts, catalogue, mu_least, resolve
+from .decisions import Decision, TerrainFacts
+from .resistance import mu_least
+from .resolve import catalogue, resolve
 from .tables import Scene, read_scene, scene_from_tables
 from .text import scene_text, template
 

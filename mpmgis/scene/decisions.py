@@ -1,0 +1,80 @@
+"""What decides an effect: numbers of terrain and release, thresholds, and the record of the decision (design notes 8).
+
+A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
+`TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
+compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (nothing in the scene).
+To add one: write it beside its kind (`scene/resistance`, `scene/ground`, `scene/placed`), give `TerrainFacts` its
+number with None as default, fill that in `pipeline/prepare`, and name the decider in `resolve.DECIDERS`.
+"""
+
+from typing import NamedTuple
+
+THRESHOLD = 0.05  # an effect that changes a leading term by less than this is left out, unless stated
+
+
+class Decision(NamedTuple):
+    """Why an effect is on or off: the number that decided, its threshold, and the reason in words."""
+
+    effect: str
+    state: str  # "on" | "off"
+    decided_by: str  # "scene" | "auto" | "forced"
+    indicator: float | None  # [1]
+    threshold: float | None  # [1]; on above it
+    reason: str
+    runout_change: float | None = None  # [1] estimated relative change in runout if it were the other way round
+
+    def line(self):
+        """One line for a table on the terminal."""
+        number = "" if self.indicator is None else f"{self.indicator:.3g}"
+        threshold = "" if self.threshold is None else f"> {self.threshold:g}"
+        change = "" if self.runout_change is None else f"{100 * self.runout_change:+.0f} %"
+        head = f"{self.effect:<16} {self.state:<4} {self.decided_by:<7} {number:>9} {threshold:<8}"
+        return f"{head} {change:>8}  {self.reason}"
+
+
+class TerrainFacts(NamedTuple):
+    """Numbers about release and reachable terrain that decide effects, computed in seconds (`geo.reach`).
+
+    What a scene has by place is None where the scene has nothing of the kind.
+    """
+
+    centrifugal_ratio: float  # p95 of |u^T Hess b u| / g at the energy line's speed
+    slope_median: float  # tan of the slope, over the reachable ground
+    drop: float  # [m]
+    speed: float  # [m s-1] of the energy line
+    slope_steep: float = 0.0  # 99 % quantile
+    detachment_ratio: float = 0.0  # p99 of U^2 curvature / (g cos) over convex ground; above 1 the flow takes off
+    edge_distance: float | None = None  # [m] from reachable ground to where the terrain ends; 0: it gets there
+    release_thickness: float = 0.0  # [m] h0, vertical, mean over the mass
+    release_length: float = 0.0  # [m] L0, along the mean slope under the release
+    density: float = 1000.0  # [kg m-3]
+    profile: tuple = ()  # ((horizontal distance, elevation), ...) [m] of the steepest way down from the release
+    zone_spread: float | None = None  # (largest - smallest) / mean of mu over zones in reach
+    erodible_ratio: float | None = None  # erodible mass in reach over released mass
+    barrier_distance: float | None = None  # [m] from reachable ground to the nearest barrier; 0: touched
+    barrier_height_ratio: float | None = None  # lowest crest over h0 + U^2 / 2g there
+    lake_ratio: float | None = None  # water in lakes over released volume
+
+
+def use_of(table):
+    """`use` of a scene's table; `auto` where the table is absent."""
+    return "auto" if table is None else table.use
+
+
+def by_number(effect, use, indicator, threshold, reason, runout_change=None):
+    """On where `indicator` is above `threshold`, unless `use` says on or off."""
+    on = use == "on" or (use == "auto" and indicator > threshold)
+    decided_by = "auto" if use == "auto" else "forced"
+    return Decision(effect, "on" if on else "off", decided_by, float(indicator), threshold, reason, runout_change)
+
+
+def as_asked(effect, use, reason, indicator=None, runout_change=None):
+    """On because the scene has it, unless `use` says off; no number decides."""
+    if use == "off":
+        return Decision(effect, "off", "forced", indicator, None, "use = 'off'", runout_change)
+    return Decision(effect, "on", "forced" if use == "on" else "scene", indicator, None, reason, runout_change)
+
+
+def not_called_for(effect, reason):
+    """Off because nothing in the scene calls for it."""
+    return Decision(effect, "off", "scene", None, None, reason)
