@@ -16,6 +16,7 @@ VERBS = {
     "seed": ("seed", "Algorithm 1: particles from a DTM and release areas"),
     "run": ("run", "simulate a scene"),
     "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
+    "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),
 }

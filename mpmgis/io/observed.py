@@ -1,0 +1,100 @@
+"""What was observed in the field or drawn on the map: outlines of a flow, and the line along which runout is read."""
+
+import numpy as np
+import pyproj
+import shapely
+from rasterio.features import geometry_mask
+
+from ..errors import GeoreferenceError, InputError
+from ..geo.georeference import horizontal, name_of, same_place
+from ..geo.release import polygons_only
+from .vector import KINDS, read_table
+
+
+def read_outline(path, grid, say=lambda text: None):
+    """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are said.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+        No polygons, or none that can be brought to the grid's CRS.
+    """
+    shapes = _shapes(path, grid, "Polygon", "", say)
+    broken = int(np.count_nonzero(~shapely.is_valid(shapes)))
+    if broken:
+        say(f"{path}: {broken} of {len(shapes)} polygons cross themselves and are repaired")
+    whole = polygons_only(shapely.union_all(shapely.make_valid(shapes)))
+    if whole.is_empty or whole.area <= 0:
+        raise InputError(f"{path}: its polygons have no area; draw the outline anew")
+    return whole
+
+
+def read_line(path, grid, say=lambda text: None):
+    """float64[n, 2] [m]: vertices of the one line at `path`, in the CRS of `grid`.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+        No line, or several that do not join to one.
+    """
+    shapes = _shapes(path, grid, "LineString", "--line ", say)
+    parts = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(shapely.get_parts(shapes))))
+    if len(parts) != 1:
+        raise InputError(f"{path} holds {len(parts)} lines that do not join end to end, wanted one; keep the flow path")
+    vertices = shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
+    if len(vertices) < 2:
+        raise InputError(f"{path}: its line has no length; draw it anew")
+    return vertices
+
+
+def cells_within(shape, grid):
+    """bool[rows, columns]: cells of `grid` whose centre lies within a shapely geometry."""
+    return geometry_mask([shape], grid.shape, grid.transform, invert=True)
+
+
+def _shapes(path, grid, kind, flag, say):
+    """Geometries of one kind at `path`, 2D and in the CRS of `grid`; empty ones are left out."""
+    table = read_table(path, kind, flag)
+    wanted = KINDS[kind]
+    if getattr(table, "geometry", None) is None:
+        raise InputError(f"{path} holds a table without geometry, wanted {wanted}")
+    shapes = table.geometry[~(table.geometry.isna() | table.geometry.is_empty)]
+    foreign = sorted(set(shapes.geom_type) - {kind, f"Multi{kind}"})
+    if foreign:
+        raise InputError(f"{path} holds {', '.join(foreign)}, wanted {wanted}")
+    if len(shapes) == 0:
+        raise InputError(f"{path} holds no geometry, wanted {wanted}")
+    flat = shapely.force_2d(shapes.to_numpy())
+    if not np.isfinite(shapely.get_coordinates(flat)).all():
+        raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
+    return _on_grid(flat, table.crs, grid, path, say)
+
+
+def _on_grid(shapes, crs, grid, path, say):
+    """`shapes` in the CRS of `grid`; without one on either side their coordinates must lie near the raster."""
+    if crs is None or grid.crs is None:
+        _require_near(shapely.total_bounds(shapes), crs, grid, path)
+        if crs is not None or grid.crs is not None:
+            say(f"{path}: its coordinates are taken to be in the frame of the rasters, {name_of(grid.crs or crs)}")
+        return shapes
+    if same_place(crs, grid.crs):
+        return shapes
+    transformer = pyproj.Transformer.from_crs(horizontal(pyproj.CRS(crs)), grid.crs, always_xy=True)
+    moved = np.column_stack(transformer.transform(*shapely.get_coordinates(shapes).T))
+    if not np.isfinite(moved).all():
+        raise GeoreferenceError(
+            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(grid.crs)}; check its CRS"
+        )
+    say(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters")
+    return shapely.set_coordinates(shapes.copy(), moved)
+
+
+def _require_near(bounds, crs, grid, path):
+    west, south, east, north = grid.bounds
+    if bounds[0] <= east and bounds[2] >= west and bounds[1] <= north and bounds[3] >= south:
+        return
+    problem = "carries no CRS" if crs is None else f"is in {name_of(crs)}, the rasters in a local frame"
+    raise GeoreferenceError(
+        f"{path} {problem}, and its coordinates ({bounds[0]:.6g}, {bounds[1]:.6g}) do not lie on the rasters; assign "
+        "its CRS (QGIS: Define projection), or use the frame of the rasters"
+    )

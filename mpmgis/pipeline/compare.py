@@ -1,0 +1,456 @@
+"""`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
+
+import math
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import GeoreferenceError, InputError
+from ..fields import Quantity
+from ..geo.georeference import LOCAL, name_of, same_place
+from ..geo.grid import Grid
+from ..geo.terrain import Terrain
+from ..io.atomic import refuse_existing, whole_folder
+from ..io.comparison_files import write_classes, write_table
+from ..io.comparison_map import MapSide, write_comparison_map
+from ..io.observed import cells_within, read_line, read_outline
+from ..io.raster import open_raster, read_terrain
+from ..io.results import open_result
+from ..io.vector import is_raster
+from ..products import comparison, flow_line
+from .export import ExportRequest, export_raster
+
+MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
+OUTLINE = "outline"
+
+
+@dataclass(frozen=True)
+class CompareRequest:
+    """What was asked for: the command's options by name. Its help tells more."""
+
+    first: Path
+    second: Path
+    threshold: float = 0.1  # [m], or the unit of `band`
+    band: str | None = None
+    line: Path | None = None
+    dem: Path | None = None
+    output: Path | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2], Runout or None."""
+
+    name: str
+    kind: str
+    band: str | None
+    area: float
+    runout: flow_line.Runout | None = None
+
+
+@dataclass(frozen=True)
+class BandFacts:
+    """One quantity in both: names, unit, (first, second) `peak` and 99th `percentile`, their Difference in place."""
+
+    names: tuple
+    unit: str
+    peak: tuple
+    percentile: tuple
+    difference: comparison.Difference
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compare` found. Areas in plan [m2], distances [m]; `cell_size` [m] is that of the common grid."""
+
+    sides: tuple
+    threshold: float
+    unit: str
+    cell_size: float
+    overlap: comparison.Overlap
+    line: np.ndarray | None
+    line_source: str
+    bands: tuple
+    files: tuple = ()
+
+    def told_bands(self):
+        """The bands worth a line: those that both have; where one side is an outline, all of the other's."""
+        alone = any(side.band is None for side in self.sides)
+        return [band for band in self.bands if alone or None not in band.names]
+
+    def rows(self):
+        """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
+        first, second = self.sides
+        rows = [("area", "m2", first.area, second.area)]
+        if self.line is not None:
+            rows.append(("runout", "m", *(math.nan if s.runout is None else s.runout.distance for s in self.sides)))
+        for band in self.told_bands():
+            name = " / ".join(dict.fromkeys(name for name in band.names if name))
+            rows.append((f"{name} peak", band.unit, *band.peak))
+            rows.append((f"{name} 99 %", band.unit, *band.percentile))
+        return [(*row, row[2] - row[3]) for row in rows]
+
+    def facts(self):
+        """The same as plain numbers, lists and texts, for JSON; None where there is no number."""
+        keys = ("a", "b")
+        return {
+            **{
+                key: {
+                    "name": side.name, "kind": side.kind, "band": side.band, "area_m2": side.area,
+                    "runout_m": None if side.runout is None else side.runout.distance,
+                    "runout_at": None if side.runout is None else [side.runout.x, side.runout.y],
+                }
+                for key, side in zip(keys, self.sides, strict=True)
+            },
+            "threshold": self.threshold,
+            "unit": self.unit,
+            "cell_size_m": self.cell_size,
+            "iou": _number(self.overlap.iou),
+            "both_m2": self.overlap.both,
+            "only_a_m2": self.overlap.only_first,
+            "only_b_m2": self.overlap.only_second,
+            "line": {"source": self.line_source, "vertices": None if self.line is None else self.line.tolist()},
+            "bands": [
+                {
+                    "a": band.names[0], "b": band.names[1], "unit": band.unit,
+                    **{f"peak_{key}": _number(value) for key, value in zip(keys, band.peak, strict=True)},
+                    **{f"p99_{key}": _number(value) for key, value in zip(keys, band.percentile, strict=True)},
+                    "mean_difference": _number(band.difference.mean), "rms_difference": _number(band.difference.rms),
+                }
+                for band in self.bands
+            ],
+            "files": [str(file) for file in self.files],
+        }  # fmt: skip
+
+
+def _number(value):
+    return value if math.isfinite(value) else None
+
+
+def compare(request, say=lambda text: None):
+    """Compare two results, or a result and an observed outline; write map and table where `request.output` asks so.
+
+    Each side's area, runout and peaks are taken on its own cells. Overlap and differences are taken on the cells of the
+    finer side, continued over both footprints; the other side has there the value of its cell under the centre.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    MpmgisError
+        What cannot be read, does not match or exists already; nothing is written then.
+    """
+    if not (math.isfinite(request.threshold) and request.threshold >= 0):
+        raise InputError(f"--threshold is {request.threshold:g}, wanted a number of 0 or more")
+    output = _output(request)
+    with ExitStack() as stack:  # runs are exported to a folder that is gone at its end
+        sources = [_source(path, stack, say) for path in (request.first, request.second)]
+        footprints, pairs, joint = _footprints(request, sources, say)
+        bands = tuple(_band_facts(pair, sources, footprints, joint) for pair in pairs)
+        terrain = _terrain(request, sources, joint, say)
+    masks = [footprint.on_joint for footprint in footprints]
+    line, line_source = _line(request, footprints, terrain, joint, say)
+    found = Comparison(
+        sides=tuple(_side(footprint, line) for footprint in footprints),
+        threshold=request.threshold,
+        unit=next(footprint.unit for footprint in footprints if footprint.band is not None),
+        cell_size=joint.cell_size,
+        overlap=comparison.overlap(*masks, joint.cell_area),
+        line=line,
+        line_source=line_source,
+        bands=bands,
+    )
+    if line is not None:
+        _tell_of_overrun(found, say)
+    return replace(found, files=_write(output, request, found, footprints, joint, terrain))
+
+
+# ------------------------------------------------------------------------------------------------------------- sources
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """An observed outline that is not read yet."""
+
+    name: str
+    path: Path
+    kind: str = OUTLINE
+    bands: tuple = ()
+    terrain: None = None
+
+
+def _source(path, stack, say):
+    """The Result at `path` (frames are exported first), or the outline."""
+    path = Path(path)
+    if path.is_dir() and not (path / "rasters").is_dir() and any(path.glob("*.h5")):
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-compare-"))) / "gis"
+        say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
+        export_raster(ExportRequest((path,), folder, qgis=False), say)
+        return replace(open_result(folder), name=path.resolve().name, kind="run")
+    plain = Path(str(path).partition("|")[0])
+    if plain.is_file() and plain.suffix.lower() == ".h5":
+        raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")
+    if plain.is_file() and not is_raster(path):
+        return _Outline(plain.stem, path)
+    return open_result(path)
+
+
+def _named_apart(request, sources):
+    """The names of the two, with their folders where they would be the same."""
+    names = [source.name for source in sources]
+    if names[0] == names[1]:
+        names = [f"{Path(path).resolve().parent.name}/{Path(path).name}" for path in (request.first, request.second)]
+    return names if names[0] != names[1] else [str(request.first), str(request.second)]
+
+
+# ---------------------------------------------------------------------------------------------------------- footprints
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """Where one side flowed: cells of its own (`mask` on `grid`), and on the common grid with their `weight` there."""
+
+    name: str
+    kind: str
+    band: str | None
+    unit: str
+    area: float
+    mask: np.ndarray
+    grid: Grid
+    on_joint: np.ndarray
+    weight: np.ndarray
+
+
+def _footprints(request, sources, say):
+    """(the two _Footprint, pairs of bands to tell about, the common Grid)."""
+    if all(isinstance(source, _Outline) for source in sources):
+        raise InputError(
+            f"{request.first} and {request.second} are both outlines; wanted at least one result, which gives the cells"
+        )
+    compared = not any(isinstance(source, _Outline) for source in sources)
+    pairs = comparison.matched_bands(*(tuple(source.bands) for source in sources))
+    chosen = comparison.footprint_bands(pairs, request.band, compared)
+    if chosen not in pairs:  # two names that only the user knows to be one quantity
+        pairs = [chosen, *(pair for pair in pairs if not set(pair) & set(chosen))]
+    layers = _read_layers(sources, chosen, say)
+    joint = _joint_grid(request, sources, layers)
+    names = _named_apart(request, sources)
+    units = [source.bands[band].quantity.unit if band else "" for source, band in zip(sources, chosen, strict=True)]
+    footprints = [
+        _outlined(name, layer, joint) if band is None else _flowed(name, source, band, unit, *layer, joint, request)
+        for name, source, band, unit, layer in zip(names, sources, chosen, units, layers, strict=True)
+    ]
+    _tell_of_edges(footprints, joint, say)
+    return footprints, pairs, joint
+
+
+def _read_layers(sources, chosen, say):
+    """(values, Grid) of each result's footprint band, the polygons of an outline; all in one CRS."""
+    layers, known = [None, None], None
+    for k, source in enumerate(sources):
+        if not isinstance(source, _Outline):
+            layers[k] = source.read(chosen[k], known)
+            known = known or layers[k][1]
+    crs = next((layer[1].crs for layer in layers if layer and layer[1].crs is not None), None)
+    for k, source in enumerate(sources):
+        if isinstance(source, _Outline):
+            layers[k] = read_outline(source.path, replace(known, crs=crs), say)
+        elif layers[k][1].crs is None and crs is not None:
+            say(f"{source.name} carries no CRS; {name_of(crs)} is assumed, the other side's")
+            layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
+    return layers
+
+
+def _joint_grid(request, sources, layers):
+    corners, grids, boxes = [], [], []
+    for source, layer in zip(sources, layers, strict=True):
+        if isinstance(source, _Outline):
+            boxes.append(layer.bounds)
+            corners.append(np.reshape(layer.bounds, (2, 2)))
+        else:
+            values, grid = layer
+            grids.append(grid)
+            boxes.append(grid.bounds)
+            corners.append(comparison.mask_corners(comparison.footprint(values, request.threshold), grid))
+    (west, south, east, north), other = boxes
+    if west >= other[2] or east <= other[0] or south >= other[3] or north <= other[1]:
+        raise GeoreferenceError(
+            f"{request.first} (E {west:.6g} to {east:.6g}, N {south:.6g} to {north:.6g}) and {request.second} (E "
+            f"{other[0]:.6g} to {other[2]:.6g}, N {other[1]:.6g} to {other[3]:.6g}) do not meet; check their CRS"
+        )
+    corners = np.concatenate(corners)
+    if len(corners) == 0:
+        raise InputError(f"no cell of either is above --threshold {request.threshold:g}; give a lower one")
+    return comparison.joint_grid(grids, corners)
+
+
+def _flowed(name, source, band, unit, values, grid, joint, request):
+    mask = comparison.footprint(values, request.threshold)
+    area = float(np.count_nonzero(mask) * grid.cell_area)
+    on_joint = comparison.nearest(mask, grid, joint, outside=False)
+    weight = comparison.nearest(values, grid, joint)
+    return _Footprint(name, source.kind, band, unit, area, mask, grid, on_joint, weight)
+
+
+def _outlined(name, shape, joint):
+    mask = cells_within(shape, joint)
+    if not mask.any():
+        raise InputError(
+            f"{name}: the outline holds no centre of a cell of {joint.cell_size:g} m; export smaller cells"
+        )
+    return _Footprint(name, OUTLINE, None, "", float(shape.area), mask, joint, mask, mask.astype(float))
+
+
+def _tell_of_edges(footprints, joint, say):
+    """Say how much of one footprint lies beyond the other's raster, where it counts as not reached."""
+    for footprint, other in (footprints, footprints[::-1]):
+        if other.band is None:
+            continue
+        covered = comparison.nearest(np.ones(other.grid.shape, bool), other.grid, joint, outside=False)
+        beyond = float(np.count_nonzero(footprint.on_joint & ~covered) * joint.cell_area)
+        if beyond > 0:
+            say(f"{beyond:.6g} m2 of {footprint.name} lie beyond the raster of {other.name} and count as not reached")
+
+
+def _side(footprint, line):
+    reach = None if line is None else flow_line.runout(footprint.mask, footprint.grid, line)
+    return Side(footprint.name, footprint.kind, footprint.band, footprint.area, reach)
+
+
+# --------------------------------------------------------------------------------------------------------------- bands
+
+
+def _band_facts(pair, sources, footprints, joint):
+    """Peaks of one quantity on each side's own cells, the difference where both flowed."""
+    units = [source.bands[name].quantity.unit for source, name in zip(sources, pair, strict=True) if name]
+    if len(set(units) - {""}) > 1:
+        raise InputError(
+            f"{pair[0]} is in {units[0]} in {footprints[0].name}, {pair[1]} in {units[1]} in {footprints[1].name}; "
+            "convert one of them (gdal_calc)"
+        )
+    peaks, percentiles, values = [], [], []
+    for source, name in zip(sources, pair, strict=True):
+        if name is None:
+            peaks.append(math.nan)
+            percentiles.append(math.nan)
+            continue
+        own, grid = source.read(name, joint)
+        peaks.append(comparison.peak(own, name))
+        percentiles.append(comparison.high_percentile(own, name))
+        values.append(comparison.nearest(own, grid, joint) if None not in pair else None)
+    both = footprints[0].on_joint & footprints[1].on_joint
+    gap = comparison.Difference(math.nan, math.nan) if None in pair else comparison.difference(*values, both)
+    return BandFacts(pair, next((unit for unit in units if unit), ""), tuple(peaks), tuple(percentiles), gap)
+
+
+# ---------------------------------------------------------------------------------------------------- terrain and line
+
+
+def _terrain(request, sources, joint, say):
+    """The DTM that was asked for, else the first that lies beside a result; None where there is none."""
+    path = request.dem or next((source.terrain for source in sources if source.terrain is not None), None)
+    if path is None:
+        return None
+    with open_raster(path) as source:
+        crs = LOCAL if source.crs is None else None
+    terrain = read_terrain(path, crs, say=say)
+    if None not in (terrain.grid.crs, joint.crs) and not same_place(terrain.grid.crs, joint.crs):
+        raise GeoreferenceError(
+            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(joint.crs)}; reproject it: "
+            f"gdalwarp -t_srs {name_of(joint.crs)}"
+        )
+    return Terrain(replace(terrain.grid, crs=joint.crs), terrain.elevation, terrain.path)
+
+
+def _line(request, footprints, terrain, joint, say):
+    """(vertices, where from) of the line that runout is read along; (None, why not) without --line and DTM."""
+    if request.line is not None:
+        return _given_line(request.line, footprints, terrain, joint, say), str(request.line)
+    if terrain is None:
+        say("no DTM beside the results: runout wants --line, or --dem to find the way of the flow")
+        return None, "none: no --line, no DTM"
+    flowed = footprints[0].on_joint | footprints[1].on_joint
+    elevation = np.full(joint.shape, np.nan)
+    elevation[flowed] = terrain.sample(*joint.xy(*np.nonzero(flowed)))
+    masks, weights = ([getattr(f, key) for f in footprints] for key in ("on_joint", "weight"))
+    line = flow_line.centre_line(masks, weights, elevation, joint)
+    if line is None:
+        say(f"{terrain.path} has no heights under the flow, or the flow is one cell: no runout; give --line")
+        return None, "none: no heights under the flow"
+    return line, "centre line of both flows"
+
+
+def _given_line(path, footprints, terrain, joint, say):
+    line = read_line(path, joint, say)
+    flowed = footprints[0].on_joint | footprints[1].on_joint
+    distance = flow_line.distance_to_line(line, flowed, joint)
+    if distance > 2 * joint.cell_size:
+        raise InputError(f"{path} passes no nearer than {distance:.0f} m to either flow; give the line that they took")
+    if terrain is not None:
+        begin, end = terrain.sample(*line[[0, -1]].T)
+        if begin < end:
+            say(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
+            return line[::-1]
+    return line
+
+
+def _tell_of_overrun(found, say):
+    length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
+    beyond = max((side.runout.distance - length for side in found.sides if side.runout is not None), default=0.0)
+    if beyond > found.cell_size and found.line_source != "centre line of both flows":
+        say(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is continued straight")
+
+
+# -------------------------------------------------------------------------------------------------------------- output
+
+
+def _output(request):
+    """The path to write to, checked before any work; None where nothing is to be written."""
+    if request.output is None:
+        return None
+    output = Path(request.output)
+    if output.suffix.lower() not in ("", ".png", ".csv"):
+        raise InputError(f"-o {output}: wanted .png (the map), .csv (the table) or a folder for both and a GeoTIFF")
+    refuse_existing(output, request.overwrite)
+    return output
+
+
+def _write(output, request, found, footprints, joint, terrain):
+    """Write what `output` names; answers the files."""
+    if output is None:
+        return ()
+    suffix = output.suffix.lower()
+    if suffix == ".png":
+        _write_map(output, found, footprints, joint, terrain)
+        return (output,)
+    names = [side.name for side in found.sides]
+    if suffix == ".csv":
+        write_table(output, names, found.rows())
+        return (output,)
+    with whole_folder(output, request.overwrite) as folder:
+        _write_map(folder / MAP_FILE, found, footprints, joint, terrain)
+        write_table(folder / TABLE_FILE, names, found.rows())
+        values = [None if footprint.band is None else footprint.weight for footprint in footprints]
+        name = next(footprint.band for footprint in footprints if footprint.band is not None)
+        band = Quantity(name, found.unit, "")
+        write_classes(folder / CLASSES_FILE, joint, *(footprint.on_joint for footprint in footprints), values, band)
+    return tuple(output / name for name in (MAP_FILE, TABLE_FILE, CLASSES_FILE))
+
+
+def _write_map(path, found, footprints, joint, terrain):
+    threshold = f"{found.threshold:g} {found.unit}".strip()
+    sides = [
+        MapSide(side.name, footprint.on_joint, area, side.runout)
+        for side, footprint, area in zip(
+            found.sides, footprints, (found.overlap.only_first, found.overlap.only_second), strict=True
+        )
+    ]
+    band = next(footprint.band for footprint in footprints if footprint.band is not None)
+    title = f"Overlap (IoU) {found.overlap.iou:.3f}: {band} above {threshold}"
+    write_comparison_map(path, terrain, joint, sides, found.overlap.both, found.line, title)
