@@ -10,8 +10,9 @@ from .jit import jit, jit_inline, jit_parallel, prange
 
 # what each chunk of the node loop reports
 WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, NODE_REPORT = range(5)
-# of a node that the flow has reached, has not, or whose being reached releases more mass
-DRY, REACHED, ARMED = range(3)
+# a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
+# reached releases
+REACHED, ARMED = 1, 2
 # entries of a node beside a barrier: outward unit normal, elevation of the crest [m], number of the barrier (0: none),
 # and how far it is from the barrier's foot to its middle [m]
 WALL_X, WALL_Y, CREST, BARRIER, FRONT_DEPTH, BARRIER_ENTRIES = range(6)
@@ -77,7 +78,7 @@ def mirror_walls(nodes):
 @jit_parallel
 def update_nodes(
     nodes, bed, node_gradient, wet, touched, n_touched, west, south, width, report, dx, dt, density, gravity,
-    thickness_floor, wet_thickness, zone_values, erodible, barrier_nodes, barrier_report,
+    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, barrier_nodes, barrier_report,
     friction, zones, cohesion, metric, curvature, entrainment, barrier,
 ):  # fmt: skip
     """Momentum to velocity; barriers; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
@@ -103,9 +104,7 @@ def update_nodes(
                     grid_thickness = mass * per_area
                     report[c, DEEPEST] = max(report[c, DEEPEST], grid_thickness)
                     if grid_thickness > wet_thickness and wet[j, i] != REACHED:
-                        report[c, TRIGGERED] += wet[j, i] == ARMED
-                        report[c, WET_NEW] += 1.0
-                        wet[j, i] = REACHED
+                        _reach(wet, j, i, grid_thickness, trigger_thickness, report[c])
                     if barrier.barrier_active():
                         u, v = _at_barrier(
                             u, v, mass, bed[j, i] + grid_thickness, barrier_nodes[j, i], barrier_report[c], dx, dt,
@@ -145,6 +144,17 @@ def update_nodes(
                     if entrainment.entrainment_active():
                         nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
                         nodes[j, i, NODE_GAIN] = gain
+
+
+@jit
+def _reach(wet, j, i, thickness, trigger_thickness, report):
+    """Mark a node that the flow has reached, and fire it where it is armed and the flow is thick enough."""
+    if wet[j, i] & REACHED == 0:
+        report[WET_NEW] += 1.0
+        wet[j, i] |= REACHED
+    if wet[j, i] >= ARMED and thickness > trigger_thickness[wet[j, i] // ARMED - 1]:
+        report[TRIGGERED] += 1.0
+        wet[j, i] = REACHED
 
 
 @jit_inline

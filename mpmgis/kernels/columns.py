@@ -25,6 +25,7 @@ from .column_blocks import (
 )
 from .column_nodes import (
     AIRBORNE_MASS,
+    ARMED,
     BARRIER_ENTRIES,
     BARRIER_SUMS,
     DEEPEST,
@@ -55,6 +56,7 @@ from .column_rows import (
     beds_at,
     grid_areas,
     node_gradients,
+    settle_areas,
     weights,
 )
 from .column_transfer import (
@@ -87,8 +89,8 @@ from .column_transfer import (
 from .jit import jit
 
 __all__ = [
-    "AREA", "BARRIER_ENTRIES", "GONE", "GX", "GY", "KAPPA", "MASS", "U", "V", "REACHED", "X", "Y", "advance", "beds_at",
-    "block_key", "grid_areas", "initial_keys", "node_gradients", "weights",
+    "AREA", "ARMED", "BARRIER_ENTRIES", "GONE", "GX", "GY", "KAPPA", "MASS", "U", "V", "REACHED", "X", "Y", "advance",
+    "beds_at", "block_key", "grid_areas", "initial_keys", "node_gradients", "settle_areas", "weights",
 ]  # fmt: skip  # what the solver needs beside its own
 
 # why `advance` came back
@@ -172,6 +174,7 @@ class NodeFields(NamedTuple):
     erodible: np.ndarray  # [kg m-2] that can still be taken up
     barriers: np.ndarray  # [..., BARRIER_ENTRIES]
     lake_level: np.ndarray  # cells; [m]
+    trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each
 
 
 @jit
@@ -339,7 +342,7 @@ def advance(
             fold_walls(nodes)
         update_nodes(
             nodes, fields.bed, fields.gradient, wet, touched, n_touched, west, south, width, node_report,
-            dx, dt, density, gravity, settings.thickness_floor, settings.wet_thickness,
+            dx, dt, density, gravity, settings.thickness_floor, settings.wet_thickness, fields.trigger_thickness,
             fields.zone_values, fields.erodible, fields.barriers, barrier_report,
             effects.friction, effects.zones, effects.cohesion, effects.metric, effects.curvature,
             effects.entrainment, effects.barrier,

@@ -214,7 +214,7 @@ class ColumnSolver:
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
         keep = self._keys[now, :n] != kernel.GONE
         arrays = {name: array.copy() for name, array in self._changing().items()}
-        return arrays | {"rows": self._rows[now, :n][keep], "reached": np.packbits(self._wet == kernel.REACHED, axis=1)}
+        return arrays | {"rows": self._rows[now, :n][keep], "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
 
     def _changing(self):
         """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""

@@ -7,6 +7,7 @@ import numpy as np
 from ..kernels.columns import BARRIER_ENTRIES, NodeFields
 
 NO_LAKE = -1e30  # [m] a still level below all ground
+MAX_AREAS = 127  # that the flow can release, as many as a node's mark of 8 bits can number
 
 
 @dataclass(frozen=True)
@@ -46,4 +47,5 @@ class Places:
             erodible=present(self.erodible).copy(),
             barriers=present(self.barriers, BARRIER_ENTRIES),
             lake_level=present(self.lake_level),
+            trigger_thickness=np.full(MAX_AREAS, np.inf),
         )
