@@ -27,8 +27,6 @@ SQUARE_METRES_PER_HECTARE = 1e4
 
 def add_arguments(parser):
     """Declare the verb's options."""
-    parser.description = " ".join(DESCRIPTION.split())
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = DESCRIPTION.strip()
     parser.add_argument("first", metavar="A", type=Path, help="a result or an outline")
     parser.add_argument("second", metavar="B", type=Path, help="what it is compared with; differences are A - B")
@@ -69,7 +67,7 @@ def run(arguments):
     asked = {key: value for key, value in vars(arguments).items() if key in CompareRequest.__dataclass_fields__}
     notes = []  # told when all went well, so that a refusal stands alone
     found = compare(CompareRequest(**asked), say=talk.say if talk.volume > 0 else notes.append)
-    for note in notes:
+    for note in [*notes, *(f"wrote {file}" for file in found.files)]:
         talk.say(note)
     print(json.dumps(found.facts(), indent=1, allow_nan=False) if arguments.json else "\n".join(screen(found)))
     return 0
@@ -88,21 +86,17 @@ def screen(found):
     lines += [_number_row(*row) for row in found.rows()]
     lines.append("")
     overlap = found.overlap
-    union = overlap.both + overlap.only_first + overlap.only_second
     for text, area in (("both", overlap.both), ("only A", overlap.only_first), ("only B", overlap.only_second)):
-        lines.append(_row(text, "ha", _text(area / SQUARE_METRES_PER_HECTARE), f"{100 * area / union:.1f} %"))
+        share = f"{100 * area / overlap.either:.1f} %"
+        lines.append(_row(text, "ha", _text(area / SQUARE_METRES_PER_HECTARE), share))
     lines.append(_row("overlap (IoU)", "", f"{overlap.iou:.3f}"))
     compared = [band for band in found.bands if math.isfinite(band.difference.mean)]
     if compared:
         lines += ["", _row("A - B where both flowed", "", "mean", "rms")]
         lines += [
-            _row(_name(band), band.unit, _text(band.difference.mean), _text(band.difference.rms)) for band in compared
+            _row(band.name, band.unit, _text(band.difference.mean), _text(band.difference.rms)) for band in compared
         ]
-    return [*lines, *(f"wrote {file}" for file in found.files)]
-
-
-def _name(band):
-    return " / ".join(dict.fromkeys(name for name in band.names if name))
+    return lines
 
 
 def _headline(letter, side):

@@ -10,26 +10,22 @@ from ..products.comparison import nearest, upright
 from .atomic import whole_file
 from .geotiff import write_geotiff
 
-HEADINGS = ("quantity", "unit", "A", "B", "A - B")
+HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}
 
 
-def write_table(path, names, rows):
-    """Write the rows of a comparison as CSV in SI units, an empty cell where there is no number.
-
-    Parameters
-    ----------
-    path : Path
-    names : (str, str)
-        Of the two sides, in the first row.
-    rows : iterable of (quantity, unit, first, second, difference)
-    """
+def write_table(path, found):
+    """Write the numbers of a Comparison as CSV in SI units, an empty cell where there is no number."""
     with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(HEADINGS)
-        table.writerow(("name", "", *names, ""))
-        for quantity, unit, *numbers in rows:
-            table.writerow((quantity, unit, *(f"{n:.10g}" if math.isfinite(n) else "" for n in numbers)))
+        table.writerow(("name", "", *(side.name for side in found.sides), "", ""))
+        table.writerows((quantity, unit, *map(_cell, numbers), "") for quantity, unit, *numbers in found.rows())
+        table.writerows((quantity, unit, "", "", "", _cell(value)) for quantity, unit, value in found.common_rows())
+
+
+def _cell(value):
+    return f"{value:.10g}" if math.isfinite(value) else ""
 
 
 def class_numbers(first, second):

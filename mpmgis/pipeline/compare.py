@@ -21,6 +21,7 @@ from ..io.raster import open_raster, read_terrain
 from ..io.results import open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
+from ..products.comparison_report import BandFacts, Comparison, Side
 from .export import ExportRequest, export_raster
 
 MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
@@ -39,96 +40,6 @@ class CompareRequest:
     dem: Path | None = None
     output: Path | None = None
     overwrite: bool = False
-
-
-@dataclass(frozen=True)
-class Side:
-    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2], Runout or None."""
-
-    name: str
-    kind: str
-    band: str | None
-    area: float
-    runout: flow_line.Runout | None = None
-
-
-@dataclass(frozen=True)
-class BandFacts:
-    """One quantity in both: names, unit, (first, second) `peak` and 99th `percentile`, their Difference in place."""
-
-    names: tuple
-    unit: str
-    peak: tuple
-    percentile: tuple
-    difference: comparison.Difference
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What `compare` found. Areas in plan [m2], distances [m]; `cell_size` [m] is that of the common grid."""
-
-    sides: tuple
-    threshold: float
-    unit: str
-    cell_size: float
-    overlap: comparison.Overlap
-    line: np.ndarray | None
-    line_source: str
-    bands: tuple
-    files: tuple = ()
-
-    def told_bands(self):
-        """The bands worth a line: those that both have; where one side is an outline, all of the other's."""
-        alone = any(side.band is None for side in self.sides)
-        return [band for band in self.bands if alone or None not in band.names]
-
-    def rows(self):
-        """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
-        first, second = self.sides
-        rows = [("area", "m2", first.area, second.area)]
-        if self.line is not None:
-            rows.append(("runout", "m", *(math.nan if s.runout is None else s.runout.distance for s in self.sides)))
-        for band in self.told_bands():
-            name = " / ".join(dict.fromkeys(name for name in band.names if name))
-            rows.append((f"{name} peak", band.unit, *band.peak))
-            rows.append((f"{name} 99 %", band.unit, *band.percentile))
-        return [(*row, row[2] - row[3]) for row in rows]
-
-    def facts(self):
-        """The same as plain numbers, lists and texts, for JSON; None where there is no number."""
-        keys = ("a", "b")
-        return {
-            **{
-                key: {
-                    "name": side.name, "kind": side.kind, "band": side.band, "area_m2": side.area,
-                    "runout_m": None if side.runout is None else side.runout.distance,
-                    "runout_at": None if side.runout is None else [side.runout.x, side.runout.y],
-                }
-                for key, side in zip(keys, self.sides, strict=True)
-            },
-            "threshold": self.threshold,
-            "unit": self.unit,
-            "cell_size_m": self.cell_size,
-            "iou": _number(self.overlap.iou),
-            "both_m2": self.overlap.both,
-            "only_a_m2": self.overlap.only_first,
-            "only_b_m2": self.overlap.only_second,
-            "line": {"source": self.line_source, "vertices": None if self.line is None else self.line.tolist()},
-            "bands": [
-                {
-                    "a": band.names[0], "b": band.names[1], "unit": band.unit,
-                    **{f"peak_{key}": _number(value) for key, value in zip(keys, band.peak, strict=True)},
-                    **{f"p99_{key}": _number(value) for key, value in zip(keys, band.percentile, strict=True)},
-                    "mean_difference": _number(band.difference.mean), "rms_difference": _number(band.difference.rms),
-                }
-                for band in self.bands
-            ],
-            "files": [str(file) for file in self.files],
-        }  # fmt: skip
-
-
-def _number(value):
-    return value if math.isfinite(value) else None
 
 
 def compare(request, say=lambda text: None):
@@ -429,13 +340,12 @@ def _write(output, request, found, footprints, joint, terrain):
     if suffix == ".png":
         _write_map(output, found, footprints, joint, terrain)
         return (output,)
-    names = [side.name for side in found.sides]
     if suffix == ".csv":
-        write_table(output, names, found.rows())
+        write_table(output, found)
         return (output,)
     with whole_folder(output, request.overwrite) as folder:
         _write_map(folder / MAP_FILE, found, footprints, joint, terrain)
-        write_table(folder / TABLE_FILE, names, found.rows())
+        write_table(folder / TABLE_FILE, found)
         values = [None if footprint.band is None else footprint.weight for footprint in footprints]
         name = next(footprint.band for footprint in footprints if footprint.band is not None)
         band = Quantity(name, found.unit, "")

@@ -27,10 +27,14 @@ class Overlap(NamedTuple):
     only_second: float
 
     @property
+    def either(self):
+        """Area [m2] of the union."""
+        return self.both + self.only_first + self.only_second
+
+    @property
     def iou(self):
         """Intersection over union, 0 to 1; NaN where both footprints are empty."""
-        union = self.both + self.only_first + self.only_second
-        return self.both / union if union > 0 else math.nan
+        return self.both / self.either if self.either > 0 else math.nan
 
 
 class Difference(NamedTuple):

@@ -1,0 +1,151 @@
+"""What a comparison of two results found: as rows of a table and as plain facts."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .comparison import Difference, Overlap
+from .flow_line import Runout
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2], Runout or None."""
+
+    name: str
+    kind: str
+    band: str | None
+    area: float
+    runout: Runout | None = None
+
+    @property
+    def reach(self):
+        """Runout [m], NaN where there is none."""
+        return math.nan if self.runout is None else self.runout.distance
+
+    def facts(self):
+        """The same in plain numbers and texts."""
+        place = None if self.runout is None else [self.runout.x, self.runout.y]
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "band": self.band,
+            "area_m2": self.area,
+            "runout_m": _number(self.reach),
+            "runout_at": place,
+        }
+
+
+@dataclass(frozen=True)
+class BandFacts:
+    """One quantity of both: names (None: not there), unit, (first, second) `peak` and 99th `percentile`, difference."""
+
+    names: tuple
+    unit: str
+    peak: tuple
+    percentile: tuple
+    difference: Difference
+
+    @property
+    def name(self):
+        """Both names in one, or the one that both share."""
+        return " / ".join(dict.fromkeys(name for name in self.names if name))
+
+    def facts(self):
+        """The same in plain numbers and texts."""
+        return {
+            "a": self.names[0],
+            "b": self.names[1],
+            "unit": self.unit,
+            "peak_a": _number(self.peak[0]),
+            "peak_b": _number(self.peak[1]),
+            "p99_a": _number(self.percentile[0]),
+            "p99_b": _number(self.percentile[1]),
+            "mean_difference": _number(self.difference.mean),
+            "rms_difference": _number(self.difference.rms),
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What was found. Areas in plan [m2], distances [m].
+
+    Parameters
+    ----------
+    sides : (Side, Side)
+    threshold : float
+        Cells above it are a footprint; in `unit`.
+    cell_size : float [m]
+        Of the common grid.
+    overlap : Overlap
+    line : float[n, 2] [m] or None
+        Along which runout was read.
+    line_source : str
+        Where the line came from, or why there is none.
+    bands : tuple of BandFacts
+    files : tuple of Path
+        What was written.
+    """
+
+    sides: tuple
+    threshold: float
+    unit: str
+    cell_size: float
+    overlap: Overlap
+    line: np.ndarray | None
+    line_source: str
+    bands: tuple
+    files: tuple = ()
+
+    def told_bands(self):
+        """The bands worth a line: those that both have; where one side is an outline, all of the other's."""
+        alone = any(side.band is None for side in self.sides)
+        return [band for band in self.bands if alone or None not in band.names]
+
+    def rows(self):
+        """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
+        first, second = self.sides
+        rows = [("area", "m2", first.area, second.area)]
+        if self.line is not None:
+            rows.append(("runout", "m", first.reach, second.reach))
+        for band in self.told_bands():
+            rows.append((f"{band.name} peak", band.unit, *band.peak))
+            rows.append((f"{band.name} 99 %", band.unit, *band.percentile))
+        return [(*row, row[2] - row[3]) for row in rows]
+
+    def common_rows(self):
+        """(quantity, unit, value) of every number that belongs to both sides together."""
+        overlap = self.overlap
+        rows = [
+            ("both", "m2", overlap.both),
+            ("only A", "m2", overlap.only_first),
+            ("only B", "m2", overlap.only_second),
+            ("overlap (IoU)", "1", overlap.iou),
+        ]
+        for band in self.told_bands():
+            if math.isfinite(band.difference.mean):
+                rows.append((f"{band.name} A - B mean", band.unit, band.difference.mean))
+                rows.append((f"{band.name} A - B rms", band.unit, band.difference.rms))
+        return rows
+
+    def facts(self):
+        """Everything as plain numbers, lists and texts, None where there is no number."""
+        return {
+            "a": self.sides[0].facts(),
+            "b": self.sides[1].facts(),
+            "threshold": self.threshold,
+            "unit": self.unit,
+            "cell_size_m": self.cell_size,
+            "iou": _number(self.overlap.iou),
+            "both_m2": self.overlap.both,
+            "only_a_m2": self.overlap.only_first,
+            "only_b_m2": self.overlap.only_second,
+            "line": {"source": self.line_source, "vertices": None if self.line is None else self.line.tolist()},
+            "bands": [band.facts() for band in self.bands],
+            "files": [str(file) for file in self.files],
+        }
+
+
+def _number(value):
+    return value if math.isfinite(value) else None

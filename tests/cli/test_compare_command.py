@@ -1,0 +1,384 @@
+"""`mpmgis compare` through the command line: numbers that are known, files that it writes, inputs that it refuses."""
+
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+
+import geopandas
+import matplotlib.image
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+import shapely
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "products"))
+from exporting import write_run
+
+from mpmgis.cli.main import main
+from mpmgis.fields import Quantity
+from mpmgis.geo.grid import Grid
+from mpmgis.io.ascii_grid import write_ascii_grid
+from mpmgis.io.geotiff import write_geotiff
+
+CRS = pyproj.CRS.from_epsg(32632)
+WEST, SOUTH = 600000.0, 5170000.0
+ISEESNOW = Path(__file__).parents[2] / "../shared/data/iseesnow_idealized"
+needs_iseesnow = pytest.mark.skipif(not ISEESNOW.exists(), reason="no ../shared/data/iseesnow_idealized")
+
+
+def grid_of(cell=2.0, width=400.0, west=WEST, south=SOUTH, crs=CRS):
+    count = round(width / cell)
+    return Grid.north_up(crs, west, south + width, cell, (count, count))
+
+
+def disc(grid, x, y, radius=60.0, top=3.0):
+    """A cap of thickness `top` in its middle and 1 at its rim, 0 outside."""
+    easting, northing = grid.xy(*np.indices(grid.shape))
+    away = np.hypot(easting - WEST - x, northing - SOUTH - y)
+    return np.where(away < radius, top - (top - 1) * away / radius, 0.0)
+
+
+def write_peak(path, values, grid, name="h_max", unit="m"):
+    write_geotiff(path, grid, [(Quantity(name, unit, ""), values)], {})
+    return path
+
+
+def write_shapes(path, *shapes, crs=CRS):
+    moved = [shapely.affinity.translate(shape, WEST, SOUTH) for shape in shapes]
+    geopandas.GeoDataFrame(geometry=moved, crs=CRS).to_crs(crs).to_file(path)
+    return path
+
+
+def dtm(path, grid=None, crs=CRS):
+    """A slope down to the east, 0.5 steep."""
+    grid = grid or grid_of(5.0, crs=crs)
+    x, _ = grid.xy(*np.indices(grid.shape))
+    return write_peak(path, 1000 - 0.5 * (x - WEST), grid, "elevation")
+
+
+def compared(capsys, *arguments):
+    """Facts that the command prints with --json, and what it says."""
+    code = main(["compare", *map(str, arguments), "--json"])
+    out, said = capsys.readouterr()
+    assert code == 0, said
+    return json.loads(out), said
+
+
+@pytest.fixture
+def discs(tmp_path):
+    """Two rasters of overlapping caps, 60 m in radius and 50 m apart."""
+    grid = grid_of()
+    first = write_peak(tmp_path / "first.tif", disc(grid, 150, 200), grid)
+    second = write_peak(tmp_path / "second.tif", disc(grid, 200, 200, top=4.0), grid)
+    return first, second
+
+
+# ------------------------------------------------------------------------------------------------------------- numbers
+
+
+def test_two_discs(discs, capsys, tmp_path):
+    found, said = compared(capsys, *discs, "--dem", dtm(tmp_path / "dtm.tif"))
+    both = 2 * 3600 * math.acos(50 / 120) - 25 * math.sqrt(4 * 3600 - 2500)
+    whole = math.pi * 3600
+    assert found["iou"] == pytest.approx(both / (2 * whole - both), rel=0.01)
+    assert found["both_m2"] == pytest.approx(both, rel=0.01)
+    assert found["only_a_m2"] == pytest.approx(whole - both, rel=0.02)
+    assert found["a"]["area_m2"] == pytest.approx(whole, rel=0.01)
+    assert found["b"]["runout_m"] - found["a"]["runout_m"] == pytest.approx(50, abs=2)  # down the slope, to the east
+    (band,) = found["bands"]
+    assert (band["a"], band["unit"]) == ("h_max", "m")
+    assert band["peak_a"] == pytest.approx(3.0, abs=0.06) and band["peak_b"] == pytest.approx(4.0, abs=0.08)
+    assert band["rms_difference"] > abs(band["mean_difference"]) > 0
+    assert found["line"]["source"] == "centre line of both flows" and said == ""
+
+
+def test_what_the_screen_shows(discs, capsys):
+    assert main(["compare", *map(str, discs)]) == 0
+    out, said = capsys.readouterr()
+    rows = {line.split("  ")[0]: line.split() for line in out.splitlines()}
+    assert rows["area [ha]"][2:5] == ["1.131", "1.131", "0"]
+    assert float(rows["overlap (IoU)"][-1]) == pytest.approx(0.3204, abs=0.002)
+    assert rows["h_max peak [m]"][-1].startswith("-2")
+    assert "runout wants --line" in said
+
+
+def test_a_line_decides_what_runout_is(discs, capsys, tmp_path):
+    """Along a line to the north both reach equally far, along one to the east they are 50 m apart; bends count."""
+    north = write_shapes(tmp_path / "north.gpkg", shapely.LineString([(175, 100), (175, 300)]))
+    east = write_shapes(tmp_path / "east.gpkg", shapely.LineString([(50, 150), (50, 200), (350, 200)]))
+    for line, first, second in ((north, 160, 160), (east, 50 + 160, 50 + 210)):
+        found, _ = compared(capsys, *discs, "--line", line)
+        assert found["a"]["runout_m"] == pytest.approx(first, abs=2)
+        assert found["b"]["runout_m"] == pytest.approx(second, abs=2)
+
+
+def test_a_line_drawn_uphill_is_taken_the_other_way(discs, capsys, tmp_path):
+    up = write_shapes(tmp_path / "up.gpkg", shapely.LineString([(300, 200), (50, 200)]), crs=4326)
+    found, said = compared(capsys, *discs, "--line", up, "--dem", dtm(tmp_path / "dtm.tif"))
+    assert found["a"]["runout_m"] == pytest.approx(160, abs=2)
+    assert "runs uphill" in said and "reprojected from EPSG:4326" in said
+    short = write_shapes(tmp_path / "short.gpkg", shapely.LineString([(50, 200), (230, 200)]))
+    found, said = compared(capsys, *discs, "--line", short)
+    assert found["b"]["runout_m"] == pytest.approx(210, abs=2) and "ends 29 m before the flow does" in said
+
+
+def test_an_observed_outline(discs, capsys, tmp_path):
+    """The exact circle of the first disc, in degrees: IoU is that of cells with their centre inside, so nearly 1."""
+    circle = shapely.Point(150, 200).buffer(60, quad_segs=64)
+    outline = write_shapes(tmp_path / "mapped.gpkg", circle, crs=4326)
+    found, said = compared(capsys, discs[0], outline)
+    assert found["iou"] > 0.995 and "reprojected from EPSG:4326" in said
+    assert found["b"] == found["b"] | {"name": "mapped", "kind": "outline", "band": None}
+    assert found["b"]["area_m2"] == pytest.approx(circle.area, rel=1e-3)
+    assert found["bands"][0]["peak_b"] is None
+    turned, _ = compared(capsys, outline, discs[0])
+    assert turned["iou"] == found["iou"] and turned["only_a_m2"] == found["only_b_m2"]
+
+
+def test_an_outline_beyond_the_raster_counts_whole(discs, capsys, tmp_path):
+    half = write_shapes(tmp_path / "half.shp", shapely.box(-100, 140, 100, 260))
+    found, said = compared(capsys, discs[0], half)
+    assert found["only_b_m2"] + found["both_m2"] == pytest.approx(200 * 120, rel=0.02)
+    assert "12000 m2 of half lie beyond the raster of first" in said
+
+
+def test_coarser_and_shifted_cells_and_a_missing_crs(discs, capsys, tmp_path):
+    coarse = grid_of(5.0, west=WEST - 3.7, south=SOUTH + 1.3, crs=None)
+    rough = write_peak(tmp_path / "rough.tif", disc(coarse, 150, 200), coarse)
+    found, said = compared(capsys, discs[0], rough)
+    assert found["cell_size_m"] == 2.0 and found["iou"] > 0.93
+    assert "rough carries no CRS; EPSG:32632 is assumed" in said
+    assert compared(capsys, rough, discs[0])[0]["iou"] == found["iou"]
+
+
+def test_the_threshold_and_the_band(capsys, tmp_path):
+    grid = grid_of()
+    values = disc(grid, 200, 200)
+    bands = [(Quantity("h_max", "m", ""), values), (Quantity("Ut_max", "m s-1", ""), 10 * values)]
+    write_geotiff(tmp_path / "ours.tif", grid, bands, {})
+    write_peak(tmp_path / "theirs_pft.tif", values, grid, "x")
+    write_peak(tmp_path / "theirs_pfv.tif", 10 * values, grid, "x")
+    ours, theirs = tmp_path / "ours.tif", tmp_path / "theirs"
+    inner = compared(capsys, ours, theirs, "--threshold", 2)[0]
+    assert inner["a"]["area_m2"] == pytest.approx(math.pi * 30**2, rel=0.03) and inner["iou"] == 1.0
+    fast = compared(capsys, ours, theirs, "--band", "pfv", "--threshold", "20")[0]
+    assert fast["unit"] == "m s-1" and fast["a"]["area_m2"] == pytest.approx(inner["a"]["area_m2"], rel=0.01)
+    assert [(band["a"], band["b"]) for band in fast["bands"]] == [("h_max", "pft"), ("Ut_max", "pfv")]
+
+
+def test_iseesnow_names_in_a_folder_and_kilopascals(capsys, tmp_path):
+    grid, folder = grid_of(5.0), tmp_path / "peaks"
+    folder.mkdir()
+    for kind, factor in (("pft", 1), ("pfv", 10), ("ppr", 50)):
+        write_ascii_grid(folder / f"release_1a2b_null_model_{kind}.asc", grid, factor * disc(grid, 200, 200))
+    ours = write_peak(tmp_path / "p.tif", 40e3 * disc(grid, 200, 200), grid, "p_max", "Pa")
+    found, _ = compared(capsys, ours, folder, "--band", "ppr")
+    (pressure,) = (band for band in found["bands"] if band["b"] == "ppr")
+    assert pressure["a"] == "p_max" and pressure["peak_b"] / pressure["peak_a"] == pytest.approx(50 / 40, rel=1e-4)
+    write_ascii_grid(folder / "other_pft.asc", grid, disc(grid, 210, 200))
+    assert compared(capsys, folder / "other", folder / "release_1a2b_null_model")[0]["iou"] < 1
+    assert main(["compare", str(ours), str(folder)]) == 2
+    assert "holds 2 *_pft rasters" in capsys.readouterr().err
+
+
+def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
+    """Frames are exported on the way; a run is identical with its own export, and differs from another one."""
+    write_run(tmp_path / "slow", drift=2.0)
+    write_run(tmp_path / "fast", drift=15.0)
+    main(["export-raster", str(tmp_path / "slow"), "--no-qgis", "-q"])
+    capsys.readouterr()
+    same, said = compared(capsys, tmp_path / "slow", tmp_path / "slow_gis")
+    assert same["iou"] == 1.0 and same["a"]["kind"] == "run" and "its frames are exported" in said
+    assert all(band["rms_difference"] == 0 for band in same["bands"])
+    assert same["a"]["runout_m"] == same["b"]["runout_m"] > 0
+    other, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis" / "rasters")
+    assert 0.2 < other["iou"] < 0.95 and other["a"]["runout_m"] > other["b"]["runout_m"]
+    deposit, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis", "--band", "deposit_h")
+    assert deposit["a"]["area_m2"] < other["a"]["area_m2"]
+    assert not list(tmp_path.glob("*compare*"))
+
+
+# --------------------------------------------------------------------------------------------------------------- files
+
+
+def test_a_folder_of_map_table_and_classes(discs, capsys, tmp_path):
+    folder = tmp_path / "out"
+    found, _ = compared(capsys, *discs, "--dem", dtm(tmp_path / "dtm.tif"), "-o", folder)
+    assert {Path(file).name for file in found["files"]} == {"map.png", "table.csv", "classes.tif"}
+    with open(folder / "table.csv", newline="", encoding="utf-8") as file:
+        table = {row[0]: row[1:] for row in csv.reader(file)}
+    assert float(table["area"][1]) == found["a"]["area_m2"] and table["name"][1:3] == ["first", "second"]
+    assert float(table["runout"][3]) == pytest.approx(found["a"]["runout_m"] - found["b"]["runout_m"], rel=1e-6)
+    assert float(table["overlap (IoU)"][4]) == pytest.approx(found["iou"], rel=1e-9)
+    with rasterio.open(folder / "classes.tif") as source:
+        assert source.descriptions == ("class [1]", "h_max_A [m]", "h_max_B [m]", "h_max_A_minus_B [m]")
+        assert source.crs.to_epsg() == 32632
+        classes, gap = source.read(1), source.read(4, masked=True)
+    areas = [np.count_nonzero(classes == number) * 4.0 for number in (1, 2, 3)]
+    assert areas == [found["only_a_m2"], found["only_b_m2"], found["both_m2"]]
+    assert gap[classes == 3].mean() == pytest.approx(found["bands"][0]["mean_difference"], abs=1e-6)
+
+
+def coloured(image, colour, near=0.12):
+    """Share of the picture's pixels of about one colour."""
+    return np.mean(np.abs(image[..., :3] - np.array(colour) / 255).max(axis=-1) < near)
+
+
+def test_the_map_shows_three_classes_in_their_places(discs, capsys, tmp_path):
+    compared(capsys, *discs, "-o", tmp_path / "map.png")
+    image = matplotlib.image.imread(tmp_path / "map.png")
+    both, first, second = (152, 123, 183), (225, 127, 52), (73, 140, 206)  # over white ground, a fifth of it shows
+    shares = [coloured(image, colour) for colour in (both, first, second)]
+    assert min(shares) > 0.02
+    columns = np.arange(image.shape[1])
+    places = []
+    for colour in (first, both, second):
+        hits = np.abs(image[..., :3] - np.array(colour) / 255).max(axis=-1) < 0.1
+        places.append((hits[:, : int(0.6 * len(columns))].sum(axis=0) * columns[: int(0.6 * len(columns))]).sum())
+        places[-1] /= hits[:, : int(0.6 * len(columns))].sum()
+    assert places[0] < places[1] < places[2]
+
+
+def test_nothing_is_replaced_unasked(discs, capsys, tmp_path):
+    for name in ("table.csv", "map.png", "folder"):
+        target = tmp_path / name
+        compared(capsys, *discs, "-o", target)
+        assert main(["compare", *map(str, discs), "-o", str(target)]) == 2
+        assert "exists already" in capsys.readouterr().err
+        compared(capsys, *discs, "-o", target, "--overwrite")
+    assert not [path for path in tmp_path.rglob(".*") if path.name != ".mpmgis"]
+
+
+# ------------------------------------------------------------------------------------------------------------ refusals
+
+
+def bad_cases(tmp_path, first, second):
+    """Name -> (arguments, words of the refusal)."""
+    grid = grid_of()
+    dry = write_peak(tmp_path / "dry.tif", np.zeros(grid.shape), grid)
+    other_crs = write_peak(
+        tmp_path / "zone33.tif", disc(grid, 200, 200), Grid(pyproj.CRS.from_epsg(32633), grid.transform, grid.shape)
+    )
+    degrees = write_peak(
+        tmp_path / "degrees.tif", np.ones((9, 9)), Grid.north_up(pyproj.CRS.from_epsg(4326), 10, 46, 1e-4, (9, 9))
+    )
+    far = grid_of(west=WEST + 5000)
+    away = write_peak(tmp_path / "away.tif", np.ones(far.shape), far)
+    feet = write_peak(tmp_path / "feet.tif", disc(grid, 200, 200), grid, "h_max", "ft")
+    nameless = tmp_path / "nameless.tif"
+    place = {"crs": grid.crs.to_wkt(), "transform": grid.transform, "width": 9, "height": 9}
+    with rasterio.open(nameless, "w", driver="GTiff", count=2, dtype="float32", **place) as target:
+        target.write(np.ones((2, 9, 9), "float32"))
+    cut = tmp_path / "cut.tif"
+    cut.write_bytes(first.read_bytes()[:3000])
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "frame.h5").write_bytes(b"x")
+    path = write_shapes(tmp_path / "line.gpkg", shapely.LineString([(0, 0), (400, 0)]))
+    two = write_shapes(
+        tmp_path / "two.gpkg", shapely.LineString([(0, 0), (9, 0)]), shapely.LineString([(0, 9), (9, 9)])
+    )
+    area = write_shapes(tmp_path / "area.gpkg", shapely.box(100, 100, 200, 200))
+    sliver = write_shapes(tmp_path / "sliver.gpkg", shapely.box(100.1, 100.1, 100.4, 100.4))
+    return {
+        "no such file": ((first, tmp_path / "none.tif"), "no such file"),
+        "an empty folder": ((first, tmp_path / "empty"), "holds no result: wanted an export"),
+        "two outlines": ((area, area), "both outlines"),
+        "lines as outline": ((first, path), "wanted polygons"),
+        "an outline as line": ((first, second, "--line", area), "wanted lines"),
+        "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to either flow"),
+        "two lines": ((first, second, "--line", two), "2 lines that do not join"),
+        "an outline smaller than a cell": ((first, sliver), "holds no centre of a cell of 2 m"),
+        "another CRS": ((first, other_crs), "is in EPSG:32633, the other rasters in EPSG:32632; reproject"),
+        "degrees": ((degrees, first), "mpmgis needs metres"),
+        "another place": ((first, away), "do not meet; check their CRS"),
+        "another unit": ((first, feet), "h_max is in m in first, h_max in ft in feet"),
+        "bands without names": ((first, nameless), "2 bands without names"),
+        "a raster cut short": ((cut, first), "truncated"),
+        "no flow at all": ((dry, dry), "no cell of either is above --threshold 0.1"),
+        "a band that is not there": ((first, second, "--band", "pft"), "give --band one of h_max"),
+        "one frame": ((first, tmp_path / "frame.h5"), "is one frame; give the folder of the run"),
+        "a DTM in another CRS": ((first, second, "--dem", other_crs), "the results in EPSG:32632; reproject it"),
+        "a DTM that is not there": ((first, second, "--dem", tmp_path / "no.tif"), "no such file"),
+        "an output of unknown kind": ((first, second, "-o", tmp_path / "out.xlsx"), "wanted .png"),
+        "a negative threshold": ((first, second, "--threshold", "-1"), "wanted 0 or more"),
+        "a threshold that is no number": ((first, second, "--threshold", "thick"), "wanted a number"),
+    }
+
+
+def test_bad_inputs_cost_one_line_and_leave_nothing(discs, capsys, tmp_path):
+    for case, (arguments, words) in bad_cases(tmp_path, *discs).items():
+        before = sorted(tmp_path.rglob("*"))
+        output = () if "-o" in arguments else ("-o", tmp_path / "out")
+        try:
+            code = main(["compare", *map(str, (*arguments, *output))])
+        except SystemExit as stop:  # as the parser of the command line leaves
+            code = stop.code
+        out, said = capsys.readouterr()
+        assert code == 2 and out == "", case
+        assert said.count("\n") == 1 and words in said, (case, said)
+        assert sorted(tmp_path.rglob("*")) == before, case
+
+
+# ------------------------------------------------------------------------------------------------------ against others
+
+
+@needs_iseesnow
+def test_runout_and_area_of_twelve_codes_are_those_published(capsys):
+    """ensemble.csv of ISeeSnow: runout where speed exceeds 1 m/s along its own path, area above 0.1 m, largest speed."""
+    with open(ISEESNOW / "ensemble.csv", newline="", encoding="utf-8") as file:
+        published = list(csv.DictReader(file))
+    assert len(published) == 12
+    median, path = ISEESNOW / "ensemble_median", ISEESNOW / "LINES/path_aimec.shp"
+    for row in published:
+        code = ISEESNOW / "reference" / row["model"]
+        fast, _ = compared(capsys, code, median, "--band", "pfv", "--threshold", 1, "--line", path)
+        thick, _ = compared(capsys, code, median)
+        assert fast["a"]["runout_m"] == pytest.approx(float(row["runout_s_pfv_gt_1_m"]), abs=5), row["model"]
+        assert thick["a"]["area_m2"] / 1e4 == pytest.approx(float(row["area_pft_gt_0p1_ha"]), abs=0.011)
+        peaks = {band["a"]: band["peak_a"] for band in thick["bands"]}
+        assert peaks["pft"] == pytest.approx(float(row["max_pft_m"]), abs=0.006)
+        assert peaks["pfv"] == pytest.approx(float(row["max_pfv_ms"]), abs=0.006)
+
+
+SCENE = """
+[terrain]
+dem = "{data}/dem.tif"
+crs = "local"
+[release]
+source = "{data}/release.shp"
+thickness = 1.5
+density = 200
+[friction]
+law = "Voellmy"
+mu = 0.4
+xi = 2000
+[numerics]
+cell_size = 5.0
+[output]
+end_time = 400
+frame_interval = 5
+maxima = true
+"""
+
+
+@pytest.mark.slow
+@needs_iseesnow
+def test_our_own_export_lies_within_the_ensemble(capsys, tmp_path):
+    """Run, export under ISeeSnow's names, compare: the whole chain as a user would type it."""
+    (tmp_path / "scene.toml").write_text(SCENE.format(data=ISEESNOW.resolve()))
+    assert main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run"), "--yes", "-q"]) == 0
+    frames = sorted(map(str, (tmp_path / "run").glob("frame_*.h5")))
+    assert main(["export-raster", *frames, "--naming", "iseesnow", "--no-qgis", "-q"]) == 0
+    capsys.readouterr()
+    ours, median = tmp_path / "run_gis", ISEESNOW / "ensemble_median"
+    thick, _ = compared(capsys, ours, median, "-o", tmp_path / "map.png")
+    assert thick["a"]["band"] == thick["b"]["band"] == "pft" and (tmp_path / "map.png").is_file()
+    assert thick["iou"] >= 0.95
+    assert 18e4 <= thick["a"]["area_m2"] <= 27e4
+    path = ISEESNOW / "LINES/path_aimec.shp"
+    fast, _ = compared(capsys, ours, median, "--band", "pfv", "--threshold", 1, "--line", path)
+    assert 2290 <= fast["a"]["runout_m"] <= 2425
+    assert 34 <= next(band["peak_a"] for band in fast["bands"] if band["a"] == "pfv") <= 42
