@@ -16,14 +16,15 @@ from typing import NamedTuple
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..geo.georeference import name_of, same_place
 from ..particles import Frame
-from .frames import read_frame
+from .frames import read_frame, read_maxima
 
 _memory = threading.local()
 _NUMBERED = re.compile(r"(.*?)(\d+)(\.\w+)")
 
 
 class Reader(NamedTuple):
-    """How one code's frames are read: `suffix`, `read_header(path)`, `read(path, density [kg m-3], memory)`.
+    """How one code's frames are read: `suffix`, `read_header(path)`, `read(path, density [kg m-3], memory)`, and
+    `read_maxima(path)`, the running peaks of the solver.
 
     `memory` is a dict that a reader may keep arrays in, to fill them anew; see `FrameEntry.read`.
     """
@@ -31,6 +32,7 @@ class Reader(NamedTuple):
     suffix: str
     read_header: Callable
     read: Callable
+    read_maxima: Callable = lambda path: {}
 
 
 READERS = {
@@ -38,6 +40,7 @@ READERS = {
         ".h5",
         lambda path: read_frame(path, with_state=False, with_particles=False),
         lambda path, density, memory: read_frame(path, with_state=False, density=density, memory=memory),
+        read_maxima,
     )
 }
 
@@ -66,6 +69,10 @@ class FrameEntry:
         Its arrays are good until the same thread reads the next frame.
         """
         return READERS[self.reader].read(self.path, density, vars(_memory))
+
+    def read_maxima(self):
+        """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""
+        return READERS[self.reader].read_maxima(self.path)
 
 
 def list_frames(paths, reader="mpmgis"):

@@ -17,6 +17,7 @@ FORMAT_VERSION = 1
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
 _IDENTITY = ("id", "parent")
+MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
 
 def write_frame(path, frame):
@@ -127,6 +128,42 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
         raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
+
+
+def read_maxima(path):
+    """The running peaks of the solver in the frame at `path`: arrays by name; empty where it keeps none.
+
+    Raises
+    ------
+    FormatError
+        Unreadable, an array missing or of another shape, values below 0 or not finite, another kind of transform.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            kept = _read_group(file, "maxima")
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path}: its maxima are not readable ({one_line(error)[:120]}); it is damaged") from error
+    return _require_maxima(path, kept) if kept else {}
+
+
+def _require_maxima(path, kept):
+    missing = [name for name in (*MAXIMA, "transform") if name not in kept]
+    if missing:
+        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, wanted {', '.join(MAXIMA)} and transform")
+    shape = np.shape(kept["thickness"])
+    for name in MAXIMA:
+        values = np.asarray(kept[name])
+        if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
+            raise FormatError(f"{path}: maxima/{name} has shape {values.shape}, wanted numbers in two dimensions alike")
+        if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
+            raise FormatError(f"{path}: maxima/{name} holds values that are negative, NaN or infinite")
+    t = np.asarray(kept["transform"], float).ravel()
+    if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
+        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, wanted (dx, 0, west, 0, dx, south)")
+    threshold = np.asarray(kept.get("arrival_thickness", 0.0))
+    if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
+        raise FormatError(f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, wanted a number of metres")
+    return kept
 
 
 def _read(path, file, with_state, with_particles, density, memory):

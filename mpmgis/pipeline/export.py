@@ -14,9 +14,11 @@ from ..products.bed import Bed
 from ..products.frame_values import Averaging
 from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
 from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
+from ..products.solver_maxima import BANDS as SOLVER_BANDS
+from ..products.solver_maxima import SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
-from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain
+from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, Spool, spool_folder, write_rasters
 from .frame_pool import frame_pool
 
@@ -53,7 +55,10 @@ class ExportRequest:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is going to be done: the run's `name`, its frames, which of them are `steps`, how they are averaged."""
+    """What is going to be done: the run's `name`, its frames, which of them are `steps`, how they are averaged.
+
+    `peaks` are what the solver kept of every step up to the last frame, None where it kept nothing.
+    """
 
     name: str
     entries: tuple
@@ -62,6 +67,7 @@ class Plan:
     bands: tuple
     terrain: Terrain
     time_step: float | None
+    peaks: SolverPeaks | None = None
 
     def terrain_rows(self, grid, first, last):
         """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
@@ -130,7 +136,8 @@ def make_plan(request, entries, terrain, products, pool, say):
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
-    grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts))
+    peaks = solver_peaks(entries[-1])
+    grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts, peaks))
     time_step = _time_step(request, entries, bed, grid, density, pool, say)
     steps = choose_steps([entry.time for entry in entries], time_step)
     needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.qgis else ()))
@@ -146,7 +153,7 @@ def make_plan(request, entries, terrain, products, pool, say):
     )
     bands = (*products, *(RUNNING_BANDS if RUNNING in request.products else ()))
     name = entries[0].path.resolve().parent.name or "frames"
-    return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step)
+    return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks)
 
 
 def _extent(request):
@@ -171,11 +178,12 @@ def _fastest_entry(entry, bed, grid, density):
     return fastest_mean(entry.read(density), bed, grid, density)
 
 
-def _bounds(request, facts):
-    """(west, south, east, north) [m] of the flow in all frames; None for all of the DTM."""
+def _bounds(request, facts, peaks):
+    """(west, south, east, north) [m] of the flow in all frames and between them; None for all of the DTM."""
     if _extent(request) == "dtm":
         return None
-    bounds = np.array([fact.bounds for fact in facts])
+    reached = None if peaks is None else peaks.bounds(request.min_depth)
+    bounds = np.array([fact.bounds for fact in facts] + ([reached] if reached is not None else []))
     return (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist())
 
 
@@ -210,6 +218,8 @@ def _release(run, plan):
 
 def tell(request, plan, tally, say):
     """Say what the user should know about the frames, each thing once."""
+    if plan.peaks is not None:
+        say(_word_on_peaks(plan))
     count, mass, name = tally.outside
     if count:
         say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
@@ -229,6 +239,20 @@ def tell(request, plan, tally, say):
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
     _tell_of_time(request, plan, tally, say)
+
+
+def _word_on_peaks(plan):
+    """Which maxima come from the solver, and which do not and why."""
+    peaks = plan.peaks
+    bands = peaks.bands(plan.averaging.min_depth)
+    word = f"maxima: {', '.join(bands)} take in the solver's own peaks, of every step up to t = {peaks.time:g} s"
+    others = [name for name in SOLVER_BANDS if name not in bands]
+    if others:
+        word += (
+            f"; its {', '.join(others)} are of flow over {peaks.arrival_thickness:g} m and are not mixed with "
+            f"--min-depth {plan.averaging.min_depth:g}: give --min-depth {peaks.arrival_thickness:g} to have them"
+        )
+    return word
 
 
 def _tell_of_time(request, plan, tally, say):

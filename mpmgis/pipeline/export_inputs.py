@@ -9,6 +9,7 @@ from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import name_of, same_place
 from ..io.atomic import refuse_existing
 from ..io.raster import open_raster, read_terrain
+from ..products.solver_maxima import SolverPeaks
 
 
 def output_folder(request, entries):
@@ -100,6 +101,11 @@ def release_density(request, entries, say):
     density = float(particles.mass.sum() / particles.volume.sum())
     say(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
     return density
+
+
+def solver_peaks(entry):
+    """What the solver kept of every step up to a frame of columns (SolverPeaks); None where it kept nothing."""
+    return SolverPeaks.of(entry.read_maxima() if entry.header.dimension == 2 else {}, entry.time)
 
 
 def release_file(entries):

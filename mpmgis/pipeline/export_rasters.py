@@ -14,9 +14,9 @@ from ..io.geotiff import write_rows
 from ..io.outlines import thin
 from ..io.step_rasters import SparseBands, StepFiles, StepStacks, finished
 from ..products.frame_values import average_frame
-from ..products.maxima import MAXIMA_BANDS, Peak, RunningMaxima
+from ..products.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
 from ..products.table import PRODUCTS
-from .export_inputs import refuse_nowhere, release_name
+from .export_inputs import refuse_nowhere, release_name, solver_peaks
 
 DEPOSIT_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")
@@ -130,9 +130,11 @@ def write_rasters(request, plan, folder, pool, spool, progress):
             maxima.absorb(values.index, values.values, values.time)
             if second is not None:
                 second.absorb(*values.second, values.time)
+            peaks = _peaks_up_to(plan, frame)
+            _absorb_peaks(averaging, peaks, maxima, second)
             if frame in step_of:
                 tally.add_step(values)
-                _write_step(plan, writer, step_of[frame], entry, values, maxima)
+                _write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
                 if spool is not None:
                     spool.add(values, shown)
             progress(frame + 1, len(plan.entries))
@@ -151,6 +153,30 @@ def _second_maxima(averaging):
     return RunningMaxima(rows * columns, averaging.min_depth, ISEESNOW)
 
 
+def _peaks_up_to(plan, frame):
+    """The solver's peaks up to a frame: of the last one, and of each where the steps show maxima so far."""
+    if frame == len(plan.entries) - 1:
+        return plan.peaks
+    return solver_peaks(plan.entries[frame]) if set(plan.bands) & set(PEAKS) else None
+
+
+def _absorb_peaks(averaging, peaks, maxima, second):
+    """Let what the solver kept of every step into the maxima on the export's grid and on the second one."""
+    if peaks is None:
+        return
+    for store, grid in ((maxima, averaging.grid), (second, averaging.second_grid)):
+        if store is not None:
+            for index, values in peaks.on(grid, averaging.bed, averaging.min_depth):
+                store.absorb_peaks(index, values)
+
+
+def _maxima_tags(plan, peaks):
+    """Where the maxima come from, and which of them the solver kept."""
+    if peaks is None:
+        return {"maxima": "frames"}
+    return {"maxima": "solver, every step", "maxima_solver": ", ".join(peaks.bands(plan.averaging.min_depth))}
+
+
 def _step_writer(request, plan, rasters, pool):
     quantities = [BAND[name] for name in plan.bands]
     grid, times = plan.averaging.grid, [plan.entries[frame].time for frame in plan.steps]
@@ -159,7 +185,7 @@ def _step_writer(request, plan, rasters, pool):
     return StepFiles(rasters, plan.name, grid, quantities, len(times), request.cog, pool.threads, pool.workers)
 
 
-def _write_step(plan, writer, step, entry, values, maxima):
+def _write_step(plan, writer, step, entry, values, maxima, peaks):
     products = [name for name in plan.bands if name in PRODUCTS]
     running = plan.bands[len(products) :]
     known = SparseBands(
@@ -179,12 +205,14 @@ def _write_step(plan, writer, step, entry, values, maxima):
         "particles_outside": values.outside,
         "mass_outside": values.mass_outside,
     }
+    tags |= _maxima_tags(plan, peaks) if running else {}
     writer.write(step, tags, rows_of, at_once=bool(running))
 
 
 def _write_maxima(plan, rasters, maxima, tally, cog):
     columns = plan.averaging.grid.shape[1]
-    tags = run_tags(plan) | {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
+    tags = run_tags(plan) | _maxima_tags(plan, plan.peaks)
+    tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
     write_rows(
         rasters / f"{plan.name}_max.tif",
         plan.averaging.grid,

@@ -1,4 +1,9 @@
-"""Largest values over all frames (Vicari et al. 2025, Eq 16). They do not depend on the order of the frames."""
+"""Largest values over all frames (Vicari et al. 2025, Eq 16). They do not depend on the order of the frames.
+
+Where the solver kept peaks of every step, a cell takes the larger of those and of the frames': both are values that the
+flow had, peaks between frames as well, frames also before the first step and at rims, where a node sees less than a
+column is thick. So no step ever shows more than the maxima.
+"""
 
 from typing import NamedTuple
 
@@ -53,6 +58,14 @@ class RunningMaxima:
             self._keep(name, index, values[peak.product], np.maximum if peak.larger else np.minimum)
         arrived = np.where(np.asarray(values["h"], np.float32) >= self.min_depth, time, np.nan)
         self._keep(ARRIVAL, index, arrived, np.minimum)
+
+    def absorb_peaks(self, index, values):
+        """Take in what the solver kept of every step: `index` and `values` as `SolverPeaks.on` yields them."""
+        for name, peak in self.peaks.items():
+            if peak.larger and peak.product in values:
+                self._keep(name, index, values[peak.product], np.maximum)
+        if ARRIVAL in values:
+            self._keep(ARRIVAL, index, values[ARRIVAL], np.minimum)
 
     def _keep(self, name, index, new, better):
         new = np.asarray(new, np.float32)
