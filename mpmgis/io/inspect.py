@@ -133,10 +133,7 @@ def _json_facts(path):
 def _toml_facts(path):
     """A scene, with whether the files that it names are there."""
     scene = read_scene(path)
-    named = [scene.terrain.dem, scene.release.source, scene.release.particles, scene.release.surface]
-    if isinstance(scene.release.thickness, str) and scene.path(scene.release.thickness).suffix:
-        named.append(scene.release.thickness)
-    there = {name: scene.path(name).exists() for name in named if name}
+    there = {name: scene.path(name.split("|")[0]).exists() for name in scene.files()}
     return {"kind": "scene", **scene.as_tables(), "files": there}
 
 

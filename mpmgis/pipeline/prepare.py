@@ -115,10 +115,8 @@ def _read_columns(path, terrain, density, say):
 
 
 def _input_digest(scene):
-    """Digests of all files that the release is made from; a shapefile's geometry and columns lie in several."""
-    release = scene.release
-    named = [scene.path(name) for name in (release.source, release.particles, release.surface) if name is not None]
-    if isinstance(release.thickness, str) and scene.path(release.thickness).is_file():
-        named.append(scene.path(release.thickness))
+    """Digests of all files that the scene names but its DTM; a shapefile's geometry and columns lie in several."""
+    named = [scene.path(name.split("|")[0]) for name in scene.files()]
+    dem = scene.path(scene.terrain.dem)
     files = {file for path in named for file in (path, *path.parent.glob(f"{glob.escape(path.stem)}.*"))}
-    return [file_sha256(file) for file in sorted(files) if file.is_file()]
+    return [file_sha256(file) for file in sorted(files) if file.is_file() and file != dem]

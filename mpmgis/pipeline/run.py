@@ -158,17 +158,9 @@ def _beside(scene, folder):
     """The scene with its paths relative to `folder`, where it is written: the same scene from its new place."""
 
     def moved(name):
-        if name is None or not scene.path(name).exists():
+        path, bar, layer = name.partition("|")  # file.gpkg|layername=name
+        if not scene.path(path).exists():
             return name
-        return Path(os.path.relpath(scene.path(name).resolve(), folder.resolve())).as_posix()
+        return Path(os.path.relpath(scene.path(path).resolve(), folder.resolve())).as_posix() + bar + layer
 
-    release, terrain = scene.release, scene.terrain
-    thickness = moved(release.thickness) if isinstance(release.thickness, str) else release.thickness
-    return replace(
-        scene,
-        terrain=replace(terrain, dem=moved(terrain.dem)),
-        release=replace(
-            release, source=moved(release.source), particles=moved(release.particles), thickness=thickness,
-            surface=moved(release.surface),
-        ),
-    )  # fmt: skip
+    return scene.with_files(moved)

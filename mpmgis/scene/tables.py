@@ -10,23 +10,25 @@ import json
 import math
 import re
 import tomllib
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 
-from ..effects import friction, metric
+from ..effects import curvature, friction, metric
 from ..errors import SceneError, one_line
 
 USE = ("auto", "on", "off")
 KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
 
 
-def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None):
+def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False):
     """One key of a table: its words in the template and the checks on its value.
 
-    `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types.
+    `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types; the text
+    of a `file` is a path (where numbers or other text are allowed too: if it has a suffix or is there).
     """
     metadata = {
         "doc": doc, "kind": kind, "low": low, "high": high, "choices": choices, "above": above, "example": example,
+        "file": file,
     }  # fmt: skip
     return field(default=default, metadata=metadata) if default is not MISSING else field(metadata=metadata)
 
@@ -35,7 +37,8 @@ def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, ab
 class TerrainTable:
     """Where."""
 
-    dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif")
+    dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif",
+                    file=True)  # fmt: skip
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
     band: int | None = _key("band with the elevation, where the DTM has several", None, kind=int, low=1, example=1)
 
@@ -44,8 +47,10 @@ class TerrainTable:
 class ReleaseTable:
     """What starts to move."""
 
-    source: str | None = _key("release areas: any vector file, or a raster", None, kind=str, example="release.shp")
-    particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote", None, kind=str, example="a.h5")
+    source: str | None = _key("release areas: any vector file, or a raster", None, kind=str, example="release.shp",
+                              file=True)  # fmt: skip
+    particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote", None, kind=str, example="a.h5",
+                                 file=True)  # fmt: skip
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
         None,
@@ -53,15 +58,60 @@ class ReleaseTable:
         low=0.0,
         above=True,
         example=1.5,
+        file=True,
     )
     thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
                                choices=("normal", "vertical"))  # fmt: skip
     surface: str | None = _key("instead of thickness: raster of the surface before release", None, kind=str,
-                               example="surface.tif")  # fmt: skip
+                               example="surface.tif", file=True)  # fmt: skip
     density: float = _key("bulk density [kg m-3]", 1000.0, low=1.0, high=30000.0)
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
+    speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
+                               above=True, example=10.0)  # fmt: skip
     points: str = _key("point set", "lattice", str, choices=("lattice", "jittered", "halton", "random"))
     seed: int = _key("seed of the random point sets", 0, kind=int, low=0)
+
+
+@dataclass(frozen=True)
+class HydrographTable:
+    """What flows in over time."""
+
+    source: str = _key("the inlet: polygons of any vector file, or a raster mask", kind=str, example="inlet.shp",
+                       file=True)  # fmt: skip
+    file: str = _key(
+        "CSV: time [s], discharge [m3 s-1] or thickness [m] (a slab each time), maybe speed or velocity_east, _north",
+        kind=str,
+        example="hydrograph.csv",
+        file=True,
+    )
+    thickness_mode: str = _key("thickness of slabs measured normal to the slope, or vertical", "normal", str,
+                               choices=("normal", "vertical"))  # fmt: skip
+    density: float | None = _key("bulk density [kg m-3]; without it that of [release], or 1000", None, low=1.0,
+                                 high=30000.0, example=1000.0)  # fmt: skip
+    use: str = _key("auto and on: it flows in; off: left out", "auto", str, choices=USE)
+
+
+@dataclass(frozen=True)
+class SecondaryReleaseTable:
+    """Mass at rest that the flow releases when it gets there; as many of these tables as there are areas."""
+
+    source: str = _key("its areas: any vector file, or a raster", kind=str, example="secondary.shp", file=True)
+    thickness: float | str | None = _key(
+        "number [m], column name, or raster; without it the column thickness, d0 or relth",
+        None,
+        kind=(float, str),
+        low=0.0,
+        above=True,
+        example=1.0,
+        file=True,
+    )
+    thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
+                               choices=("normal", "vertical"))  # fmt: skip
+    density: float | None = _key("bulk density [kg m-3]; must be that of [release]", None, low=1.0, high=30000.0,
+                                 example=1000.0)  # fmt: skip
+    trigger_thickness: float | None = _key("released by flow thicker than this [m]; without it by any flow", None,
+                                           low=0.0, above=True, example=0.5)  # fmt: skip
+    use: str = _key("auto and on: released when reached; off: left out", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
@@ -77,7 +127,8 @@ class FrictionTable:
 class CurvatureTable:
     """Curvature of the bed (form slope): tangent transport and centrifugal load."""
 
-    use: str = _key("auto: on where it changes more than 5 % of the load", "auto", str, choices=USE)
+    use: str = _key("auto: on where it changes more than 5 % of the load; turn, load: one part, for tests", "auto", str,
+                    choices=(*USE, *curvature.PARTS))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -119,8 +170,10 @@ class Scene:
     """A whole scene. Paths are as written, `folder` is what they are relative to."""
 
     terrain: TerrainTable
-    release: ReleaseTable
     output: OutputTable
+    release: ReleaseTable | None = None
+    hydrograph: HydrographTable | None = None
+    secondary_release: tuple = ()  # of SecondaryReleaseTable
     numerics: NumericsTable = NumericsTable()
     friction: FrictionTable | None = None
     curvature: CurvatureTable | None = None
@@ -132,16 +185,40 @@ class Scene:
         """The path that `name` in this scene means."""
         return Path(self.folder) / Path(name).expanduser()
 
+    def tables(self):
+        """(name, table) of every table that is there, several of one name for those in LISTED."""
+        for name in TABLES:
+            table = getattr(self, name)
+            yield from ((name, entry) for entry in (table if name in LISTED else [table]) if entry is not None)
+
+    def files(self):
+        """Names of all files in the scene, as written."""
+        return [value for _, table in self.tables() for value in self._named(table).values()]
+
+    def with_files(self, renamed):
+        """The same scene with every file's name passed through `renamed(name)`."""
+        made = {name: () if name in LISTED else None for name in TABLES}
+        for name, table in self.tables():
+            moved = replace(table, **{key: renamed(value) for key, value in self._named(table).items()})
+            made[name] = (*made[name], moved) if name in LISTED else moved
+        return replace(self, **made)
+
+    def _named(self, table):
+        """Key -> name of the files in `table`."""
+        values = {f.name: (getattr(table, f.name), f.metadata["kind"]) for f in fields(table) if f.metadata.get("file")}
+        return {
+            key: value for key, (value, kind) in values.items()
+            if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
+        }  # fmt: skip
+
     def as_tables(self):
         """The scene as the plain dictionary that TOML and JSON hold; absent tables and unset keys are left out."""
         tables = {"solver": self.solver}
-        for name in TABLES:
-            table = getattr(self, name)
-            if table is None:
-                continue
-            values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters"}
-            values.update(getattr(table, "parameters", {}))
-            tables[name] = {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+        for name, table in self.tables():
+            if name in LISTED:
+                tables.setdefault(name, []).append(_plain(table))
+            else:
+                tables[name] = _plain(table)
         return tables
 
     def digest(self, *inputs):
@@ -150,16 +227,26 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def _plain(table):
+    """One table as a dictionary of what TOML holds; unset keys are left out."""
+    values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters"}
+    values.update(getattr(table, "parameters", {}))
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+
 TABLES = {
     "terrain": TerrainTable,
     "release": ReleaseTable,
+    "hydrograph": HydrographTable,
+    "secondary_release": SecondaryReleaseTable,
     "friction": FrictionTable,
     "curvature": CurvatureTable,
     "still_water": StillWaterTable,
     "numerics": NumericsTable,
     "output": OutputTable,
 }
-REQUIRED = ("terrain", "release", "output")
+LISTED = ("secondary_release",)  # tables that a scene may have several of, written [[name]]
+REQUIRED = ("terrain", "output")
 SOLVERS = ("columns",)
 
 
@@ -207,27 +294,31 @@ def scene_from_tables(tables, folder=".", where="scene"):
     for name in tables:
         if name not in TABLES:
             raise SceneError(f"{where}: unknown table [{name}]{_meant(name, TABLES)}; it takes {_listed(TABLES)}")
-        if not isinstance(tables[name], dict):
+        if name in LISTED:
+            if not (isinstance(tables[name], list) and all(isinstance(entry, dict) for entry in tables[name])):
+                raise SceneError(f"{where}: there may be several {name}; write [[{name}]] on a line of its own")
+        elif not isinstance(tables[name], dict):
             raise SceneError(f"{where}: {name} is no table; write [{name}] on a line of its own")
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
-    made = {name: _table(TABLES[name], values, f"{where} [{name}]") for name, values in tables.items()}
+    made = {name: _made(name, values, where) for name, values in tables.items()}
     scene = Scene(**made, solver=solver, folder=str(folder))
     _check_together(scene, where)
     return scene
 
 
+def _made(name, values, where):
+    """The table `name`, or the tuple of all tables of that name, from what TOML gave."""
+    if name not in LISTED:
+        return _table(TABLES[name], values, f"{where} [{name}]")
+    return tuple(_table(TABLES[name], v, f"{where} [[{name}]] number {k}") for k, v in enumerate(values, 1))
+
+
 def _check_together(scene, where):
     """What no single key can tell."""
-    release, numerics, output = scene.release, scene.numerics, scene.output
-    if (release.source is None) == (release.particles is None):
-        got = "both" if release.source else "none"
-        raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
-    if release.particles is not None:
-        _refuse_unused(release, ("source", "particles"), f"{where} [release]")
-    if len(release.velocity) != 2 or not all(_is_number(v) and math.isfinite(v) for v in release.velocity):
-        raise SceneError(f"{where} [release]: velocity = {list(release.velocity)}, wanted two numbers [east, north]")
+    numerics, output = scene.numerics, scene.output
+    _check_sources(scene, where)
     if output.frame_interval > output.end_time:
         raise SceneError(
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
@@ -235,10 +326,32 @@ def _check_together(scene, where):
         )
     if output.end_time / output.frame_interval > 1e6:
         raise SceneError(f"{where} [output]: more than a million frames; take a longer frame_interval")
-    if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use == "on":
-        raise SceneError(f"{where} [curvature]: use = 'on' belongs to form = 'slope'; take the table out")
+    if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
+        use = scene.curvature.use
+        raise SceneError(f"{where} [curvature]: use = {use!r} belongs to form = 'slope'; take the table out")
     if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
+
+
+def _check_sources(scene, where):
+    """What starts to move: from an area, from particles, through an inlet, or several of these with one density."""
+    release, inflow = scene.release, scene.hydrograph
+    if release is None and (inflow is None or inflow.use == "off"):
+        raise SceneError(
+            f"{where}: the table [release] is missing, and no [hydrograph] lets anything in; "
+            "`mpmgis run --template` shows both"
+        )
+    if release is None:
+        return
+    if (release.source is None) == (release.particles is None):
+        got = "both" if release.source else "none"
+        raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
+    if release.particles is not None:
+        _refuse_unused(release, ("source", "particles"), f"{where} [release]")
+    if len(release.velocity) != 2 or not all(_is_number(v) and math.isfinite(v) for v in release.velocity):
+        raise SceneError(f"{where} [release]: velocity = {list(release.velocity)}, wanted two numbers [east, north]")
+    if release.speed is not None and any(release.velocity):
+        raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
 
 def _refuse_unused(release, used, where):

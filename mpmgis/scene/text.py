@@ -3,8 +3,9 @@
 import json
 from dataclasses import MISSING, fields
 
-from .tables import REQUIRED, TABLES
+from .tables import LISTED, TABLES
 
+_SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
 _SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
 _EXAMPLES = {"mu": 0.2, "xi": 1000.0}
 _EXAMPLE_LAW = "Voellmy"
@@ -24,11 +25,16 @@ def scene_text(scene, note=""):
     """The scene as TOML text that `read_scene` reads back to the same scene."""
     lines = [f"# {note}"] if note else []
     for name, values in scene.as_tables().items():
-        if isinstance(values, dict):
-            lines += ["", f"[{name}]"] + [f"{key} = {_toml(value)}" for key, value in values.items()]
-        else:
+        if name not in TABLES:
             lines.append(f"{name} = {_toml(values)}")
+            continue
+        for table in values if name in LISTED else [values]:
+            lines += ["", _heading(name)] + [f"{key} = {_toml(value)}" for key, value in table.items()]
     return "\n".join(lines) + "\n"
+
+
+def _heading(name):
+    return f"[[{name}]]" if name in LISTED else f"[{name}]"
 
 
 def template():
@@ -39,8 +45,8 @@ def template():
         'solver = "columns"  # depth-averaged',
     ]
     for name, kind in TABLES.items():
-        shown = name in (*REQUIRED, "friction", "numerics")
-        lines += ["", f"# {kind.__doc__.strip()}", f"{'' if shown else '# '}[{name}]"]
+        shown = name in _SHOWN_TABLES
+        lines += ["", f"# {kind.__doc__.strip()}", f"{'' if shown else '# '}{_heading(name)}"]
         for f in fields(kind):
             if "kind" in f.metadata:
                 lines.append(_template_line(f, shown))
