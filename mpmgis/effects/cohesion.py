@@ -8,17 +8,19 @@ class NoCohesion(NamedTuple):
 
     null: float = 0.0  # the compiler wants at least one field
 
-    def yield_stress(self):
+    def cohesive_stress(self):
         return 0.0
 
 
 class Cohesion(NamedTuple):
-    """A basal stress tau_0 [Pa] that does not depend on load or speed (tau_0 of VoellmyMinShear, AvaFrame com1DFA).
+    """A basal stress tau_0 that does not depend on load or speed, added to the friction law's.
 
-    Wet snow 50 to 1000 Pa, debris flows 100 to 5000 Pa.
+    tau_0 of VoellmyMinShear (AvaFrame com1DFA; design notes 3.5). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris
+    flows 100 to 5000 Pa.
     """
 
-    stress: float  # [Pa]
+    stress: float  # tau_0 [Pa]
 
-    def yield_stress(self):
+    def cohesive_stress(self):
+        """tau_0 [Pa]."""
         return self.stress

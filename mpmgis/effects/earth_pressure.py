@@ -20,10 +20,15 @@ class NoEarthPressure(NamedTuple):
 
 
 class EarthPressure(NamedTuple):
-    """K_active where the flow stretches along its direction, K_passive where it is compressed (Savage & Hutter 1989)."""
+    """Push along the slope over push normal to it: less than 1 where the flow stretches, more where it is compressed.
 
-    active: float
-    passive: float
+    K_active where the flow stretches along its own direction, K_passive where it is compressed (Savage & Hutter 1989),
+    of `earth_pressure`. One factor for all directions: the push across the flow gets it too. Laboratory sands and
+    gravels phi 25 to 45, delta 15 to 35 degrees; snow and debris flows are commonly run with K = 1.
+    """
+
+    active: float  # [1]
+    passive: float  # [1]
 
     def earth_pressure_active(self):
         return True
@@ -34,11 +39,16 @@ class EarthPressure(NamedTuple):
         return self.passive + share * (self.active - self.passive)
 
     def largest_factor(self):
+        """Largest K [1]: the wave speed that the time step must resolve goes with its root."""
         return max(self.active, self.passive)
 
 
 def earth_pressure(friction_angle, bed_friction_angle):
-    """`EarthPressure` of an internal and a bed friction angle [deg] (Hutter et al. 1993; delta <= phi)."""
+    """`EarthPressure` of an internal and a bed friction angle phi and delta <= phi [deg] (Hutter et al. 1993).
+
+    K = 2 / cos^2 phi (1 -+ sqrt(1 - cos^2 phi / cos^2 delta)) - 1, minus where active. delta = 0 is Rankine's
+    tan^2(45 -+ phi / 2), delta = phi the 2 / cos^2 phi - 1 of a layer about to fail.
+    """
     cos2_phi, cos2_delta = cos(radians(friction_angle)) ** 2, cos(radians(bed_friction_angle)) ** 2
     root = sqrt(max(1.0 - cos2_phi / cos2_delta, 0.0))
     return EarthPressure(2.0 / cos2_phi * (1.0 - root) - 1.0, 2.0 / cos2_phi * (1.0 + root) - 1.0)

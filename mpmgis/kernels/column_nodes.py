@@ -126,7 +126,8 @@ def update_nodes(
                         thickness = max(grid_thickness, thickness_floor)
                         normal_thickness = thickness * np.sqrt(c2)
                         normal_stress = density * thickness * effective * c2
-                        dry = law.dry_stress(density, normal_stress, normal_thickness, speed) + cohesion.yield_stress()
+                        dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
+                        dry += cohesion.cohesive_stress()
                         viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
                         drag = law.drag_coefficient(gravity, normal_thickness, speed)
                         per_mass = 1.0 / (density * normal_thickness)

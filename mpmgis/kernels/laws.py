@@ -8,8 +8,9 @@ METHODS = (
     "drag_coefficient",
     "placed",
     "basal_stress",
+    "plug_ratio",  # friction and viscosity
     "local",  # zones
-    "yield_stress",  # cohesion
+    "cohesive_stress",  # cohesion
     "metric_gradient",  # metric
     "curvature_active",  # curvature
     "turned_velocity",

@@ -14,6 +14,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 from ..effects import curvature, friction, metric
+from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from ..errors import SceneError, one_line
 
 USE = ("auto", "on", "off")
@@ -118,9 +119,36 @@ class SecondaryReleaseTable:
 class FrictionTable:
     """Resistance of the bed; without this table there is none."""
 
-    law: str = _key("law of basal resistance", kind=str, choices=tuple(friction.LAWS), example="Voellmy")
-    use: str = _key("auto and on: used; off: left out", "auto", str, choices=USE)
+    law: str = _key('law of basal resistance, or your own: "my_law.py:MyLaw"', kind=str, example="Voellmy")
+    use: str = _key("auto: without drag or yield stress where they change little", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"parameters_of": friction.LAWS})
+
+
+@dataclass(frozen=True)
+class CohesionTable:
+    """A yield stress at the bed, added to whatever friction there is."""
+
+    yield_stress: float = _key("[Pa]", low=0.0, high=1e7, example=100.0)
+    use: str = _key("auto: on above 2 % of the load of the release", "auto", str, choices=USE)
+
+
+@dataclass(frozen=True)
+class EarthPressureTable:
+    """Granular push: less than hydrostatic where the flow stretches, more where it is compressed."""
+
+    friction_angle: float = _key("internal friction angle phi [degrees]", low=0.0, high=89.0, above=True, example=35.0)
+    bed_friction_angle: float | None = _key("at the bed, at most phi [degrees]; without it atan(mu)", None, low=0.0,
+                                            high=89.0, example=25.0)  # fmt: skip
+    use: str = _key("auto: on where it changes more than 5 % of the drive", "auto", str, choices=USE)
+
+
+@dataclass(frozen=True)
+class ViscosityTable:
+    """Viscous stress in the plane of the map; that on the bed belongs to [friction] (law Bingham)."""
+
+    viscosity: float = _key("plastic viscosity [Pa s]", low=0.0, high=1e9, example=50.0)
+    yield_stress: float = _key("[Pa]", 0.0, low=0.0, high=1e7)
+    use: str = _key("auto: on where it changes more than 5 % of the drive", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
@@ -176,10 +204,31 @@ class Scene:
     secondary_release: tuple = ()  # of SecondaryReleaseTable
     numerics: NumericsTable = NumericsTable()
     friction: FrictionTable | None = None
+    cohesion: CohesionTable | None = None
+    earth_pressure: EarthPressureTable | None = None
+    viscosity: ViscosityTable | None = None
     curvature: CurvatureTable | None = None
     still_water: StillWaterTable | None = None
     solver: str = "columns"
     folder: str = "."
+    own_laws: OwnLaws = NO_OWN_LAWS
+
+    @property
+    def laws(self):
+        """Name -> (law, parameters) of all laws of friction that this scene may name."""
+        return {**friction.LAWS, **self.own_laws.laws}
+
+    def dry_friction(self):
+        """Coefficient of the friction law at rest [1]; 0 where the scene has none."""
+        if self.friction is None or self.friction.use == "off":
+            return 0.0
+        values = self.friction.parameters
+        return float(values.get("mu", values.get("mu1", 0.0)))
+
+    def bed_friction_angle(self):
+        """Friction angle at the bed for the earth pressure [degrees]: as given, else atan of the dry friction."""
+        given = None if self.earth_pressure is None else self.earth_pressure.bed_friction_angle
+        return math.degrees(math.atan(self.dry_friction())) if given is None else given
 
     def path(self, name):
         """The path that `name` in this scene means."""
@@ -223,7 +272,8 @@ class Scene:
 
     def digest(self, *inputs):
         """Hex digest of the scene and of what else decides its result (digests of the input files)."""
-        text = json.dumps([self.as_tables(), list(inputs)], sort_keys=True)
+        own = [self.own_laws.sha256] if self.own_laws.laws else []
+        text = json.dumps([self.as_tables(), list(inputs), *own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -240,6 +290,9 @@ TABLES = {
     "hydrograph": HydrographTable,
     "secondary_release": SecondaryReleaseTable,
     "friction": FrictionTable,
+    "cohesion": CohesionTable,
+    "earth_pressure": EarthPressureTable,
+    "viscosity": ViscosityTable,
     "curvature": CurvatureTable,
     "still_water": StillWaterTable,
     "numerics": NumericsTable,
@@ -250,8 +303,8 @@ REQUIRED = ("terrain", "output")
 SOLVERS = ("columns",)
 
 
-def read_scene(path):
-    """Read and check `scene.toml` at `path`; raises SceneError in one line."""
+def read_scene(path, own_laws=NO_OWN_LAWS):
+    """Read and check `scene.toml` at `path`, with laws of the user's own; raises SceneError in one line."""
     path = Path(path)
     try:
         text = _decoded(path.read_bytes())
@@ -263,7 +316,7 @@ def read_scene(path):
         tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_cure(text, error)}") from error
-    return scene_from_tables(tables, path.parent, path.name)
+    return scene_from_tables(tables, path.parent, path.name, own_laws)
 
 
 def _decoded(raw):
@@ -285,7 +338,7 @@ def _cure(text, error):
     return ""
 
 
-def scene_from_tables(tables, folder=".", where="scene"):
+def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     """Check a plain dictionary and make the Scene of it; raises SceneError naming table, key, value and cure."""
     tables = dict(tables)
     solver = tables.pop("solver", "columns")
@@ -302,16 +355,18 @@ def scene_from_tables(tables, folder=".", where="scene"):
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
-    made = {name: _made(name, values, where) for name, values in tables.items()}
-    scene = Scene(**made, solver=solver, folder=str(folder))
+    made = {name: _made(name, values, where, own_laws) for name, values in tables.items()}
+    scene = Scene(**made, solver=solver, folder=str(folder), own_laws=own_laws)
+    if own_laws.laws and (scene.friction is None or scene.friction.law not in own_laws.laws):
+        raise SceneError(f"{where}: --law {own_laws.path} was given, but [friction] does not name it; leave --law out")
     _check_together(scene, where)
     return scene
 
 
-def _made(name, values, where):
+def _made(name, values, where, own_laws):
     """The table `name`, or the tuple of all tables of that name, from what TOML gave."""
     if name not in LISTED:
-        return _table(TABLES[name], values, f"{where} [{name}]")
+        return _table(TABLES[name], values, f"{where} [{name}]", own_laws)
     return tuple(_table(TABLES[name], v, f"{where} [[{name}]] number {k}") for k, v in enumerate(values, 1))
 
 
@@ -319,6 +374,7 @@ def _check_together(scene, where):
     """What no single key can tell."""
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
+    _check_material(scene, where)
     if output.frame_interval > output.end_time:
         raise SceneError(
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
@@ -354,6 +410,20 @@ def _check_sources(scene, where):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
 
+def _check_material(scene, where):
+    """Values of the material that contradict each other."""
+    table = scene.earth_pressure
+    if table is not None and table.use != "off" and scene.bed_friction_angle() > table.friction_angle:
+        of_mu = "" if table.bed_friction_angle is not None else " (atan of the friction coefficient)"
+        raise SceneError(
+            f"{where} [earth_pressure]: the bed's friction angle, {scene.bed_friction_angle():.4g} degrees{of_mu}, is "
+            f"above friction_angle = {table.friction_angle:g}; give bed_friction_angle, at most that"
+        )
+    table = scene.viscosity
+    if table is not None and table.viscosity == 0.0 and table.yield_stress == 0.0:
+        raise SceneError(f"{where} [viscosity]: viscosity and yield_stress are both 0; give one, or take the table out")
+
+
 def _refuse_unused(release, used, where):
     """Particles from a file bring all else with them: a key that would not be used is an error."""
     for f in fields(release):
@@ -361,7 +431,7 @@ def _refuse_unused(release, used, where):
             raise SceneError(f"{where}: particles bring their own {f.name}; take {f.name} out")
 
 
-def _table(kind, values, where):
+def _table(kind, values, where, own_laws=NO_OWN_LAWS):
     """One table from its dictionary."""
     known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
     laws = next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
@@ -377,8 +447,24 @@ def _table(kind, values, where):
         if f.default is MISSING and name not in made:
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
-        made["parameters"] = _parameters(laws, made["law"], extra, where)
+        made["law"] = _law_name(laws, made["law"], own_laws, where)
+        made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where)
     return kind(**made)
+
+
+def _law_name(laws, law, own_laws, where):
+    """The name of `law` as its table of laws has it; a law of the user's own only out of the file that was named."""
+    if law in laws:
+        return law
+    file, _, name = law.rpartition(":")
+    if not file.endswith(".py"):
+        raise SceneError(f"{where}: law = {law!r}{_meant(law, laws)}; wanted {_listed(laws)}, or 'my_law.py:MyLaw'")
+    if not own_laws.laws:
+        raise SceneError(f"{where}: law = {law!r} is in a file of yours; allow it to be run with --law {file}")
+    own = f"{Path(file).name}:{name}"
+    if own not in own_laws.laws:
+        raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} holds {_listed(own_laws.laws)}")
+    return own
 
 
 def _parameters(laws, law, values, where):
@@ -389,11 +475,14 @@ def _parameters(laws, law, values, where):
         if name not in wanted:
             raise SceneError(f"{where}: {law} has no parameter {name!r}{_meant(name, wanted)}; it takes {takes}")
     made = {}
-    for name, (unit, doc, low, high) in wanted.items():
-        if name not in values:
+    for name, (unit, doc, low, high, default) in wanted.items():
+        if name not in values and default is None:
             raise SceneError(f"{where}: {law} needs {name} [{unit}] ({doc})")
         checks = {"kind": float, "low": low, "high": high, "choices": None, "above": False}
-        made[name] = _value(checks, values[name], f"{where}: {name}")
+        made[name] = _value(checks, values.get(name, default), f"{where}: {name}")
+    contradiction = friction.contradiction(law, made)
+    if contradiction:
+        raise SceneError(f"{where}: {contradiction}")
     return made
 
 

@@ -79,7 +79,7 @@ def plain_step(particles, solver, dt, law, curved):
         c2 = 1 / (1 + gradient @ gradient)
         speed = np.sqrt(u @ u + (u @ gradient) ** 2)
         h = max(mass[n] / (density * dx * dx), solver._settings.thickness_floor)
-        dry = law.dry_stress(density, density * h * G * c2, h * np.sqrt(c2), speed)
+        dry = law.dry_stress(density, G, density * h * G * c2, h * np.sqrt(c2), speed)
         per_mass = density * h * np.sqrt(c2)
         slowed = slowed_speed(speed, dt, dry / per_mass, 0.0, law.drag_coefficient(G, h, speed) / (h * np.sqrt(c2)))
         velocity[n] = u * slowed / speed if speed > 0 else 0
