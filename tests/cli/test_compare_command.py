@@ -327,7 +327,7 @@ def test_bad_inputs_cost_one_line_and_leave_nothing(discs, capsys, tmp_path):
 
 @needs_iseesnow
 def test_runout_and_area_of_twelve_codes_are_those_published(capsys):
-    """ensemble.csv of ISeeSnow: runout where speed exceeds 1 m/s along its own path, area above 0.1 m, largest speed."""
+    """ISeeSnow's ensemble.csv: runout where it is faster than 1 m/s along its path, area above 0.1 m, peaks."""
     with open(ISEESNOW / "ensemble.csv", newline="", encoding="utf-8") as file:
         published = list(csv.DictReader(file))
     assert len(published) == 12
