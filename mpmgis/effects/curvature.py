@@ -1,7 +1,8 @@
 """Curvature of the bed: the flow keeps its speed where the slope changes, and presses harder in hollows.
 
 Two parts under one switch (design notes 3.8): (T) the velocity turns with the bed at constant speed, (N) the
-centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction.
+centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction. Each alone is there for
+tests against exact answers that leave the other out; on real ground T alone runs too far and N alone not far enough.
 """
 
 from math import sqrt
@@ -51,3 +52,29 @@ class Curvature(NamedTuple):
     def effective_gravity(self, gravity, centrifugal):
         """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""
         return max(0.0, gravity + centrifugal)
+
+
+class CurvatureTurnOnly(NamedTuple):
+    """Tangent transport alone: energy is kept round a bend, the load on the bed is that of gravity."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    curvature_active = Curvature.curvature_active
+    turned_velocity = Curvature.turned_velocity
+    centrifugal_acceleration = NoCurvature.centrifugal_acceleration
+    effective_gravity = NoCurvature.effective_gravity
+
+
+class CurvatureLoadOnly(NamedTuple):
+    """Centrifugal load alone: hollows press harder, and velocities keep their horizontal part."""
+
+    null: float = 0.0  # the compiler wants at least one field
+
+    curvature_active = Curvature.curvature_active
+    turned_velocity = NoCurvature.turned_velocity
+    centrifugal_acceleration = Curvature.centrifugal_acceleration
+    effective_gravity = Curvature.effective_gravity
+
+
+# one part alone, by the word that a scene says instead of "on"
+PARTS = {"turn": CurvatureTurnOnly, "load": CurvatureLoadOnly}

@@ -25,7 +25,11 @@ def decide_curvature(scene, facts, slots):
     if scene.numerics.form == "swe":
         return not_called_for("curvature", "form swe has no curvature")
     reason = f"centrifugal over gravity where the flow can reach, at {facts.speed:.0f} m/s of the energy line"
-    decision = by_number("curvature", use_of(scene.curvature), facts.centrifugal_ratio, THRESHOLD, reason)
+    use = use_of(scene.curvature)
+    if use in curvature.PARTS:
+        slots["curvature"] = curvature.PARTS[use]()
+        return by_number("curvature", "on", facts.centrifugal_ratio, THRESHOLD, f"its {use} alone; {reason}")
+    decision = by_number("curvature", use, facts.centrifugal_ratio, THRESHOLD, reason)
     if decision.state == "on":
         slots["curvature"] = curvature.Curvature()
     return decision
