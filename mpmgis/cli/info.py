@@ -4,6 +4,8 @@ import json
 import sys
 from pathlib import Path
 
+from ..fields import BAND
+
 EXAMPLE = """
 mpmgis info dtm.tif release.shp
 mpmgis info results/
@@ -11,25 +13,34 @@ mpmgis info --json seed.h5
 """
 
 UNITS = {
-    "time": "s",
-    "first_time": "s",
-    "times": "s",
-    "mass": "kg",
-    "mass_at_start": "kg",
-    "volume": "m3",
+    **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
+    **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),
+    **dict.fromkeys(("reference_mass", "lightest_column", "heaviest_column"), "kg"),
+    **dict.fromkeys(("volume", "reference_volume"), "m3"),
+    **dict.fromkeys(("elevation", "thickness", "thickness_so_far", "thickness_max", "thickness_max_now", "drop"), "m"),
+    **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
+    **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
+    **dict.fromkeys(("kinetic_energy", "potential_energy", "energy_lost"), "J"),
+    **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),
+    **dict.fromkeys(("bbox", "cell_size"), "m"),
     "density": "kg m-3",
-    "elevation": "m",
-    "thickness": "m",
-    "end_time": "s",
-    "frame_interval": "s",
-    "max_speed": "m s-1",
-    "area": "m2",
-    "column_area": "m2",
-    "cell_size": "m",
-    "bbox": "m",
-    "wall_seconds": "s",
+    "xi": "m s-2",
+    "slope_median": "(tangent)",
 }
-LABELS = {"n": "particles", "bbox": "W, S, E, N", "wall_seconds": "computing time", "crs": "CRS", "qgis": "QGIS"}
+RANGES = ("elevation", "thickness", "column_area", "times")  # where a list of two is the least and the most
+LABELS = {
+    "n": "particles",
+    "bbox": "W, S, E, N",
+    "wall_seconds": "computing time",
+    "crs": "CRS",
+    "qgis": "QGIS",
+    "max_speed": "largest speed now",
+    "speed_so_far": "largest speed so far",
+    "thickness_so_far": "largest thickness so far",
+    "thickness": "column thickness",
+    "digest": "digest of the scene",
+}
+BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
 WIDEST_VALUE = 110
 MOST_ITEMS = 12  # of a list or table, before the rest is only counted
 
@@ -65,66 +76,82 @@ def screen(facts):
     """Lines of text for the facts about one file, keys and values in two columns."""
     facts = dict(facts)
     size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
-    rows = list(_rows(facts.items()))
+    rows = list(_rows(facts.items(), _units(facts)))
     title = f"{facts['file']}: {facts['kind']}{size}"
     width = max((len(label) for label, _ in rows), default=0)
     return [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
 
 
-def _rows(items, depth=0):
+def _units(facts, units=UNITS):
+    """Units of facts by name, with the map's own where it is not in metres."""
+    unit = {"metre": "m", "degree": "degrees", None: "m"}.get(facts.get("map_unit"), facts.get("map_unit"))
+    return units | {"bbox": unit, "cell_size": unit}
+
+
+def _rows(items, units, depth=0):
     """(label, value) of each fact; tables and lists of tables become rows of their own, indented.
 
     Names of facts are put in words; names inside a table are a file's own (bands, keys, columns) and stay as they are.
     """
     for key, value in items:
-        if key in ("file", "kind") and not depth:
+        if key == "map_unit" or (key in ("file", "kind") and not depth):
             continue
         label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
         if key == "files" and isinstance(value, dict):
             yield label, ", ".join(f"{name} ({'there' if there else 'missing'})" for name, there in value.items())
+        elif key in ("maxima", "deposit") and isinstance(value, dict):
+            yield label, ""
+            for band, (low, high) in value.items():
+                yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))
         elif isinstance(value, dict):
-            yield from _table(label, value, depth)
+            yield from _table(label, value, units, depth)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            yield from _tables(label, value, depth)
+            yield from _tables(label, value, units, depth)
+        elif key in RANGES and not depth and isinstance(value, list) and len(value) == 2:
+            yield label, _range(*value, units[key])
         else:
-            yield label, _with_unit(key, value)
+            yield label, _with_unit(key, value, units)
 
 
-def _table(label, table, depth):
+def _table(label, table, units, depth):
     """A short table on one line, a longer one as rows."""
     nested = any(isinstance(value, (dict, list)) for value in table.values())
     if not nested and len(table) <= 4:
-        yield label, _short(_on_one_line(table)) or "none"
+        yield label, _short(_on_one_line(table, units)) or "none"
         return
     yield label, ""
     shown = list(table.items())[: 2 * MOST_ITEMS]
-    yield from _rows(shown, depth + 1)
+    yield from _rows(shown, units, depth + 1)
     if len(table) > len(shown):
         yield "  " * (depth + 1) + "...", f"and {len(table) - len(shown)} more (--json tells all)"
 
 
-def _tables(label, tables, depth):
+def _tables(label, tables, units, depth):
     """A list of tables: each a line, or rows where it holds lists of its own."""
     for table in tables[:MOST_ITEMS]:
         if any(isinstance(value, list) for value in table.values()):
             yield label, str(table.get("name", ""))
-            yield from _rows([item for item in table.items() if item[0] != "name"], depth + 1)
+            yield from _rows([item for item in table.items() if item[0] != "name"], _units(table, units), depth + 1)
         else:
-            yield label, _short(_on_one_line(table))
+            yield label, _short(_on_one_line(table, units))
         label = ""
     if len(tables) > MOST_ITEMS:
         yield "", f"... and {len(tables) - MOST_ITEMS} more (--json tells all)"
 
 
-def _on_one_line(table):
-    words = (v if k == "name" else f"{k} {_value(v)}" for k, v in table.items() if v not in (None, "", []))
-    return ", ".join(words)
+def _on_one_line(table, units):
+    filled = [(key, value) for key, value in table.items() if value not in (None, "", [])]
+    return ", ".join(value if key == "name" else f"{key} {_with_unit(key, value, units)}" for key, value in filled)
 
 
-def _with_unit(key, value):
+def _with_unit(key, value, units):
     numbers = value if isinstance(value, list) and value else [value]
-    is_number = all(isinstance(number, (int, float)) for number in numbers)
-    return f"{_value(value)} {UNITS[key]}" if is_number and key in UNITS else _value(value)
+    is_number = all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
+    return f"{_value(value)} {units[key]}" if is_number and key in units else _value(value)
+
+
+def _range(low, high, unit):
+    return f"{_value(low)} to {_value(high)} {unit}".rstrip() if low is not None else "no value"
 
 
 def _value(value):

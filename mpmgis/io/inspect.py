@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FormatError, MpmgisError, one_line
 from ..scene import read_scene
 from .inspect_maps import raster_facts, vector_facts
-from .inspect_particles import frame_facts, particle_table_facts
+from .inspect_particles import PEAKS, frame_facts, particle_table_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 
 
@@ -82,6 +82,7 @@ def _results_facts(path, frames):
         "first_time": first["time"],
         **{name: last[name] for name in ("time", "dimension", "solver", "n", "mass", "volume", "max_speed", "crs")},
         "bbox": last["bbox"],
+        **{name: last[name] for name in PEAKS.values() if name in last},
         "mass_at_start": first["mass"],
         "reader": last["reader"],
         "files": {name: (path / name).exists() for name in (SCENE_FILE, RECORD_FILE, last["dem"] or "terrain.tif")},
@@ -164,6 +165,24 @@ def _project_facts(path):
     }
 
 
+def _style_facts(path):
+    """A QGIS style: of a raster or vector layer, how it draws, and its classes."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise FormatError(f"{path} is no readable QGIS style ({one_line(error)[:80]})") from error
+    renderers = {"raster": root.find("pipe/rasterrenderer"), "vector": root.find("renderer-v2")}
+    layer = next((name for name, renderer in renderers.items() if renderer is not None), None)
+    if root.tag != "qgis" or (layer is None and not root.get("styleCategories")):
+        raise FormatError(f"{path} is no QGIS style: it holds <{root.tag}> without a renderer")
+    renderer = renderers.get(layer)
+    facts = {"kind": "QGIS style", "qgis": root.get("version", ""), "layer": layer}
+    if renderer is not None:
+        classes = [*renderer.iter("item"), *renderer.iter("paletteEntry"), *renderer.iter("category")]
+        facts |= {"renderer": renderer.get("type", ""), "classes": [entry.get("label", "") for entry in classes]}
+    return facts
+
+
 def _mesh_facts(path):
     """A NetCDF file: its dimensions, variables and, for a mesh, its times."""
     try:
@@ -210,6 +229,7 @@ _BY_SUFFIX = {
     ".toml": _toml_facts,
     ".qgz": _project_facts,
     ".qgs": _project_facts,
+    ".qml": _style_facts,
     ".nc": _mesh_facts,
     **dict.fromkeys((".tif", ".tiff", ".asc", ".vrt", ".img"), raster_facts),
 }

@@ -9,7 +9,7 @@ import pyproj
 from affine import Affine
 
 from ..errors import FormatError, MpmgisError, one_line
-from ..geo.georeference import name_of
+from ..geo.georeference import horizontal, name_of
 from ..geo.grid import Grid
 from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
 from .raster import open_raster, read_terrain
@@ -37,7 +37,7 @@ def raster_facts(path, values=True):
             "cell_size": [float(np.hypot(*grid.matrix[:, k])) for k in (0, 1)] if placed else None,
             "orientation": _orientation(source.transform) if placed else None,
             "bbox": list(grid.bounds) if placed else None,
-            "crs": _crs_name(source.crs.to_wkt() if source.crs else None),
+            **_crs_facts(source.crs.to_wkt() if source.crs else None),
             "bands": [_band_facts(path, source, band, values) for band in source.indexes],
             "tags": tags,
         }
@@ -52,14 +52,16 @@ def _orientation(transform):
     return "north-up" if transform.e < 0 < transform.a else "south-up" if transform.a > 0 else "mirrored"
 
 
-def _crs_name(wkt):
-    """Short name of a CRS, None where there is none or PROJ cannot read it."""
-    if not wkt:
-        return None
+def _crs_facts(given):
+    """Short name of a CRS and the unit of its coordinates; both None where there is none or PROJ cannot read it."""
     try:
-        return name_of(pyproj.CRS.from_user_input(wkt))
+        crs = pyproj.CRS.from_user_input(given) if given else None
     except pyproj.exceptions.CRSError:
-        return None
+        crs = None
+    if crs is None:
+        return {"crs": None, "map_unit": None}
+    axes = horizontal(crs).axis_info
+    return {"crs": name_of(crs), "map_unit": axes[0].unit_name if axes else None}
 
 
 def _band_facts(path, source, band, values):
@@ -137,10 +139,10 @@ def _layer_facts(name, frame):
     facts["columns"].remove(shapes.name)
     facts |= {
         "geometry": ", ".join(sorted(set(present.geom_type))),
-        "crs": name_of(frame.crs) if frame.crs is not None else None,
+        **_crs_facts(frame.crs),
         "bbox": present.total_bounds.tolist() if len(present) else None,
     }
-    planar = frame.crs is None or frame.crs.is_projected
+    planar = facts["map_unit"] in (None, "metre")
     if planar and len(present) and set(present.geom_type) <= {"Polygon", "MultiPolygon"}:
         usual = {str(c).lower(): c for c in frame.columns}
         column = next((usual[word] for word in USUAL_COLUMNS if word in usual), None)

@@ -15,8 +15,9 @@ import pyproj
 
 from ..errors import FormatError, one_line
 from ..geo.georeference import name_of
-from .frames import read_frame
+from .frames import read_frame, read_maxima
 
+PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
 
 
@@ -38,6 +39,8 @@ def frame_facts(path):
         facts["thickness"] = [float(particles.thickness.min()), float(particles.thickness.max())]
         facts["column_area"] = [float(particles.area.min()), float(particles.area.max())]
     facts |= {"dem": frame.dem, "digest": frame.digest, "arrays": list(particles.arrays())}
+    kept = read_maxima(path)
+    facts |= {fact: float(kept[name].max()) for name, fact in PEAKS.items() if kept}
     with h5py.File(path, "r") as file:
         facts["version"] = str(file.attrs.get("version", ""))
         facts["groups"] = sorted(set(file) - {"particles"})

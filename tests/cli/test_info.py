@@ -1,13 +1,18 @@
 """`mpmgis info`: one screen for people, one JSON object a line for programs."""
 
 import json
+from dataclasses import replace
 
+import geopandas
 import numpy as np
+import pyproj
 import pytest
+import rasterio
+import shapely
 
 from mpmgis.cli.info import screen
 from mpmgis.cli.main import main
-from mpmgis.io.frames import write_frame
+from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.sample import sample_folder
 from mpmgis.particles import Frame, Particles
 
@@ -36,7 +41,83 @@ def test_a_screen_for_people(seed, capsys):
     assert said["particles"].strip() == "12 345"
     assert said["mass"].strip() == "123450.0 kg"
     assert said["CRS"].strip() == "none"
-    assert said["max speed"].strip() == "3.4641 m s-1"
+    assert said["largest speed now"].strip() == "3.4641 m s-1"
+    assert said["column thickness"].strip() == "1 to 1 m" and said["column area"].strip() == "0.01 to 0.01 m2"
+    assert "largest speed so far" not in said
+
+
+def told(path, capsys):
+    """Label -> text of one file's screen; its title under ''."""
+    assert main(["info", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = (line.strip().partition("  ") for line in lines[1:])
+    return {"": lines[0], **{label: text.strip() for label, _, text in rows}}
+
+
+def test_a_frame_tells_its_own_speed_from_that_of_every_step(seed, capsys):
+    frame = read_frame(seed)
+    peaks = {name: np.full((2, 3), value) for name, value in (("thickness", 4.0), ("speed", 31.5), ("pressure", 9.0))}
+    peaks |= {"arrival_time": np.zeros((2, 3)), "transform": np.array([5.0, 0, 0, 0, 5.0, 0])}
+    write_frame(seed.parent / "frame_000000.h5", replace(frame, time=8.0, maxima=peaks))
+    for path in (seed.parent / "frame_000000.h5", seed.parent):
+        said = told(path, capsys)
+        assert (said["largest speed now"], said["largest speed so far"]) == ("3.4641 m s-1", "31.5 m s-1")
+        assert said["largest thickness so far"] == "4 m"
+
+
+def test_places_are_told_in_the_maps_own_unit(tmp_path, capsys):
+    values = np.ones((1, 4, 5), np.float32)
+    shapes = {"EPSG:4326": "degrees", "EPSG:2226": "US survey foot", "EPSG:32632": "m"}
+    for crs, unit in shapes.items():
+        with rasterio.open(
+            tmp_path / "a.tif", "w", "GTiff", 5, 4, 1, crs, rasterio.Affine(0.25, 0, 9.0, 0, -0.25, 46.0), "float32"
+        ) as target:
+            target.write(values)
+        said = told(tmp_path / "a.tif", capsys)
+        assert said["cell size"] == f"0.25, 0.25 {unit}" and said["W, S, E, N"] == f"9, 45, 10.25, 46 {unit}"
+    table = geopandas.GeoDataFrame({"d0": [2.0]}, geometry=[shapely.box(9, 45, 10, 46)], crs="EPSG:4326")
+    table.to_file(tmp_path / "a.gpkg")
+    assert told(tmp_path / "a.gpkg", capsys)["bbox"] == "9, 45, 10, 46 degrees"
+
+
+def test_angles_of_a_scene_are_degrees_and_times_seconds():
+    tables = {"earth_pressure": {"friction_angle": 35.0, "use": "on"}, "output": {"end_time": 9.0, "maxima": True}}
+    lines = screen({"file": "scene.toml", "kind": "scene", **tables})
+    assert any(line.endswith("friction_angle 35 degrees, use on") for line in lines)
+    assert any(line.endswith("end_time 9 s, maxima yes") for line in lines)
+
+
+def test_an_export_tells_its_extremes_with_units():
+    facts = {"file": "a_gis", "kind": "export", "maxima": {"Ut_max": [1.5, 31.25], "t_arrival": [None, None]}}
+    assert [line.split(None, 1) for line in screen(facts)[2:]] == [
+        ["Ut_max", "1.5 to 31.25 m s-1"], ["t_arrival", "no value"],
+    ]  # fmt: skip
+
+
+def test_a_style_is_told_as_one(tmp_path, capsys):
+    run = tmp_path / "slide"
+    write_frame_on_a_terrain(run)
+    assert main(["export-raster", str(run), "-q"]) == 0
+    capsys.readouterr()
+    said = told(tmp_path / "slide_gis" / "rasters" / "slide_max.qml", capsys)
+    assert ": QGIS style (" in said[""] and said["layer"] == "raster"
+    assert said["renderer"] == "singlebandpseudocolor" and "> 1 m" in said["classes"]
+    assert told(tmp_path / "slide_gis" / "dtm.qml", capsys)["renderer"] == "hillshade"
+
+
+def write_frame_on_a_terrain(folder):
+    """A run of one frame, of four columns on a plane."""
+    folder.mkdir()
+    place = rasterio.Affine(5, 0, 600000, 0, -5, 5170000)
+    with rasterio.open(folder / "terrain.tif", "w", "GTiff", 8, 8, 1, "EPSG:32632", place, "float32") as target:
+        target.write(np.full((1, 8, 8), 100, np.float32))
+    corner = np.array(
+        [[600012.0, 5169978, 100], [600017, 5169978, 100], [600012, 5169983, 100], [600017, 5169983, 100]]
+    )
+    ones = np.ones(4)
+    particles = Particles(corner, np.full((4, 3), 2.0), 25000 * ones, 25 * ones, thickness=ones, area=25 * ones)
+    crs = pyproj.CRS.from_epsg(32632)
+    write_frame(folder / "frame_000000.h5", Frame(particles, dem="terrain.tif", crs=crs, header={"density": 1000.0}))
 
 
 def test_one_object_a_line_for_programs(seed, capsys):

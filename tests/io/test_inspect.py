@@ -264,7 +264,23 @@ def test_a_project(tmp_path, suffix):
     assert facts["layers"] == [{"name": "depth", "type": "raster", "source": "./a.vrt"}]
 
 
-SUFFIXES = ["h5", "csv", "json", "gpkg", "parquet", "vtp", "tif", "vrt", "asc", "nc", "shp", "geojson", "toml", "qgz"]
+SUFFIXES = [
+    "h5",
+    "csv",
+    "json",
+    "gpkg",
+    "parquet",
+    "vtp",
+    "tif",
+    "vrt",
+    "asc",
+    "nc",
+    "shp",
+    "geojson",
+    "toml",
+    "qgz",
+    "qml",
+]
 CONTENTS = {
     "empty": b"",
     "words": b"neither fish nor fowl\n",
