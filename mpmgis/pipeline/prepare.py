@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, SceneError
-from ..geo.reach import reach_facts
+from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..io.frames import read_frame
 from ..io.raster import file_sha256, read_terrain
 from ..io.vector import read_release
@@ -50,10 +50,7 @@ def _prepare(scene, say):
     cell_size = scene.numerics.cell_size or terrain.grid.cell_size
     scene = replace(scene, numerics=replace(scene.numerics, cell_size=cell_size))
     frame = _columns(scene, terrain, cell_size, say)
-    x, y = frame.map_xy()
-    bed = terrain.sample(x, y)
-    some = slice(None, None, max(1, len(x) // 10_000))
-    facts = TerrainFacts(**reach_facts(terrain, np.column_stack([x, y])[some], bed[some], mu_least(scene)))
+    facts = _facts(scene, terrain, frame)
     effects, decisions = resolve(scene, facts)
     stop = scene.output.stop_at_rest
     numerics = ColumnNumerics(
@@ -69,6 +66,20 @@ def _prepare(scene, say):
     places = _places(scene, effects, ColumnGrid.on(terrain, cell_size))
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, digest
+    )
+
+
+def _facts(scene, terrain, frame):
+    """The numbers that decide the scene's effects."""
+    some = slice(None, None, max(1, len(frame.particles) // 10_000))
+    xy = np.column_stack(frame.map_xy())[some]
+    mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu_least(scene))
+    return TerrainFacts(
+        **reach_facts(terrain, reach),
+        **release_facts(terrain, xy, mass, thickness),
+        density=frame.header["density"],
+        profile=steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu),
     )
 
 

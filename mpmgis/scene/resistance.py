@@ -1,13 +1,27 @@
-"""Effects of the material: friction, drag, yield stress, earth pressure, viscosity."""
+"""Effects of the material: friction, drag, yield stress, earth pressure, viscosity, and the push of its own weight."""
 
-from ..effects import friction
-from .decisions import as_asked, not_called_for
+from math import sqrt
+
+from ..effects import cohesion, earth_pressure, friction, viscosity
+from ..fields import GRAVITY
+from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
+from .runout import change, runout
+
+YIELD_THRESHOLD = 0.02
+LATERAL_THRESHOLD = 0.01
+LEAST_DRIVE = 0.01  # of gravity: what is left of the drive where friction balances the slope
 
 
 def mu_least(scene):
-    """The smallest dry friction coefficient in the scene [1]; 0 without friction."""
-    active = scene.friction is not None and scene.friction.use != "off"
-    return float(scene.friction.parameters.get("mu", 0.0)) if active else 0.0
+    """The least that friction can be in the scene [1], by which the energy line falls; 0 without friction.
+
+    Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m.
+    """
+    least = scene.dry_friction()
+    if scene.friction is not None and scene.friction.law == "ModifiedVoellmy":
+        values = scene.friction.parameters
+        least = min(least, values["crossover_speed"] ** 2 / values["xi"])
+    return least
 
 
 def decide_friction(scene, facts, slots):
@@ -16,7 +30,127 @@ def decide_friction(scene, facts, slots):
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: nothing slows the flow")
     values = ", ".join(f"{k} = {v:g}" for k, v in table.parameters.items())
-    decision = as_asked("friction", table.use, f"{table.law}: {values}")
+    law = scene.laws[table.law][0](**table.parameters)
+    ratio = scene.dry_friction() / max(facts.slope_median, 1e-6) if scene.dry_friction() else None
+    decision = as_asked("friction", table.use, f"{table.law}: {values}", ratio)
     if decision.state == "on":
-        slots["friction"] = friction.LAWS[table.law][0](**table.parameters)
+        slots["friction"] = law
     return decision
+
+
+def decide_drag(scene, facts, slots):
+    """Voellmy's turbulent part: left out where the flow cannot become fast enough for it to matter."""
+    law = slots.get("friction")
+    if not hasattr(law, "xi"):
+        return not_called_for("turbulent_drag", "the law of friction has none")
+    ratio = (facts.speed / _terminal_speed(law, facts)) ** 2
+    reason = f"(U / U_t)^2, U = {facts.speed:.0f} m/s of the energy line, U_t = {_terminal_speed(law, facts):.0f} m/s"
+    if not isinstance(law, friction.Voellmy):
+        return as_asked("turbulent_drag", "auto", reason, ratio)
+    without = friction.Coulomb(law.mu)
+    decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, THRESHOLD, reason)
+    if decision.state == "off":
+        slots["friction"] = without
+    return _with_change(decision, runout(facts, law), runout(facts, without))
+
+
+def _terminal_speed(law, facts):
+    """U_t [m s-1] at which drag balances the drive: U_t^2 = xi h_n (sin - mu cos) on the median slope."""
+    sine, cosine = _sine_cosine(facts)
+    drive = max(sine - law.mu * cosine, LEAST_DRIVE)
+    return sqrt(max(law.xi * facts.release_thickness * cosine * drive, 1e-6))
+
+
+def decide_bingham(scene, facts, slots):
+    """Yield stress and viscosity at the bed, against what drives the flow."""
+    law = slots.get("friction")
+    if not isinstance(law, friction.Bingham):
+        return not_called_for("bingham", "no Bingham law in the scene")
+    sine, cosine = _sine_cosine(facts)
+    depth = facts.release_thickness * cosine
+    drive = facts.density * GRAVITY * max(depth, 1e-6) * max(sine, LEAST_DRIVE)  # [Pa]
+    ratio = max(law.yield_stress, 3.0 * law.viscosity * facts.speed / max(depth, 1e-6)) / drive
+    reason = "yield stress or 3 eta U / h over the stress that drives the flow, the larger"
+    decision = by_number("bingham", _forced_on(scene.friction), ratio, YIELD_THRESHOLD, reason)
+    if decision.state == "off":
+        del slots["friction"]
+    return _with_change(decision, runout(facts, law), runout(facts))
+
+
+def decide_cohesion(scene, facts, slots):
+    """A yield stress at the bed, against the load of the release."""
+    table = scene.cohesion
+    if table is None:
+        return not_called_for("cohesion", "no [cohesion] in the scene")
+    load = facts.density * GRAVITY * max(facts.release_thickness, 1e-6)
+    decision = by_number(
+        "cohesion", table.use, table.yield_stress / load, YIELD_THRESHOLD, "yield stress over rho g h0"
+    )
+    if decision.state == "on":
+        slots["cohesion"] = cohesion.Cohesion(table.yield_stress)
+    law = slots.get("friction")
+    return _with_change(decision, runout(facts, law, table.yield_stress), runout(facts, law))
+
+
+def decide_earth_pressure(scene, facts, slots):
+    """Active and passive push of granular material, against what drives the flow."""
+    table = scene.earth_pressure
+    if table is None:
+        return not_called_for("earth_pressure", "no [earth_pressure] in the scene: K = 1")
+    bed_angle = scene.bed_friction_angle()
+    law = earth_pressure.earth_pressure(table.friction_angle, bed_angle)
+    ratio = _aspect(scene, facts) * max(abs(law.active - 1.0), abs(law.passive - 1.0))
+    reason = f"h0 / L0 |K - 1| / |T - mu|; K {law.active:.2f} to {law.passive:.2f}, bed {bed_angle:.1f} degrees"
+    decision = by_number("earth_pressure", table.use, ratio, THRESHOLD, reason)
+    if decision.state == "on":
+        slots["earth_pressure"] = law
+    return decision
+
+
+def decide_viscosity(scene, facts, slots):
+    """Viscous stress in the plane of the map, against what drives the flow."""
+    table = scene.viscosity
+    if table is None:
+        return not_called_for("viscosity", "no [viscosity] in the scene")
+    law = viscosity.InPlaneViscosity(table.viscosity, table.yield_stress)
+    sine, cosine = _sine_cosine(facts)
+    depth = max(facts.release_thickness * cosine, 1e-6)
+    apparent = law.apparent_viscosity(depth, facts.speed, 0.0, 0.0, 0.0, 0.0)
+    drive = facts.density * GRAVITY * depth * depth * max(sine, LEAST_DRIVE)
+    ratio = 3.0 * apparent * facts.speed / drive * (facts.release_thickness / max(facts.release_length, 1e-6)) ** 2
+    reason = "3 eta U / (rho g h^2 sin) (h0 / L0)^2"
+    decision = by_number("viscosity", table.use, ratio, THRESHOLD, reason)
+    if decision.state == "on":
+        slots["viscosity"] = law
+    return decision
+
+
+def decide_lateral_pressure(scene, facts, slots):
+    """The push of the flow's own weight is always computed; the number tells how much it matters."""
+    ratio = _aspect(scene, facts)
+    matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"
+    reason = f"h0 / (L0 |T - mu|): {matters}"
+    return Decision("lateral_pressure", "on", "scene", ratio, LATERAL_THRESHOLD, reason)
+
+
+def _aspect(scene, facts):
+    """eps = h0 / (L0 |T - mu|) [1]: lateral push over drive."""
+    drive = max(abs(facts.slope_median - scene.dry_friction()), LEAST_DRIVE)
+    return facts.release_thickness / (max(facts.release_length, 1e-6) * drive)
+
+
+def _sine_cosine(facts):
+    """Of the median slope in reach."""
+    cosine = 1.0 / sqrt(1.0 + facts.slope_median**2)
+    return facts.slope_median * cosine, cosine
+
+
+def _forced_on(table):
+    """`use` of a part of a law that is in use: what is on as a whole is forced on, else auto."""
+    return "on" if table.use == "on" else "auto"
+
+
+def _with_change(decision, with_it, without):
+    """The decision with the estimated change in runout if it were the other way round."""
+    now, otherwise = (with_it, without) if decision.state == "on" else (without, with_it)
+    return decision._replace(runout_change=change(now, otherwise))

@@ -4,12 +4,26 @@ from ..effects import curvature, friction, metric, still_water
 from ..effects.slots import ColumnEffects
 from .ground import decide_curvature, decide_flight, decide_metric, decide_outflow
 from .placed import decide_still_water
-from .resistance import decide_friction
+from .resistance import (
+    decide_bingham,
+    decide_cohesion,
+    decide_drag,
+    decide_earth_pressure,
+    decide_friction,
+    decide_lateral_pressure,
+    decide_viscosity,
+)
 
 # in the order in which a reader wants them; each puts its law into its slot (see `scene/decisions`)
 DECIDERS = (
     decide_metric,
     decide_friction,
+    decide_drag,
+    decide_bingham,
+    decide_cohesion,
+    decide_earth_pressure,
+    decide_lateral_pressure,
+    decide_viscosity,
     decide_curvature,
     decide_still_water,
     decide_outflow,
