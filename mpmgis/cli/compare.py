@@ -47,7 +47,10 @@ def add_arguments(parser):
         "--line", type=Path, metavar="FILE", help="line along which runout is read, from the top (default: see above)"
     )
     parser.add_argument(
-        "--dem", type=Path, metavar="FILE", help="DTM for the line and the map (default: the one beside the results)"
+        "--dem",
+        type=Path,
+        metavar="FILE",
+        help="DTM for the line, the map and the export of runs (default: the one beside the results)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON, in SI units")
     parser.add_argument(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import GeoreferenceError, InputError
+from ..errors import GeoreferenceError, InputError, OutputError
 from ..fields import Quantity
 from ..geo.georeference import LOCAL, name_of, same_place
 from ..geo.grid import Grid
@@ -61,7 +61,7 @@ def compare(request, say=lambda text: None):
         raise InputError(f"--threshold is {request.threshold:g}, wanted a number of 0 or more")
     output = _output(request)
     with ExitStack() as stack:  # runs are exported to a folder that is gone at its end
-        sources = [_source(path, stack, say) for path in (request.first, request.second)]
+        sources = [_source(path, request.dem, stack, say) for path in (request.first, request.second)]
         footprints, pairs, joint = _footprints(request, sources, say)
         bands = tuple(_band_facts(pair, sources, footprints, joint) for pair in pairs)
         terrain = _terrain(request, sources, joint, say)
@@ -96,18 +96,18 @@ class _Outline:
     terrain: None = None
 
 
-def _source(path, stack, say):
-    """The Result at `path` (frames are exported first), or the outline."""
+def _source(path, dem, stack, say):
+    """The Result at `path` (frames are exported first, on `dem` if it is given), or the outline."""
     path = Path(path)
     if path.is_dir() and not (path / "rasters").is_dir() and any(path.glob("*.h5")):
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-compare-"))) / "gis"
         say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
-        export_raster(ExportRequest((path,), folder, qgis=False), say)
+        export_raster(ExportRequest((path,), folder, dem=dem, qgis=False), say)
         return replace(open_result(folder), name=path.resolve().name, kind="run")
     plain = Path(str(path).partition("|")[0])
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")
-    if plain.is_file() and not is_raster(path):
+    if plain.suffix.lower() == ".gdb" or (plain.is_file() and not is_raster(path)):
         return _Outline(plain.stem, path)
     return open_result(path)
 
@@ -329,6 +329,9 @@ def _output(request):
     if output.suffix.lower() not in ("", ".png", ".csv"):
         raise InputError(f"-o {output}: wanted .png (the map), .csv (the table) or a folder for both and a GeoTIFF")
     refuse_existing(output, request.overwrite)
+    for path in (request.first, request.second):
+        if Path(path).resolve().is_relative_to(output.resolve()):
+            raise OutputError(f"{output} holds {path}, which is compared, and would be replaced; give another -o")
     return output
 
 

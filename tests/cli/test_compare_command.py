@@ -13,6 +13,7 @@ import pyproj
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "products"))
 from exporting import write_run
@@ -154,6 +155,20 @@ def test_coarser_and_shifted_cells_and_a_missing_crs(discs, capsys, tmp_path):
     assert compared(capsys, rough, discs[0])[0]["iou"] == found["iou"]
 
 
+@pytest.mark.parametrize("transform", [Affine(2, 0, WEST, 0, 2, SOUTH), Affine(1.6, 1.2, WEST - 20, 1.2, -1.6, 0)])
+def test_rasters_that_are_not_north_up(discs, capsys, tmp_path, transform):
+    """South-up, and turned by 37 degrees: the same disc; the written rasters are north-up and as large."""
+    transform = Affine(*transform[:5], SOUTH + 160 if transform.b else SOUTH)
+    grid = Grid(CRS, transform, (200, 200) if transform.b == 0 else (260, 260))
+    turned = write_peak(tmp_path / "turned.tif", disc(grid, 150, 200), grid)
+    found, _ = compared(capsys, turned, discs[0], "--dem", dtm(tmp_path / "dtm.tif"), "-o", tmp_path / "out")
+    assert found["iou"] > 0.96 and found["a"]["area_m2"] == pytest.approx(math.pi * 3600, rel=0.01)
+    with rasterio.open(tmp_path / "out" / "classes.tif") as source:
+        assert source.transform.b == 0 and source.transform.e < 0
+        area = np.count_nonzero(source.read(1) == 3) * abs(source.transform.a * source.transform.e)
+    assert area == pytest.approx(found["both_m2"], rel=0.02)
+
+
 def test_the_threshold_and_the_band(capsys, tmp_path):
     grid = grid_of()
     values = disc(grid, 200, 200)
@@ -250,6 +265,10 @@ def test_nothing_is_replaced_unasked(discs, capsys, tmp_path):
         assert "exists already" in capsys.readouterr().err
         compared(capsys, *discs, "-o", target, "--overwrite")
     assert not [path for path in tmp_path.rglob(".*") if path.name != ".mpmgis"]
+    folder = tmp_path / "folder"  # carries the mark of what mpmgis may replace
+    arguments = ["compare", str(folder / "classes.tif"), str(discs[0]), "--overwrite", "-o"]
+    assert main([*arguments, str(folder)]) == 2 and (folder / "classes.tif").is_file()
+    assert "which is compared, and would be replaced" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------------ refusals
