@@ -17,6 +17,10 @@ EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
 # of what a barrier took up [N s, N s, N s, kg, N]; the force is the largest of a single step
 BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
+# what came in after the start: columns, and their energy when they did [J]
+INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
+NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks that hold columns where none does
+NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
@@ -27,6 +31,7 @@ class ColumnNumerics:
 
     `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's (design notes 3.3; 0: off, the default:
     it made water heap in a corner and brought nothing on ISeeSnow). `time_step` fixes the step [s] (None: by CFL).
+    `reference_thickness` [m] is what thin is measured against (None: the mean over the columns at the start).
     """
 
     cell_size: float
@@ -39,6 +44,7 @@ class ColumnNumerics:
     time_step: float | None = None
     maxima: bool = False
     arrival_thickness: float = 0.05
+    reference_thickness: float | None = None
 
 
 class ColumnSolver:
@@ -71,56 +77,51 @@ class ColumnSolver:
         self._load(frame)
 
     def _load(self, frame):
-        particles, grid, numerics = frame.particles, self.grid, self.numerics
-        n, dx = len(particles), grid.cell_size
-        x, y = frame.map_xy()
-        x, y = x - grid.x0, y - grid.y0
-        ny, nx = grid.inside.shape
-        off = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
-        if not off.any():
-            off = grid.inside[(y / dx).astype(int), (x / dx).astype(int)] == 0
-        if off.any():
-            at = int(np.argmax(off))
-            raise SceneError(
-                f"{int(off.sum())} of {n} columns start outside the terrain's whole cells, the first at "
-                f"E {x[at] + grid.x0:.1f} N {y[at] + grid.y0:.1f}; move the release inwards or use a larger DTM"
-            )
-        self.bed_start, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, dx)
+        """The state of a run that starts with the columns of `frame`; there may be none yet."""
+        grid, numerics = self.grid, self.numerics
         width = kernel.KAPPA + 1 if self.effects.curvature.curvature_active() else kernel.KAPPA
-        self._rows = np.zeros((2, n, width))
-        self._ids = np.zeros((2, n), np.uint64)
-        self._keys = np.zeros((2, n), np.int32)
-        self._order = np.zeros(n, np.int32)
-        rows = self._rows[0]
-        rows[:, kernel.X], rows[:, kernel.Y] = x, y
-        rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
-        rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
-        rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
-        self._ids[0] = particles.id if particles.id is not None else np.arange(n)
+        self._rows = np.zeros((2, 0, width))
+        self._ids = np.zeros((2, 0), np.uint64)
+        self._keys = np.zeros((2, 0), np.int32)
+        self._order = np.zeros(0, np.int32)
         shape = grid.bed.shape
         self._nodes = np.zeros((*shape, 4))
         self._wet = np.zeros(shape, np.uint8)
         self._peaks = np.zeros((*shape, 4)) if numerics.maxima else np.zeros((1, 1, 4))
         self._peaks[..., 3] = -1.0
         self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
+        self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
         self._clock = np.zeros(kernel.CLOCK)
+        self._clock[kernel.TIME] = frame.time
+        self._clock[kernel.BOUND_BED] = grid.bed.min()
         self._counts = np.zeros(kernel.COUNTS, np.int64)
-        self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
-        self._counts[kernel.WEST : kernel.NORTH + 1] = kernel.initial_keys(rows, self._keys[0], dx)
-        thickness = particles.mass / (numerics.density * particles.area)
-        speed = np.hypot(*particles.velocity[:, :2].T)
-        self.mass_start = float(particles.mass.sum())
-        reference = float((particles.mass * thickness).sum() / self.mass_start)
+        self._counts[kernel.WEST : kernel.NORTH + 1] = NO_WINDOW
+        self._inserted = np.zeros(INSERTED)
+        ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
+        self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
+        self.bed_start = self._add(frame, ids)
+        self.mass_start = float(self._clock[kernel.TOTAL_MASS])
+        self._settings = self._made_settings(frame.particles)
+        self.energy_start = self.energy()
+
+    def _made_settings(self, particles):
+        """What does not change while the columns march."""
+        grid, numerics = self.grid, self.numerics
+        reference = numerics.reference_thickness
+        if reference is None:
+            thickness = particles.mass / (numerics.density * particles.area)
+            reference = float((particles.mass * thickness).sum() / self.mass_start)
         slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
         if isinstance(self.effects.metric, SlopeMetric):
             slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
-        self._settings = kernel.Settings(
-            dx=dx,
+        fall = np.sqrt(2.0 * grid.cell_size / (numerics.gravity * max(float(slope.max()), 1e-3)))
+        return kernel.Settings(
+            dx=grid.cell_size,
             density=float(numerics.density),
             gravity=float(numerics.gravity),
             cfl=float(numerics.cfl),
             fixed_dt=float(numerics.time_step or 0.0),
-            fall_limit=float(numerics.cfl * np.sqrt(2.0 * dx / (numerics.gravity * max(float(slope.max()), 1e-3)))),
+            fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
             thickness_floor=max(1e-3, 1e-3 * reference),
             wet_thickness=0.01 * reference,
@@ -130,23 +131,135 @@ class ColumnSolver:
             stop_at_rest=bool(numerics.stop_at_rest),
             keep_peaks=bool(numerics.maxima),
         )
-        self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
+
+    def _from_corner(self, frame):
+        """x, y [m] from the domain's corner of columns that start; refused where there is no whole cell of terrain."""
+        grid = self.grid
+        x, y = frame.map_xy()
+        x, y = x - grid.x0, y - grid.y0
+        dx, (ny, nx) = grid.cell_size, grid.inside.shape
+        off = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
+        if not off.any():
+            off = grid.inside[(y / dx).astype(int), (x / dx).astype(int)] == 0
+        if off.any():
+            at = int(np.argmax(off))
+            raise SceneError(
+                f"{int(off.sum())} of {len(x)} columns start outside the terrain's whole cells, the first at "
+                f"E {x[at] + grid.x0:.1f} N {y[at] + grid.y0:.1f}; move the release inwards or use a larger DTM"
+            )
+        return x, y
+
+    def insert(self, frame, window):
+        """Let the columns of `frame` in, now: what `advance` does next it does with them.
+
+        Columns that come to lie on others would each be too thin: in the cells of `window` (CellWindow) all areas are
+        set to what the grid sees of them together. Ids go on after those that are there.
+        """
+        first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
+        kinetic, potential = self._inserted_energy(self._add(frame, np.arange(first, first + n)), n)
+        self._inserted += n, kinetic, potential + self._settle(window)
+
+    def _add(self, frame, ids):
+        """Append the columns of `frame` and tell the clock of them; answers the bed under them [m]."""
+        particles, counts, clock = frame.particles, self._counts, self._clock
+        x, y = self._from_corner(frame)
+        bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
+        n, now, first = len(particles), int(counts[kernel.CURRENT]), int(counts[kernel.ROWS])
+        if n == 0:
+            return bed
+        self._require_room(first + n)
+        new = slice(first, first + n)
+        rows, keys = self._rows[now, new], self._keys[now, new]
+        rows[:] = 0.0
+        rows[:, kernel.X], rows[:, kernel.Y] = x, y
+        rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
+        rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
+        rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
+        self._ids[now, new] = ids
+        west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
+        seen = counts[kernel.WEST : kernel.NORTH + 1]
+        seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
+        counts[kernel.ROWS] += n
+        counts[kernel.ALIVE] += n
+        clock[kernel.TOTAL_MASS] += float(particles.mass.sum())
+        clock[kernel.BOUND_BED] = max(clock[kernel.BOUND_BED], bed.max())
+        thickness = particles.mass / (self.numerics.density * particles.area)
+        self._expect(thickness, np.hypot(*particles.velocity[:, :2].T), (particles.velocity**2).sum(axis=1).max())
+        self._forget_peaks()
+        return bed
+
+    def _require_room(self, count):
+        """Make the arrays long enough for `count` rows."""
+        more = max(count, int(1.5 * self._rows.shape[1])) - self._rows.shape[1]
+        if count > self._rows.shape[1]:
+            self._rows, self._ids, self._keys = (
+                np.concatenate([array, np.zeros((2, more, *array.shape[2:]), array.dtype)], axis=1)
+                for array in (self._rows, self._ids, self._keys)
+            )
+            self._order = np.zeros(self._rows.shape[1], np.int32)
+
+    def _expect(self, thickness, speed, speed2):
+        """Ready the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
+        clock, gravity = self._clock, self.numerics.gravity
+        wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
+        deepest = np.max(thickness)
+        for entry, value in (
+            (kernel.SPEED, np.max(speed)),
+            (kernel.SIGNAL, np.max(speed + wave)),
+            (kernel.BOUND_ENERGY, 4 * gravity * deepest + speed2),
+            (kernel.DEPTH_NOW, deepest),
+            (kernel.DEPTH_WORST, deepest),
+        ):
+            clock[entry] = max(clock[entry], value)
+
+    def _forget_peaks(self):
+        """Stop rules compare with peaks of the past; what has just come in has none yet."""
         clock = self._clock
-        clock[kernel.TOTAL_MASS] = self.mass_start
-        clock[kernel.BOUND_BED] = self.bed_start.max()
-        clock[kernel.BOUND_ENERGY] = 4 * numerics.gravity * thickness.max() + (particles.velocity**2).sum(axis=1).max()
-        clock[kernel.TIME] = clock[kernel.FOOTPRINT_MARK_TIME] = frame.time
-        clock[kernel.SPEED] = speed.max()
-        wave = np.sqrt(self.effects.earth_pressure.largest_factor() * numerics.gravity * thickness)
-        clock[kernel.SIGNAL] = (speed + wave).max()
+        clock[kernel.KINETIC_PEAK] = clock[kernel.MOVING_PEAK] = 0.0
         clock[kernel.KINETIC_LOW_SINCE] = -1.0
-        clock[kernel.DEPTH_NOW] = clock[kernel.DEPTH_WORST] = thickness.max()
-        self.energy_start = self.energy()
+        clock[kernel.FOOTPRINT_MARK_TIME], clock[kernel.FOOTPRINT_MARK] = self.time, float(self._counts[kernel.WET])
+
+    def _inserted_energy(self, bed, n):
+        now, rows = self._counts[kernel.CURRENT], int(self._counts[kernel.ROWS])
+        return self._energy_of(self._rows[now, rows - n : rows], bed)
+
+    def _settle(self, window):
+        """Areas in the cells of `window` as the grid sees them; answers the potential energy that this adds [J]."""
+        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
+        ny, nx = self.grid.inside.shape
+        walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
+        thickest, fastest, lifted = kernel.settle_areas(
+            self._rows[now, :n], self._keys[now, :n], kernel.GONE, window.marked, window.row, window.column, walls,
+            self.grid.cell_size, self._settings.density,
+        )  # fmt: skip
+        self._expect(thickest, fastest, 0.0)
+        return 0.5 * self.numerics.gravity * lifted
+
+    def arm(self, number, nodes, thickness):
+        """Let `advance` come back with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
+
+        `number`, from 1, tells areas apart; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
+        below what counts as flow, means any flow.
+        """
+        self._wet[nodes] |= np.uint8(kernel.ARMED * number)
+        self.fields.trigger_thickness[number - 1] = max(thickness or 0.0, self._settings.wet_thickness)
+
+    def fired(self, number, nodes):
+        """Has the flow reached the area armed as `number`? If so it is armed no more."""
+        if (self._wet[nodes] // kernel.ARMED == number).all():
+            return False
+        self._wet[nodes] &= np.uint8(kernel.REACHED)
+        return True
 
     @property
     def time(self):
         """Simulated time [s]."""
         return float(self._clock[kernel.TIME])
+
+    @property
+    def columns(self):
+        """Number of columns on the terrain now."""
+        return int(self._counts[kernel.ALIVE])
 
     @property
     def step(self):
@@ -158,13 +271,23 @@ class ColumnSolver:
         """Largest horizontal speed now [m s-1]."""
         return float(self._clock[kernel.SPEED])
 
-    def advance(self, until, max_steps=1 << 62):
-        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back."""
+    def advance(self, until, max_steps=1 << 62, may_stop=True):
+        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back.
+
+        Without `may_stop` no stop rule ends it before (more is to come).
+        """
+        if not self.columns:
+            return kernel.ALL_LEFT
+        settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
             self._ledger, self._peaks, self._barrier_sums, float(until), int(max_steps),
-            self._settings, self.fields, self.effects,
+            settings, self.fields, self.effects,
         )  # fmt: skip
+
+    def wait(self, until):
+        """Let time pass to `until` [s] on a terrain with no columns."""
+        self._clock[kernel.TIME] = until
 
     def _alive(self):
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
@@ -218,7 +341,7 @@ class ColumnSolver:
 
     def _changing(self):
         """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
-        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts}
+        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
         if self.numerics.maxima:
             arrays["peaks"] = self._peaks
         if self.effects.barrier.barrier_active():
@@ -245,8 +368,9 @@ class ColumnSolver:
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
-        if any(state[name].shape != shape for name, shape in shapes.items()) or len(ids) > self._rows.shape[1]:
+        if any(state[name].shape != shape for name, shape in shapes.items()):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        self._require_room(len(rows))
         self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
         self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
         for name, array in changing.items():
@@ -274,13 +398,15 @@ class ColumnSolver:
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""
         rows, _ = self._alive()
-        grid, density, gravity = self.grid, self.numerics.density, self.numerics.gravity
-        bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
-        mass = rows[:, kernel.MASS]
+        x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
+        return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
+
+    def _energy_of(self, rows, bed):
+        mass, gravity = rows[:, kernel.MASS], self.numerics.gravity
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         w = u * rows[:, kernel.GX] + v * rows[:, kernel.GY] if isinstance(self.effects.metric, SlopeMetric) else 0.0
-        thickness = mass / (density * rows[:, kernel.AREA])
-        potential = mass * gravity * (bed - grid.bed.min() + 0.5 * thickness)
+        thickness = mass / (self.numerics.density * rows[:, kernel.AREA])
+        potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
         return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
 
     def balances(self):
@@ -291,6 +417,7 @@ class ColumnSolver:
         kinetic, potential = self.energy()
         datum = self.numerics.gravity * float(self.grid.bed.min())
         energy_out = float(self._ledger[:, 3].sum() + self._ledger[:, 4].sum()) - mass_out * datum
+        energy_in = float(self._inserted[INSERTED_KINETIC] + self._inserted[INSERTED_POTENTIAL])
         clock = self._clock
         released = float(clock[kernel.TOTAL_MASS] - clock[kernel.ENTRAINED_TOTAL])
         return {
@@ -299,7 +426,7 @@ class ColumnSolver:
             "mass_out": mass_out,
             "mass_released": released,
             "mass_entrained": float(clock[kernel.ENTRAINED_TOTAL]),
-            "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / clock[kernel.TOTAL_MASS],
+            "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / (clock[kernel.TOTAL_MASS] or 1.0),
             "outflow": {
                 name: dict(
                     zip(
@@ -313,7 +440,7 @@ class ColumnSolver:
             },
             "kinetic_energy": kinetic,
             "potential_energy": potential,
-            "energy_lost": sum(self.energy_start) - kinetic - potential - energy_out,
+            "energy_lost": sum(self.energy_start) + energy_in - kinetic - potential - energy_out,
             "speed_max_now": float(clock[kernel.SPEED]),
             "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
             "thickness_max_now": float(clock[kernel.DEPTH_NOW]),

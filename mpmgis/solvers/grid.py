@@ -1,15 +1,27 @@
 """The depth-averaged solver's grid: square cells on the DTM's extent, with the bed at its nodes."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from ..errors import SceneError
 from ..geo.terrain import Terrain, bilinear
-from ..kernels.columns import node_gradients
+from ..kernels.columns import beds_at, node_gradients
 
 MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
+
+
+LEVEL = 1e-6  # tangent of a slope below which nothing says where down is
+
+
+class CellWindow(NamedTuple):
+    """Some cells: uint8[a, b] with 1 for those that belong, and the row and column of the array's first cell."""
+
+    marked: np.ndarray
+    row: int
+    column: int
 
 
 @dataclass(frozen=True)
@@ -66,6 +78,52 @@ class ColumnGrid:
         gradient[0], gradient[-1] = gradient[1], gradient[-2]
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]
         return cls(x0, y0, float(cell_size), bed, gradient, inside.astype(np.uint8))
+
+    def cells_of(self, frame, grown=0):
+        """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
+        x, y = frame.map_xy()
+        ny, nx = self.inside.shape
+        j, i = ((y - self.y0) / self.cell_size).astype(int), ((x - self.x0) / self.cell_size).astype(int)
+        row, column = max(j.min() - grown, 0), max(i.min() - grown, 0)
+        marked = np.zeros((min(j.max() + grown + 1, ny) - row, min(i.max() + grown + 1, nx) - column), np.uint8)
+        marked[j - row, i - column] = 1
+        if grown:
+            marked = ndimage.binary_dilation(marked, np.ones((3, 3)), grown).astype(np.uint8)
+        return CellWindow(marked, int(row), int(column))
+
+    def corners_of(self, window):
+        """(rows, columns) in the node arrays of all corners of the window's cells."""
+        corners = np.zeros((window.marked.shape[0] + 1, window.marked.shape[1] + 1), bool)
+        for j in (0, 1):
+            for i in (0, 1):
+                corners[j : j + window.marked.shape[0], i : i + window.marked.shape[1]] |= window.marked == 1
+        rows, columns = np.nonzero(corners)
+        return rows + window.row + 1, columns + window.column + 1
+
+    def gradients_at(self, frame):
+        """float64[n, 2]: gradient of the bed under the columns of `frame`."""
+        x, y = frame.map_xy()
+        return np.column_stack(beds_at(self.bed, x - self.x0, y - self.y0, self.cell_size)[1:])
+
+    def downslope(self, frame):
+        """float64[n, 3]: unit vectors along the ground down the steepest descent under the columns of `frame`.
+
+        Raises
+        ------
+        SceneError
+            Level ground.
+        """
+        gradient = self.gradients_at(frame)
+        slope = np.hypot(*gradient.T)
+        level = slope < LEVEL
+        if level.any():
+            x, y = (values[int(np.argmax(level))] for values in frame.map_xy())
+            raise SceneError(
+                f"a speed down the steepest descent needs a slope; the ground is level under {int(level.sum())} of "
+                f"{len(slope)} columns, the first at E {x:.1f} N {y:.1f}; give a velocity east and north instead"
+            )
+        along = -gradient / (slope * np.sqrt(1.0 + slope**2))[:, None]
+        return np.column_stack([along, (along * gradient).sum(axis=1)])
 
 
 def _on_raster(grid, x0, y0, cell_size, nx, ny):
