@@ -1,6 +1,7 @@
 """Is this CRS, with these coordinates, a map in metres? Refusals (design note D7), each with its cure."""
 
 import math
+from pathlib import PurePath
 
 import numpy as np
 import pyproj
@@ -60,6 +61,14 @@ def metric_equivalent(longitude, latitude):
         return "EPSG:32761"
     zone = int((longitude + 180) // 6) % 60 + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+
+
+def warp_command(path, options):
+    """The call of gdalwarp, to be pasted, that makes `<name>_warped.tif`, where one stands, from a raster."""
+    path = PurePath(path)
+    files = (str(path), f"{path.stem}_warped.tif")
+    quoted = (f'"{file}"' if " " in file else file for file in files)
+    return f"gdalwarp {options} {' '.join(quoted)}"
 
 
 def same_place(first, second):
@@ -133,8 +142,9 @@ def _longitude_latitude(plane, point):
 
 def _reprojection(where, longitude, latitude):
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
-        return "Reproject it to a projected CRS in metres (gdalwarp -t_srs EPSG:n)"
-    return f"Reproject it, for example: gdalwarp -t_srs {metric_equivalent(longitude, latitude)} -r bilinear"
+        return f"Reproject it to a projected CRS in metres: {warp_command(where, '-t_srs EPSG:n -r bilinear')}"
+    target = metric_equivalent(longitude, latitude)
+    return f"Reproject it, for example: {warp_command(where, f'-t_srs {target} -r bilinear')}"
 
 
 def _require_metres(plane, crs, where, centre):

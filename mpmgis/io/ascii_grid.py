@@ -9,15 +9,18 @@ import rasterio.shutil
 
 from ..errors import InputError, OutputError, one_line
 from ..fields import Quantity
+from ..geo.georeference import warp_command
 from .geotiff import write_rows
 
 
-def require_square(grid, what):
-    """Refuse a grid that an ASCII grid cannot hold: rotated, or with oblong pixels."""
+def require_square(grid, what, path):
+    """Refuse a grid that an ASCII grid cannot hold: rotated, or with oblong pixels; it is that of the DTM at `path`."""
     t = grid.transform
     if t.b or t.d or abs(abs(t.a) - abs(t.e)) > 1e-9 * abs(t.a):
+        size = f"{grid.cell_size:.6g}"
         raise InputError(
-            f"{what} writes ASCII grids, which need square pixels along north; warp the DTM (gdalwarp -tr)"
+            f"{what} writes ASCII grids, which need square pixels along north; warp the DTM: "
+            f"{warp_command(path, f'-tr {size} {size} -r bilinear')}"
         )
 
 

@@ -14,7 +14,7 @@ from affine import Affine
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
-from ..geo.georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place
+from ..geo.georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 
@@ -162,7 +162,9 @@ def _transform(source, path, local):
             f"{path}: its transform {tuple(numbers.tolist())} cannot be inverted; georeference it anew"
         )
     if source.gcps[0] and t == Affine.identity():
-        raise GeoreferenceError(f"{path} is placed by control points only; warp it first (gdalwarp -t_srs EPSG:n)")
+        raise GeoreferenceError(
+            f"{path} is placed by control points only; warp it first: {warp_command(path, '-t_srs EPSG:n')}"
+        )
     if t == Affine.identity() and not local:
         raise GeoreferenceError(
             f"{path} has no georeference; give it one (gdal_edit -a_ullr), or --crs local for pixels of 1 m"
@@ -199,9 +201,10 @@ def _terrain_crs(source, path, asked, say):
             )
         return horizontal(given)
     if asked is not None and (given is None or not same_place(own, given)):
+        reproject = "" if given is None else f", or reproject it: {warp_command(path, f'-t_srs {asked} -r bilinear')}"
         raise GeoreferenceError(
             f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
-            f"or reproject (gdalwarp) or correct the tag (gdal_edit -a_srs)"
+            f"or correct a false tag (gdal_edit -a_srs){reproject}"
         )
     return horizontal(own)
 

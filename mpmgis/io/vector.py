@@ -15,7 +15,7 @@ import shapely
 from affine import Affine
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
-from ..geo.georeference import horizontal, name_of, same_place
+from ..geo.georeference import horizontal, name_of, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.release import (
     NORMAL,
@@ -516,9 +516,10 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     row, column = placed.rowcol(x, y)
     misfit = max(np.abs(row - i).max(), np.abs(column - j).max())
     if misfit > _AFFINE_PIXELS:
+        code = target.to_epsg() or "n"
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)} and too large to be placed in {name_of(target)} without resampling; "
-            f"reproject it: gdalwarp -t_srs {name_of(target)}"
+            f"reproject it: {warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}"
         )
     say(
         f"{path}: placed from {name_of(grid.crs)} in {name_of(target)}, the terrain's CRS (within {misfit:.2g} of a "

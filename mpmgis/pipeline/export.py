@@ -108,7 +108,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     output = output_folder(request, entries)
     terrain = run_terrain(request, entries, output, say)
     if request.naming == "iseesnow":
-        require_square(terrain.grid, "--naming iseesnow")
+        require_square(terrain.grid, "--naming iseesnow", terrain.path)
     with frame_pool(request.workers, request.dask) as pool:
         if request.qgis:
             pool.threads.submit(qgis_folder.load)  # while the first frames are read

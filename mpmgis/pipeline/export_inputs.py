@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
-from ..geo.georeference import name_of, same_place
+from ..geo.georeference import name_of, same_place, warp_command
 from ..io.atomic import refuse_existing
 from ..io.raster import open_raster, read_terrain
 from ..products.solver_maxima import SolverPeaks
@@ -64,11 +64,17 @@ def run_terrain(request, entries, output, say):
     elif not same_place(header.crs, terrain.grid.crs):
         raise GeoreferenceError(
             f"{first} is in {name_of(header.crs)}, but {path} is in {name_of(terrain.grid.crs)}; give the DTM that the "
-            "run used, or reproject it (gdalwarp)"
+            f"run used{_reprojection(path, header.crs)}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         say(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
     return terrain
+
+
+def _reprojection(path, crs):
+    """How to bring the DTM at `path` to `crs`; nothing where that has no code to name it by."""
+    code = None if crs is None else crs.to_epsg()
+    return f", or reproject it: {warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}" if code else ""
 
 
 def _carries_crs(path):

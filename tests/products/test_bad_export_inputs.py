@@ -290,7 +290,7 @@ def test_band_that_the_terrain_does_not_have(run, capsys):
 def test_ascii_grids_of_a_rotated_terrain(tmp_path, capsys):
     folder = tmp_path / "slide"
     write_run(folder, times=(0.0,), dimension=3, count=40, ground=terrain(AFFINES["rotated"]))
-    refused(capsys, folder, folder, "--naming", "iseesnow", says="square pixels")
+    refused(capsys, folder, folder, "--naming", "iseesnow", says=f"{folder}/terrain.tif terrain_warped.tif")
 
 
 # --- options ---------------------------------------------------------------------------------------------------------

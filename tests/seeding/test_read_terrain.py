@@ -1,5 +1,7 @@
 """DTMs in: georeference, units, nodata, bands (design note D4 to D8, D12)."""
 
+import shlex
+
 import numpy as np
 import pyproj
 import pytest
@@ -98,8 +100,29 @@ def test_geographic_is_refused_with_the_zone_to_use(tmp_path, longitude, latitud
     assert metric_equivalent(longitude, latitude) == cure
     transform = Affine(1e-4, 0, longitude, 0, -1e-4, latitude)
     path = write_raster(tmp_path / "d.tif", np.full((20, 20), 100.0), transform, "EPSG:4326")
-    with pytest.raises(GeoreferenceError, match=f"degrees.*{cure}"):
+    with pytest.raises(GeoreferenceError, match=f"degrees.*{cure}.* {path} d_warped.tif"):
         read_terrain(path)
+
+
+def test_the_cure_can_be_pasted_whatever_the_file_is_called(tmp_path):
+    path = write_raster(
+        tmp_path / "my dtm.tif", np.full((20, 20), 100.0), Affine(1e-4, 0, 9, 0, -1e-4, 46), "EPSG:4326"
+    )
+    with pytest.raises(GeoreferenceError) as caught:
+        read_terrain(path)
+    _, _, command = str(caught.value).partition("gdalwarp ")
+    assert shlex.split(command) == [
+        "-t_srs", "EPSG:32632", "-r", "bilinear", str(path), "my dtm_warped.tif",
+    ]  # fmt: skip
+
+
+def test_another_crs_than_the_files_own_is_refused_with_both_cures(tmp_path):
+    path = write_dtm(tmp_path / "d.tif")
+    with pytest.raises(GeoreferenceError, match=f"gdal_edit.*gdalwarp -t_srs EPSG:32633 -r bilinear {path} "):
+        read_terrain(path, crs="EPSG:32633")
+    with pytest.raises(GeoreferenceError, match="a false tag") as caught:
+        read_terrain(path, crs="local")
+    assert "gdalwarp" not in str(caught.value)
 
 
 @pytest.mark.parametrize("crs", ["EPSG:2226", "EPSG:2272", "EPSG:6576"])
