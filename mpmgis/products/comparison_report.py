@@ -99,9 +99,16 @@ class Comparison:
     files: tuple = ()
 
     def told_bands(self):
-        """The bands worth a line: those that both have; where one side is an outline, all of the other's."""
+        """The bands worth a line: those that both have; where one side is an outline, all of the other's.
+
+        A band all of whose numbers are those of one before it is left out: columns have t = h.
+        """
         alone = any(side.band is None for side in self.sides)
-        return [band for band in self.bands if alone or None not in band.names]
+        told = {}
+        for band in self.bands:
+            if alone or None not in band.names:
+                told.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
+        return list(told.values())
 
     def rows(self):
         """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
