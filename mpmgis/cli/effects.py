@@ -2,6 +2,7 @@
 
 import json
 
+from ..errors import InputError
 from . import talk
 
 EXAMPLE = """
@@ -13,12 +14,15 @@ mpmgis effects scene.toml
 def add_arguments(parser):
     """Declare the verb's options."""
     parser.add_argument("scene", nargs="?", metavar="scene.toml", help="decide the effects of this scene")
+    parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments):
     """Print the catalogue, or the decisions for a scene."""
     if arguments.scene is None:
+        if arguments.law is not None:
+            raise InputError("--law goes with a scene that names the law; give scene.toml")
         from ..scene import catalogue
 
         entries = catalogue()
@@ -26,7 +30,7 @@ def run(arguments):
         return 0
     from ..pipeline.prepare import prepare
 
-    decisions = prepare(arguments.scene, talk.detail).decisions
+    decisions = prepare(arguments.scene, talk.detail, arguments.law).decisions
     print(json.dumps([d._asdict() for d in decisions], indent=1) if arguments.json else _table(decisions))
     return 0
 

@@ -19,6 +19,7 @@ def add_arguments(parser):
     parser.add_argument("--resume", action="store_true", help="go on after the last whole frame in that folder")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all); same result")
     parser.add_argument("--yes", action="store_true", help="do not ask about predicted time and memory")
+    parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
     parser.add_argument("--template", action="store_true", help="print a commented scene and stop")
 
 
@@ -46,6 +47,7 @@ def run(arguments):
             overwrite=arguments.overwrite,
             resume=arguments.resume,
             threads=arguments.threads,
+            laws=arguments.law,
             confirm=lambda question: arguments.yes or _asked(question),
             say=talk.say,
             watch=watch,

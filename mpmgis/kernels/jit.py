@@ -1,7 +1,9 @@
 """The door to the compiler: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
 
 The cache folder is named by a hash of the package's sources, because numba does not see that a law in another file
-was edited. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1 to run every kernel as plain Python.
+was edited. A user's own laws are in that hash too: the index of a folder names the classes of all its kernels, and
+could not be read by a run without them. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1 to run every kernel as
+plain Python.
 """
 
 import hashlib
@@ -21,17 +23,23 @@ def source_digest():
     return digest.hexdigest()[:16]
 
 
-def cache_folder():
-    """The writable folder for compiled kernels; the system's temporary folder where no home can be written."""
+def cache_folder(own_laws=()):
+    """The writable folder for compiled kernels; the system's temporary folder where no home can be written.
+
+    `own_laws` are digests of the files with users' own laws that this process has loaded.
+    """
     root = os.environ.get("MPMGIS_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     root = Path(root) if root else Path.home() / ".cache"
-    folder = root / "mpmgis" / source_digest()
+    name = source_digest()
+    if own_laws:
+        name += "-own-" + hashlib.sha256(" ".join(sorted(own_laws)).encode()).hexdigest()[:16]
+    folder = root / "mpmgis" / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
     except OSError:
-        folder = Path(tempfile.gettempdir()) / f"mpmgis-{os.getuid() if hasattr(os, 'getuid') else 0}" / source_digest()
+        folder = Path(tempfile.gettempdir()) / f"mpmgis-{os.getuid() if hasattr(os, 'getuid') else 0}" / name
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -39,7 +47,8 @@ def cache_folder():
 # Threads that wait sleep instead of spinning: on an idle machine a small step takes a fifth longer, on a busy one it is
 # five times faster (25 600 columns, measured 2026-11-21). Read by the OpenMP runtime when numba starts it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-if "NUMBA_CACHE_DIR" not in os.environ:
+GIVEN_CACHE_DIR = os.environ.get("NUMBA_CACHE_DIR")
+if GIVEN_CACHE_DIR is None:
     os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())
 
 import numba  # noqa: E402  (the cache folder must be known before numba is imported)
@@ -56,20 +65,49 @@ FASTMATH = {"nsz"}
 
 prange = numba.prange
 
+_kernels = []  # all that have a cache on disk
+_own_laws = set()  # digests of the files of users' own laws in this process
+
+
+def include_own_laws(sha256):
+    """From now on keep compiled kernels in a folder of their own, named also by the digest of a file of own laws.
+
+    Must come before the first kernel that is compiled with one of these laws; kernels that are compiled stay so.
+    """
+    if sha256 in _own_laws:
+        return
+    _own_laws.add(sha256)
+    folder = cache_folder(_own_laws)
+    if GIVEN_CACHE_DIR is not None:
+        folder = Path(GIVEN_CACHE_DIR) / folder.name
+        folder.mkdir(parents=True, exist_ok=True)
+    numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    for kernel in _kernels:
+        kernel.enable_caching()
+
+
+def _kept(kernel):
+    """`kernel`, remembered if it has a cache (it has none where NUMBA_DISABLE_JIT leaves it plain)."""
+    if hasattr(kernel, "enable_caching"):
+        _kernels.append(kernel)
+    return kernel
+
 
 def jit(function):
     """Compile a serial kernel, cached on disk; the GIL is released."""
-    return numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy")(function)
+    return _kept(numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy")(function))
 
 
 def jit_inline(function):
     """Compile a small function that kernels call; inlined by the compiler."""
-    return numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy", inline="always")(function)
+    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "inline": "always"}
+    return _kept(numba.njit(**options)(function))
 
 
 def jit_parallel(function):
     """Compile a kernel with `prange` loops, cached on disk. No atomics anywhere: every loop owns what it writes."""
-    return numba.njit(cache=True, fastmath=FASTMATH, parallel=True, nogil=True, error_model="numpy")(function)
+    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "parallel": True}
+    return _kept(numba.njit(**options)(function))
 
 
 def set_threads(count):

@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..io.frames import read_frame
 from ..io.raster import file_sha256, read_terrain
 from ..io.vector import read_release
+from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, mu_least, read_scene, resolve
 from ..seeding.columns import seed_columns
+from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.grid import ColumnGrid
 from ..solvers.places import Places
@@ -33,9 +36,12 @@ class Prepared:
     digest: str
 
 
-def prepare(scene_path, say=lambda text: None):
-    """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects."""
-    scene = read_scene(scene_path)
+def prepare(scene_path, say=lambda text: None, laws=None):
+    """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
+
+    `laws` is the path of a Python file with laws of friction of one's own; it is run as a program.
+    """
+    scene = _read_scene(scene_path, laws)
     try:
         return _prepare(scene, say)
     except SceneError:
@@ -50,6 +56,7 @@ def _prepare(scene, say):
     cell_size = scene.numerics.cell_size or terrain.grid.cell_size
     scene = replace(scene, numerics=replace(scene.numerics, cell_size=cell_size))
     frame = _columns(scene, terrain, cell_size, say)
+    _tell_of_release(frame.particles, frame.header["density"], say)
     facts = _facts(scene, terrain, frame)
     effects, decisions = resolve(scene, facts)
     stop = scene.output.stop_at_rest
@@ -67,6 +74,19 @@ def _prepare(scene, say):
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, digest
     )
+
+
+def _read_scene(path, laws):
+    """The scene, with its own law of friction, if it has one, tried out and fit for the compiler."""
+    if laws is None:
+        return read_scene(path)
+    own = load_laws(laws)
+    scene = read_scene(path, own)
+    use_own_laws(own)
+    law = own.laws[scene.friction.law][0](**scene.friction.parameters)
+    require_sound(law, scene.friction.law)
+    require_compiled(law, scene.friction.law)
+    return scene
 
 
 def _facts(scene, terrain, frame):
@@ -109,6 +129,14 @@ def _columns(scene, terrain, cell_size, say):
         terrain, area, cell_size=cell_size, anchor=(west, north), per_cell=scene.numerics.particles_per_cell,
         points=release.points, density=release.density, velocity=release.velocity, seed=release.seed,
     )  # fmt: skip
+
+
+def _tell_of_release(particles, density, say):
+    cures = Cures(
+        "[release] density", "[release] thickness", "take a smaller [numerics] cell_size or more particles_per_cell"
+    )
+    if len(particles):
+        tell_if_implausible(len(particles), density, particles.volume.sum() / particles.area.sum(), cures, say)
 
 
 def _read_columns(path, terrain, density, say):

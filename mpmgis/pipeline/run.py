@@ -51,13 +51,14 @@ def require_affordable(prepared, threads, confirm):
         raise SceneError(f"{question}; give --yes to run it, or take larger cells or fewer particles_per_cell")
 
 
-def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None, confirm=lambda question: True,
-        say=lambda text: None, watch=lambda solver, end_time: None):  # fmt: skip
+def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
+        confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):  # fmt: skip
     """Simulate the scene at `scene_path` into the folder `output` (default `results/` beside the scene).
 
     `watch(solver, end_time)` is called a few times a second; `say(text)` gets lines for the user; `confirm(question)`
     decides on very large runs. With `resume` the run goes on after its last whole frame, bitwise as if never stopped;
-    an empty or missing folder starts at the beginning, a finished run is told and left as it is.
+    an empty or missing folder starts at the beginning, a finished run is told and left as it is. `laws` is the path of
+    a Python file with laws of friction of one's own, which the scene may name; it is run as a program.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     """
     output = output or Path(scene_path).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
-    prepared = prepare(scene_path, say)
+    prepared = prepare(scene_path, say, laws)
     # a thread for few columns costs more than it brings, above all on a busy machine; the result is the same
     used = set_threads(threads or max(1, min(set_threads(None), len(prepared.frame.particles) // COLUMNS_PER_THREAD)))
     require_affordable(prepared, used, confirm)
@@ -80,7 +81,8 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
         prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places
     )
     for decision in prepared.decisions:
-        say(decision.line())
+        if decision.called_for:
+            say(decision.line())
     threads_word = "1 thread" if used == 1 else f"{used} threads"
     say(f"{len(prepared.frame.particles)} columns, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
     first = _restored(folder, prepared, solver, say) if resume else None

@@ -23,6 +23,11 @@ class Decision(NamedTuple):
     reason: str
     runout_change: float | None = None  # [1] estimated relative change in runout if it were the other way round
 
+    @property
+    def called_for(self):
+        """Whether the scene has it or a number speaks about it; else there is nothing to tell."""
+        return self.state == "on" or self.decided_by != "scene"
+
     def line(self):
         """One line for a table on the terminal."""
         number = "" if self.indicator is None else f"{self.indicator:.3g}"

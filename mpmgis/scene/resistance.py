@@ -9,19 +9,24 @@ from .runout import change, runout
 
 YIELD_THRESHOLD = 0.02
 LATERAL_THRESHOLD = 0.01
+SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user's own law is looked at
 LEAST_DRIVE = 0.01  # of gravity: what is left of the drive where friction balances the slope
 
 
 def mu_least(scene):
     """The least that friction can be in the scene [1], by which the energy line falls; 0 without friction.
 
-    Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m.
+    Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m; of a law of
+    the user's own it is the least over speeds, for 1 m of water on level ground.
     """
-    least = scene.dry_friction()
-    if scene.friction is not None and scene.friction.law == "ModifiedVoellmy":
-        values = scene.friction.parameters
-        least = min(least, values["crossover_speed"] ** 2 / values["xi"])
-    return least
+    table = scene.friction
+    if table is None or table.use == "off" or (table.law in friction.LAWS and table.law != "ModifiedVoellmy"):
+        return scene.dry_friction()
+    law = scene.laws[table.law][0](**table.parameters)
+    if isinstance(law, friction.ModifiedVoellmy):
+        return min(law.mu, law.crossover_speed**2 / law.xi)
+    load = 1000.0 * GRAVITY
+    return min(friction.basal_stress(law, 1000.0, GRAVITY, load, 1.0, speed) for speed in SPEEDS) / load
 
 
 def decide_friction(scene, facts, slots):
