@@ -11,6 +11,9 @@ from ..io.particle_files import require_format, write_columns
 from ..io.raster import read_terrain
 from ..io.vector import read_release
 from ..seeding.columns import plan_seed
+from ..seeding.plausible import Cures, tell_if_implausible
+
+_CURES = Cures("--density", "--thickness", "give a larger --per-cell or --count, a smaller --spacing, or a finer DTM")
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ def seed_file(
     refuse_existing(path, overwrite)
     _refuse_inputs(path, (dem, release, thickness, surface))
     seed = plan_seed(terrain, area, say=say, **options)
+    mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
+    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
     frame = replace(seed.empty_frame(), dem=_relative(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
