@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..fields import Quantity
-from ..geo.georeference import name_of, require_metric, same_place
+from ..geo.georeference import name_of, require_metric, same_place, warp_command
 from .raster import open_raster, read_raster
 
 PEAK_KINDS = {  # ending of the file's name -> quantity, and what its values are multiplied by
@@ -64,9 +64,10 @@ class Result:
         """
         values, grid = self.bands[band].read()
         if crs_of is not None and None not in (grid.crs, crs_of.crs) and not same_place(grid.crs, crs_of.crs):
+            path, code = self.bands[band].path, crs_of.crs.to_epsg() or "n"
             raise GeoreferenceError(
-                f"{self.bands[band].path} is in {name_of(grid.crs)}, the other rasters in {name_of(crs_of.crs)}; "
-                f"reproject one of them: gdalwarp -t_srs {name_of(crs_of.crs)}"
+                f"{path} is in {name_of(grid.crs)}, the other rasters in {name_of(crs_of.crs)}; reproject one of them: "
+                f"{warp_command(path, f'-t_srs EPSG:{code} -r near')}"
             )
         return values, grid
 

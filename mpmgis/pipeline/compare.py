@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import GeoreferenceError, InputError, OutputError
 from ..fields import Quantity
-from ..geo.georeference import LOCAL, name_of, same_place
+from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 from ..io.atomic import refuse_existing, whole_folder
@@ -272,9 +272,10 @@ def _terrain(request, sources, joint, say):
         crs = LOCAL if source.crs is None else None
     terrain = read_terrain(path, crs, say=say)
     if None not in (terrain.grid.crs, joint.crs) and not same_place(terrain.grid.crs, joint.crs):
+        code = joint.crs.to_epsg() or "n"
         raise GeoreferenceError(
             f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(joint.crs)}; reproject it: "
-            f"gdalwarp -t_srs {name_of(joint.crs)}"
+            f"{warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}"
         )
     return Terrain(replace(terrain.grid, crs=joint.crs), terrain.elevation, terrain.path)
 
