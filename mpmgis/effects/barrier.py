@@ -1,7 +1,15 @@
-"""Barriers as a screening tool: walls that the flow does not pass until it is higher than their crest."""
+"""Barriers as a screening tool: walls that the flow passes only as far as it is higher than their crest.
+
+Inside a wall that is higher than the flow nothing moves through it; along it the flow slides with Coulomb friction
+(design notes 3.9). Above the crest a wall is a broad-crested weir. Loads need a 3D run: a depth-averaged column has no
+splash, no jet and one velocity from bed to surface.
+"""
 
 from math import sqrt
 from typing import NamedTuple
+
+# how a node in a wall holds the flow: at the face it may leave, in the core it may not cross, in a corner not move
+FACE, CORE, CORNER = 0.0, 1.0, 2.0
 
 
 class NoBarrier(NamedTuple):
@@ -12,24 +20,46 @@ class NoBarrier(NamedTuple):
     def barrier_active(self):
         return False
 
-    def deflected(self, u, v, normal_x, normal_y):
+    def weir_discharge(self, gravity, head, speed):
+        return 0.0
+
+    def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
         return u, v
 
 
 class Barrier(NamedTuple):
-    """No flow into the wall, and Coulomb friction along it (design notes 3.9)."""
+    """A wall with Coulomb friction mu along it (0: smooth) and a weir above its crest."""
 
-    mu: float  # along the wall [1]
+    null: float = 0.0  # the compiler wants at least one field
 
     def barrier_active(self):
         return True
 
-    def deflected(self, u, v, normal_x, normal_y):
-        """Velocity after a wall with outward unit normal took what runs into it, and mu times that along it."""
-        into = u * normal_x + v * normal_y
-        along_x, along_y = u - into * normal_x, v - into * normal_y
+    def weir_discharge(self, gravity, head, speed):
+        """What passes over a metre of crest [m2 s-1].
+
+        `head` [m] is the surface before the wall above its crest, `speed` [m s-1] the flow's towards the wall. A slow
+        flow passes critically, q = sqrt(g) (2 head / 3)^(3/2) (broad-crested weir); a fast one keeps its speed above
+        the crest, q = head * speed.
+        """
+        above = max(head, 0.0)
+        critical = 2.0 * above / 3.0
+        return max(sqrt(gravity * critical) * critical, above * speed)
+
+    def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
+        """Velocity [m s-1] at a node in the wall, whose outward unit normal on this side is (normal_x, normal_y).
+
+        Through the wall the flow keeps `open_speed` at most, which is 0 below the crest. What is taken off the speed
+        across the wall takes `mu` times as much off the speed along it.
+        """
+        across = u * normal_x + v * normal_y
+        along_x, along_y = u - across * normal_x, v - across * normal_y
         along = sqrt(along_x * along_x + along_y * along_y)
-        kept = max(along + self.mu * into, 0.0) / along if along > 0.0 else 0.0
-        if into >= 0.0:
-            along_x, along_y, kept = u, v, 1.0
-        return along_x * kept, along_y * kept
+        kept_across = max(across, -open_speed)
+        if hold > FACE:
+            kept_across = min(kept_across, open_speed)
+        kept_along = max(along - mu * abs(across - kept_across), 0.0)
+        if hold > CORE:
+            kept_along = min(kept_along, open_speed)
+        share = kept_along / along if along > 0.0 else 0.0
+        return kept_across * normal_x + share * along_x, kept_across * normal_y + share * along_y

@@ -1,4 +1,8 @@
-"""Entrainment: the flow takes up material of its bed."""
+"""Entrainment: the flow takes up material of its bed (design notes 3.9).
+
+A law says how much mass a square metre of bed surface loses in a second. What a node takes up is at rest and shares the
+flow's momentum, it never exceeds what lies there, and it lowers the bed where the scene wants that.
+"""
 
 from typing import NamedTuple
 
@@ -19,19 +23,19 @@ class NoEntrainment(NamedTuple):
 
 
 class ErosionEnergy(NamedTuple):
-    """q = tau_b |U| / e_b: the work of the bed's resistance breaks it up (AvaFrame com1DFA).
+    """Erosion by the work of friction, q = tau_b |U| / e_b (AvaFrame com1DFA).
 
-    e_b is the energy that loosens a kilogram of bed: snow about 1000 to 50 000 J/kg.
+    e_b is the energy that loosens a kilogram of bed. Snow: 1000 to 50 000 J/kg, 5000 in com1DFA's examples.
     """
 
     erosion_energy: float  # e_b [J kg-1]
-    lowering: float  # bed lowered per eroded mass [m3 kg-1], 1 / bed density; 0: the bed stays as it is
+    lowering: float = 0.0  # bed lowered per eroded mass and area [m3 kg-1], 1 / bed density; 0: the bed stays as it is
 
     def entrainment_active(self):
         return True
 
     def erosion_rate(self, density, basal_stress, speed):
-        """q [kg m-2 s-1] per map area."""
+        """Erosion rate q [kg m-2 s-1] per area of the bed's surface; `basal_stress` tau_b [Pa], `speed` |U| [m s-1]."""
         return basal_stress * speed / self.erosion_energy
 
     def bed_lowering(self):
@@ -39,17 +43,33 @@ class ErosionEnergy(NamedTuple):
 
 
 class ErosionSpeed(NamedTuple):
-    """q = k_e rho |U|: proportional to speed (k_e 1e-5 to 1e-2 [1])."""
+    """Erosion in proportion to speed, q = k_e rho |U|: the bed recedes at k_e times the flow's speed.
+
+    k_e 1e-5 to 1e-2: debris flows near 1e-3, dry snow up to 1e-2 (design notes 3.9).
+    """
 
     coefficient: float  # k_e [1]
-    lowering: float  # [m3 kg-1]
+    lowering: float = 0.0  # [m3 kg-1]
 
     def entrainment_active(self):
         return True
 
     def erosion_rate(self, density, basal_stress, speed):
-        """q [kg m-2 s-1] per map area."""
+        """Erosion rate q [kg m-2 s-1] per area of the bed's surface; `density` rho [kg m-3], `speed` |U| [m s-1]."""
         return self.coefficient * density * speed
 
     def bed_lowering(self):
         return self.lowering
+
+
+# law name in a scene -> (law, {parameter: (unit, meaning, smallest, largest)}); `lowering` comes from the bed's density
+LAWS = {
+    "ErosionEnergy": (
+        ErosionEnergy,
+        {"erosion_energy": ("J kg-1", "energy that loosens a kilogram of bed", 1.0, 1e9)},
+    ),
+    "ErosionSpeed": (
+        ErosionSpeed,
+        {"coefficient": ("1", "speed at which the bed recedes over the flow's speed", 0.0, 0.1)},
+    ),
+}

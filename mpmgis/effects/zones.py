@@ -1,4 +1,7 @@
-"""Friction by place: the parameters of the friction law at every node of the solver's grid."""
+"""Friction by place: the parameters of the friction law at every node of the solver's grid.
+
+mu(x, y), xi(x, y) and the like of design notes 3.5; a zone changes the parameters of the scene's one law, never the law.
+"""
 
 from typing import NamedTuple
 
@@ -9,6 +12,7 @@ class NoZones(NamedTuple):
     null: float = 0.0  # the compiler wants at least one field
 
     def local(self, friction, values, j, i):
+        """The law at node [j, i]."""
         return friction
 
 

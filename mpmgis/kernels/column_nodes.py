@@ -1,4 +1,4 @@
-"""The grid between the two transfers: walls, momentum to velocity, friction, barriers, erosion, running peaks."""
+"""The grid between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
 import numpy as np
 
@@ -13,11 +13,6 @@ WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, NODE_REPORT = range(5)
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
-# entries of a node beside a barrier: outward unit normal, elevation of the crest [m], number of the barrier (0: none),
-# and how far it is from the barrier's foot to its middle [m]
-WALL_X, WALL_Y, CREST, BARRIER, FRONT_DEPTH, BARRIER_ENTRIES = range(6)
-# what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
-IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
 MOST_GAIN = 1.0  # of a node's mass by erosion in one step
 
 _slowed_speed = jit_inline(slowed_speed)
@@ -78,10 +73,10 @@ def mirror_walls(nodes):
 @jit_parallel
 def update_nodes(
     nodes, bed, node_gradient, wet, touched, n_touched, west, south, width, report, dx, dt, density, gravity,
-    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, barrier_nodes, barrier_report,
-    friction, zones, cohesion, metric, curvature, entrainment, barrier,
+    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible,
+    friction, zones, cohesion, metric, curvature, entrainment,
 ):  # fmt: skip
-    """Momentum to velocity; barriers; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
+    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
 
     Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
     they gain what the bed loses.
@@ -90,8 +85,6 @@ def update_nodes(
     per_area = 1.0 / (density * dx * dx)
     for c in prange(CHUNKS):
         report[c, :] = 0.0
-        if barrier.barrier_active():
-            barrier_report[c, :, :] = 0.0
         for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             j_first = (touched[k] // (width + 1) + south) * BLOCK
             i_first = (touched[k] % (width + 1) + west) * BLOCK
@@ -105,11 +98,6 @@ def update_nodes(
                     report[c, DEEPEST] = max(report[c, DEEPEST], grid_thickness)
                     if grid_thickness > wet_thickness and wet[j, i] != REACHED:
                         _reach(wet, j, i, grid_thickness, trigger_thickness, report[c])
-                    if barrier.barrier_active():
-                        u, v = _at_barrier(
-                            u, v, mass, bed[j, i] + grid_thickness, barrier_nodes[j, i], barrier_report[c], dx, dt,
-                            barrier,
-                        )  # fmt: skip
                     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
                     c2 = _cosine_squared(mx, my)
                     w = u * mx + v * my
@@ -135,8 +123,9 @@ def update_nodes(
                         u, v = u * (slowed / speed), v * (slowed / speed)
                         if entrainment.entrainment_active():
                             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
-                            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed)
-                            eroded = min(wanted, erodible[j, i], MOST_GAIN * mass / (dx * dx))
+                            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / np.sqrt(c2)
+                            covered = min(grid_thickness / wet_thickness, 1.0)  # a hem of next to nothing takes nothing
+                            eroded = min(covered * wanted, erodible[j, i], MOST_GAIN * mass / (dx * dx))
                             gain = eroded * dx * dx / mass
                             erodible[j, i] -= eroded
                             bed[j, i] -= eroded * entrainment.bed_lowering()
@@ -156,23 +145,6 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
     if wet[j, i] >= ARMED and thickness > trigger_thickness[wet[j, i] // ARMED - 1]:
         report[TRIGGERED] += 1.0
         wet[j, i] = REACHED
-
-
-@jit_inline
-def _at_barrier(u, v, mass, surface, here, sums, dx, dt, barrier):
-    """Velocity at a node beside a barrier: held where the surface is below the crest, free above it."""
-    number = int(here[BARRIER])
-    if number > 0:
-        into = -(u * here[WALL_X] + v * here[WALL_Y])
-        if surface < here[CREST]:
-            u_new, v_new = barrier.deflected(u, v, here[WALL_X], here[WALL_Y])
-            sums[number - 1, IMPULSE] += mass * max(into, 0.0)
-            sums[number - 1, IMPULSE_X] += mass * (u - u_new)
-            sums[number - 1, IMPULSE_Y] += mass * (v - v_new)
-            u, v = u_new, v_new
-        elif into > 0.0:
-            sums[number - 1, OVERTOPPED] += mass * into * dt / here[FRONT_DEPTH]
-    return u, v
 
 
 @jit_parallel

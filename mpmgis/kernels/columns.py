@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .column_barriers import BARRIER_ENTRIES, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import (
     GONE,
     REORDER_STEPS,
@@ -26,10 +27,7 @@ from .column_blocks import (
 from .column_nodes import (
     AIRBORNE_MASS,
     ARMED,
-    BARRIER_ENTRIES,
-    BARRIER_SUMS,
     DEEPEST,
-    IMPULSE,
     NODE_REPORT,
     REACHED,
     TRIGGERED,
@@ -140,9 +138,6 @@ __all__ = [
 ) = range(30)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
-
-
-PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], beside a barrier's sums
 
 
 class Settings(NamedTuple):
@@ -262,17 +257,6 @@ def stop_rule(clock, counts):
 
 
 @jit
-def collect_barriers(barrier_report, sums, dt):
-    """Reduce the chunks' barrier reports in their order; `sums` float64[barriers, BARRIER_SUMS + 1]."""
-    for k in range(sums.shape[0]):
-        before = sums[k, IMPULSE]
-        for c in range(CHUNKS):
-            for entry in range(BARRIER_SUMS):
-                sums[k, entry] += barrier_report[c, k, entry]
-        sums[k, PEAK_FORCE] = max(sums[k, PEAK_FORCE], (sums[k, IMPULSE] - before) / dt)
-
-
-@jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
     until, max_steps, settings, fields, effects,
@@ -340,12 +324,17 @@ def advance(
         gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched)
         if wall:
             fold_walls(nodes)
+        if effects.barrier.barrier_active():
+            hold_at_barriers(
+                nodes, fields.bed, slot, touched, n_touched, west, south, width, height, barrier_report,
+                dx, dt, density, gravity, wall, fields.barriers, effects.barrier,
+            )  # fmt: skip
         update_nodes(
             nodes, fields.bed, fields.gradient, wet, touched, n_touched, west, south, width, node_report,
             dx, dt, density, gravity, settings.thickness_floor, settings.wet_thickness, fields.trigger_thickness,
-            fields.zone_values, fields.erodible, fields.barriers, barrier_report,
+            fields.zone_values, fields.erodible,
             effects.friction, effects.zones, effects.cohesion, effects.metric, effects.curvature,
-            effects.entrainment, effects.barrier,
+            effects.entrainment,
         )  # fmt: skip
         if effects.entrainment.bed_lowering() > 0.0:
             regrade(fields.bed, fields.gradient, touched, n_touched, west, south, width, dx)

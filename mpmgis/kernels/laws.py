@@ -27,6 +27,7 @@ METHODS = (
     "erosion_rate",
     "bed_lowering",
     "barrier_active",  # barriers
+    "weir_discharge",
     "deflected",
 )
 

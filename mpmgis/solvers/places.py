@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..effects.barrier import CORE, CORNER, FACE
+from ..kernels import column_barriers as entries
 from ..kernels.columns import BARRIER_ENTRIES, NodeFields
 
 NO_LAKE = -1e30  # [m] a still level below all ground
@@ -21,7 +23,7 @@ class Places:
     erodible : float64[ny + 3, nx + 3] [kg m-2], optional
         What the flow can take up from the bed.
     barriers : float64[ny + 3, nx + 3, BARRIER_ENTRIES], optional
-        See `kernels.column_nodes`: normal, crest, number, front depth.
+        See `kernels.column_barriers`; `barrier_entries` makes them of walls.
     barrier_names : tuple of str
     lake_level : float64[ny, nx] [m], optional
         Still level of the lake in each cell, NO_LAKE elsewhere.
@@ -49,3 +51,20 @@ class Places:
             lake_level=present(self.lake_level),
             trigger_thickness=np.full(MAX_AREAS, np.inf),
         )
+
+
+def barrier_entries(walls):
+    """The node array of a grid's `walls` (geo.barriers.WallNodes), in the order that the kernel reads.
+
+    At the edge of the domain a wall holds all that reaches it, so that nothing squeezes between the two.
+    """
+    nodes = np.zeros((*walls.number.shape, BARRIER_ENTRIES))
+    at_edge = np.ones(walls.number.shape, bool)
+    at_edge[4:-4, 4:-4] = False
+    corner = walls.corner | (walls.core & at_edge)
+    nodes[..., entries.WALL_X], nodes[..., entries.WALL_Y] = walls.normal[..., 0], walls.normal[..., 1]
+    nodes[..., entries.CREST], nodes[..., entries.WALL_MU] = walls.crest, walls.mu
+    nodes[..., entries.BARRIER] = walls.number
+    nodes[..., entries.HOLD] = np.where(corner, CORNER, np.where(walls.core, CORE, FACE))
+    nodes[..., entries.WEIGHT] = walls.weight
+    return nodes

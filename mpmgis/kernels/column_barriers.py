@@ -1,0 +1,130 @@
+"""Walls on the grid: the flow is held at their nodes, and what they take up is booked (design notes 3.9).
+
+The pass comes between the gathering of the tiles and the update of the nodes. It changes the momentum of a wall's own
+nodes and looks at nodes outside every wall, which it does not change, so that the order of nodes does not matter.
+"""
+
+import numpy as np
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .column_rows import BLOCK, CHUNKS, NODE_MASS, NODE_X, NODE_Y
+from .jit import jit, jit_inline, jit_parallel, prange
+
+# entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
+# wall here), friction along it [1], how it holds the flow (`effects.barrier`), and the weight with which what passes
+# there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1
+WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, BARRIER_ENTRIES = range(8)
+# what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
+IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
+PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], beside a barrier's sums
+LOOK = 64  # [cells] how far a node in a wall looks for the flow outside
+
+
+@jit_parallel
+def hold_at_barriers(
+    nodes, bed, slot, touched, n_touched, west, south, width, height, report, dx, dt, density, gravity, wall, walls,
+    barrier,
+):  # fmt: skip
+    """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
+
+    The higher of the two surfaces beside the wall decides how much passes over the crest. The normal impulse is what
+    pushes away from that side, what passed is the mean flux through the middle of the wall.
+    """
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    per_metre = density * dx * dx  # mass of a node for each metre of thickness
+    for c in prange(CHUNKS):
+        report[c, :, :] = 0.0
+        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            j_first = (touched[k] // (width + 1) + south) * BLOCK
+            i_first = (touched[k] % (width + 1) + west) * BLOCK
+            for j in range(j_first, min(j_first + BLOCK, rows)):
+                for i in range(i_first, min(i_first + BLOCK, columns)):
+                    mass, number = nodes[j, i, NODE_MASS], int(walls[j, i, BARRIER])
+                    if mass <= 0.0 or number <= 0:
+                        continue
+                    here, sums = walls[j, i], report[c, number - 1]
+                    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+                    window = west, south, width, height
+                    before, speed_before = _flow_beside(nodes, bed, walls, slot, window, j, i, 1.0, per_metre)
+                    beyond, speed_beyond = _flow_beside(nodes, bed, walls, slot, window, j, i, -1.0, per_metre)
+                    side = 1.0 if before >= beyond else -1.0  # on which the flow stands higher
+                    head = max(before, beyond) - (here[CREST] - bed[j, i])
+                    speed = speed_before if before >= beyond else speed_beyond
+                    open_speed = barrier.weir_discharge(gravity, head, speed) * per_metre / mass
+                    u_held, v_held = barrier.deflected(
+                        u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], open_speed
+                    )
+                    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
+                    own = mass * _share_within(j, i, rows, columns, wall)
+                    sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
+                    sums[IMPULSE_X] += own * (u - u_held)
+                    sums[IMPULSE_Y] += own * (v - v_held)
+                    across = -side * (u_held * here[WALL_X] + v_held * here[WALL_Y])
+                    if head > 0.0 and across > 0.0:
+                        sums[OVERTOPPED] += own * across * dt * here[WEIGHT]
+
+
+@jit_inline
+def _flow_beside(nodes, bed, walls, slot, window, j, i, side, per_metre):
+    """(thickness that the flow beside the wall would have at its foot here [m], its speed towards the wall [m s-1]).
+
+    `side` 1 looks along the outward normal, -1 through the wall to the other side. The flow is followed to the wall
+    parallel to the bed, or, where it deepens towards the wall as a pool does, with its surface level at most.
+    """
+    step_x, step_y = side * walls[j, i, WALL_X], side * walls[j, i, WALL_Y]
+    thickness, speed = 0.0, 0.0
+    for k in range(1, LOOK):
+        near_j, near_i = int(np.floor(j + k * step_y + 0.5)), int(np.floor(i + k * step_x + 0.5))
+        far_j, far_i = int(np.floor(j + (k + 1) * step_y + 0.5)), int(np.floor(i + (k + 1) * step_x + 0.5))
+        if min(near_j, near_i, far_j, far_i) < 0:
+            break
+        if max(near_j, far_j) >= nodes.shape[0] or max(near_i, far_i) >= nodes.shape[1]:
+            break
+        if walls[near_j, near_i, BARRIER] > 0.0:
+            continue
+        mass = _mass_now(nodes, slot, window, near_j, near_i)
+        if mass > 0.0:
+            thickness = mass / per_metre
+            deeper = k * (thickness - _mass_now(nodes, slot, window, far_j, far_i) / per_metre)
+            thickness += max(min(deeper, bed[near_j, near_i] - bed[j, i]), 0.0)
+            speed = -(nodes[near_j, near_i, NODE_X] * step_x + nodes[near_j, near_i, NODE_Y] * step_y) / mass
+        break
+    return thickness, max(speed, 0.0)
+
+
+@jit_inline
+def _mass_now(nodes, slot, window, j, i):
+    """Mass of a node [kg]; 0 in blocks that no column touches, whose nodes are as an earlier step left them."""
+    west, south, width, height = window
+    bi, bj = i // BLOCK - west, j // BLOCK - south
+    touched = False
+    for back_j in range(2):
+        for back_i in range(2):
+            oi, oj = bi - back_i, bj - back_j
+            if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+                touched = True
+    return nodes[j, i, NODE_MASS] if touched else 0.0
+
+
+@jit_inline
+def _share_within(j, i, rows, columns, wall):
+    """Share of a node's mass that is no mirror image: walls around the domain double the mass on them."""
+    share = 1.0
+    if wall:
+        for index, size in ((j, rows), (i, columns)):
+            if index == 0 or index == size - 1:
+                share = 0.0
+            elif index == 1 or index == size - 2:
+                share *= 0.5
+    return share
+
+
+@jit
+def collect_barriers(barrier_report, sums, dt):
+    """Reduce the chunks' barrier reports in their order; `sums` float64[barriers, BARRIER_SUMS + 1]."""
+    for k in range(sums.shape[0]):
+        before = sums[k, IMPULSE]
+        for c in range(CHUNKS):
+            for entry in range(BARRIER_SUMS):
+                sums[k, entry] += barrier_report[c, k, entry]
+        sums[k, PEAK_FORCE] = max(sums[k, PEAK_FORCE], (sums[k, IMPULSE] - before) / dt)
