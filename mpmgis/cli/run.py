@@ -68,10 +68,12 @@ def _asked(question):
 def tell(summary):
     """The balances and the cost of a run, on stderr."""
     b = summary.balances
-    out = b["mass_out"] / b["mass_start"]
+    out = b["mass_out"] / max(b["mass_released"] + b["mass_entrained"], 1e-300)
     talk.say(f"ended: {summary.reason}")
     talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
-    mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
+    later = b["mass_released"] - b["mass_start"]
+    came = f", {later:.6g} kg came in later" if later > 1e-9 * b["mass_released"] else ""
+    mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
     talk.say(f"{mass}, error {b['mass_error_relative']:.1e}")
     talk.say(f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J")
     bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"

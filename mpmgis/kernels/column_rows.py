@@ -85,7 +85,7 @@ def grid_areas(rows, shape, dx):
 
 
 @jit
-def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density):
+def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density, least):
     """Set the area of the columns in marked cells to m / (rho h_g): as thick as the grid sees all of them together.
 
     Columns laid over others are each too thin and push too little (the push is the sum of A h^2).
@@ -100,6 +100,8 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
         Indices of the ghost nodes behind walls, west, south, east, north; far outside where the edge is open.
     dx : float [m]
     density : float [kg m-3]
+    least : float
+        Only columns that become at least so many times as thick; 0 for all.
 
     Returns
     -------
@@ -134,10 +136,11 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
                     for i in range(3):
                         here += share[0, i] * share[1, j] * mass[j0 + j, i0 + i]
                 before, after = rows[p, MASS] / (density * rows[p, AREA]), here / (density * dx * dx)
-                rows[p, AREA] = rows[p, MASS] / (density * after)
-                lifted += rows[p, MASS] * (after - before)
-                thickest = max(thickest, after)
-                fastest = max(fastest, np.hypot(rows[p, U], rows[p, V]))
+                if after >= least * before:
+                    rows[p, AREA] = rows[p, MASS] / (density * after)
+                    lifted += rows[p, MASS] * (after - before)
+                    thickest = max(thickest, after)
+                    fastest = max(fastest, np.hypot(rows[p, U], rows[p, V]))
         if not reading:
             _mirror_mass(mass.T, mirrors[0] - west, 1)
             _mirror_mass(mass, mirrors[1] - south, 1)

@@ -9,16 +9,15 @@ import numpy as np
 from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
-from ..io.frames import read_frame
 from ..io.raster import file_sha256, read_terrain
-from ..io.vector import read_release
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, mu_least, read_scene, resolve
-from ..seeding.columns import seed_columns
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
+from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.places import Places
+from .sources import read_sources
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,13 @@ class Prepared:
     facts: TerrainFacts
     numerics: ColumnNumerics
     places: Places
+    events: Events
     digest: str
+
+    @property
+    def columns(self):
+        """Number of columns at the start and of all that may come."""
+        return len(self.frame.particles) + self.events.columns_to_come()
 
 
 def prepare(scene_path, say=lambda text: None, laws=None):
@@ -55,9 +60,11 @@ def _prepare(scene, say):
     terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
     cell_size = scene.numerics.cell_size or terrain.grid.cell_size
     scene = replace(scene, numerics=replace(scene.numerics, cell_size=cell_size))
-    frame = _columns(scene, terrain, cell_size, say)
+    grid = ColumnGrid.on(terrain, cell_size)
+    sources = read_sources(scene, terrain, grid, say)
+    frame = sources.frame
     _tell_of_release(frame.particles, frame.header["density"], say)
-    facts = _facts(scene, terrain, frame)
+    facts = _facts(scene, terrain, sources.everything)._replace(**sources.facts)
     effects, decisions = resolve(scene, facts)
     stop = scene.output.stop_at_rest
     numerics = ColumnNumerics(
@@ -68,12 +75,14 @@ def _prepare(scene, say):
         density=frame.header["density"],
         stop_at_rest=scene.numerics.form == "slope" if stop is None else stop,
         maxima=scene.output.maxima,
+        reference_thickness=sources.reference_thickness,
     )
     digest = scene.digest(terrain.sha256, _input_digest(scene))
-    places = _places(scene, effects, ColumnGrid.on(terrain, cell_size))
+    places = _places(scene, effects, grid)
     return Prepared(
-        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, digest
-    )
+        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places,
+        sources.events, digest,
+    )  # fmt: skip
 
 
 def _read_scene(path, laws):
@@ -111,26 +120,6 @@ def _places(scene, effects, grid):
     return Places(lake_level=lake)
 
 
-def _columns(scene, terrain, cell_size, say):
-    """The columns at the start: seeded on the solver's own lattice of cells, or read from a seed."""
-    release = scene.release
-    if release.particles is not None:
-        return _read_columns(scene.path(release.particles), terrain, release.density, say)
-    thickness = release.thickness
-    if isinstance(thickness, str) and scene.path(thickness).exists():
-        thickness = str(scene.path(thickness))
-    surface = None if release.surface is None else scene.path(release.surface)
-    area = read_release(
-        scene.path(release.source), terrain, thickness=thickness, thickness_mode=release.thickness_mode,
-        surface=surface, say=say,
-    )  # fmt: skip
-    west, _, _, north = terrain.grid.bounds
-    return seed_columns(
-        terrain, area, cell_size=cell_size, anchor=(west, north), per_cell=scene.numerics.particles_per_cell,
-        points=release.points, density=release.density, velocity=release.velocity, seed=release.seed,
-    )  # fmt: skip
-
-
 def _tell_of_release(particles, density, say):
     cures = Cures(
         "[release] density", "[release] thickness", "take a smaller [numerics] cell_size or more particles_per_cell"
@@ -139,23 +128,8 @@ def _tell_of_release(particles, density, say):
         tell_if_implausible(len(particles), density, particles.volume.sum() / particles.area.sum(), cures, say)
 
 
-def _read_columns(path, terrain, density, say):
-    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
-    frame = read_frame(path, with_state=False)
-    if frame.dimension != 2:
-        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them")
-    if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
-        raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
-    if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
-        say(f"{path} was seeded on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
-    header = dict(frame.header)
-    header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
-    return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
-
-
 def _input_digest(scene):
     """Digests of all files that the scene names but its DTM; a shapefile's geometry and columns lie in several."""
-    named = [scene.path(name.split("|")[0]) for name in scene.files()]
-    dem = scene.path(scene.terrain.dem)
+    named = [scene.path(name.split("|")[0]) for name in scene.files() if name != scene.terrain.dem]
     files = {file for path in named for file in (path, *path.parent.glob(f"{glob.escape(path.stem)}.*"))}
-    return [file_sha256(file) for file in sorted(files) if file.is_file() and file != dem]
+    return [file_sha256(file) for file in sorted(files) if file.is_file()]

@@ -14,7 +14,7 @@ from ..solvers.cost import available_memory, predicted
 from ..solvers.march import March
 from .prepare import prepare
 
-FINISHED = -1  # where a resumed run has nothing left to do
+ANEW, RESUMED, FINISHED = range(3)  # where a run starts
 COLUMNS_PER_THREAD = 10_000
 ASK_SECONDS, ASK_MEMORY_SHARE = 3600.0, 0.8
 
@@ -36,11 +36,11 @@ class RunSummary:
 def require_affordable(prepared, threads, confirm):
     """Refuse, or ask `confirm(question)`, where a run would take over an hour or most of the memory."""
     west, south, east, north = prepared.terrain.grid.bounds
-    particles, numerics = prepared.frame.particles, prepared.numerics
+    numerics, facts = prepared.numerics, prepared.facts
     seconds, memory = predicted(
-        len(particles), float(particles.thickness.mean()), (east - west) * (north - south) / numerics.cell_size**2,
+        prepared.columns, facts.release_thickness, (east - west) * (north - south) / numerics.cell_size**2,
         prepared.terrain.elevation.nbytes, numerics.cell_size, numerics.cfl, prepared.scene.output.end_time,
-        prepared.facts.speed, threads,
+        facts.speed, threads,
     )  # fmt: skip
     available = available_memory()
     if seconds < ASK_SECONDS and memory < ASK_MEMORY_SHARE * available:
@@ -75,31 +75,31 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene_path, say, laws)
     # a thread for few columns costs more than it brings, above all on a busy machine; the result is the same
-    used = set_threads(threads or max(1, min(set_threads(None), len(prepared.frame.particles) // COLUMNS_PER_THREAD)))
+    used = set_threads(threads or max(1, min(set_threads(None), prepared.columns // COLUMNS_PER_THREAD)))
     require_affordable(prepared, used, confirm)
-    solver = ColumnSolver(
-        prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places
-    )
+    solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places)
     for decision in prepared.decisions:
         if decision.called_for:
             say(decision.line())
     threads_word = "1 thread" if used == 1 else f"{used} threads"
-    say(f"{len(prepared.frame.particles)} columns, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
-    first = _restored(folder, prepared, solver, say) if resume else None
-    if first == FINISHED:
-        return _summary(folder, folder.record()["reason"], solver, 0.0)
+    to_come = prepared.columns - len(prepared.frame.particles)
+    columns = f"{len(prepared.frame.particles)} columns" + (f", {to_come} to come" if to_come else "")
+    say(f"{columns}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    start = _restored(folder, prepared, solver, say) if resume else ANEW
+    if start == FINISHED:
+        return _summary(folder, folder.record()["reason"], solver, 0.0, 0)
     folder.open()
     try:
-        return _march(folder, prepared, solver, watch, first)
+        return _march(folder, prepared, solver, watch, start == RESUMED)
     finally:
         folder.remove_if_empty()
 
 
 def _restored(folder, prepared, solver, say):
-    """Set `solver` to the folder's last whole frame; its number, None to start anew, FINISHED if all is done."""
+    """Set solver and events to the last whole frame; answers RESUMED, ANEW where there is none, or FINISHED."""
     record = folder.record()
     if not record:
-        return None
+        return ANEW
     if record.get("digest") != prepared.digest:
         raise InputError(
             f"{folder.path} holds the run of another scene (its digest is {record.get('digest')}, this scene's "
@@ -107,31 +107,31 @@ def _restored(folder, prepared, solver, say):
         )
     frame = folder.last_frame()
     if frame is None:
-        return None
+        return ANEW
     solver.restore(frame)
+    prepared.events.restore(frame)
     if record.get("state") == "finished":
         say(f"{folder.path} is finished: {record.get('reason')}")
         return FINISHED
     say(f"going on after frame {folder.frames - 1}, t = {frame.time:g} s")
-    return folder.frames - 1
+    return RESUMED
 
 
-def _summary(folder, reason, solver, wall, first_step=0):
-    steps = len(solver.frame().particles) * (solver.step - first_step)
+def _summary(folder, reason, solver, wall, column_steps):
     return RunSummary(
-        folder.path, reason, folder.frames, solver.step, solver.time, wall, steps / wall if wall else 0.0,
+        folder.path, reason, folder.frames, solver.step, solver.time, wall, column_steps / wall if wall else 0.0,
         solver.balances(),
     )  # fmt: skip
 
 
-def _march(folder, prepared, solver, watch, first):
+def _march(folder, prepared, solver, watch, resumed):
     """March and write; the record says at any moment how far the run is."""
     scene = prepared.scene
     folder.write_scene(scene_text(_beside(scene, folder.path), "resolved by mpmgis run"))
     sha256 = folder.write_terrain(prepared.terrain)
     end = scene.output.end_time
-    march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), first)
-    began, first_step = time.perf_counter(), solver.step
+    march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), resumed, prepared.events)
+    began = time.perf_counter()
 
     def record(state):
         wall = time.perf_counter() - began
@@ -140,6 +140,7 @@ def _march(folder, prepared, solver, watch, first):
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
             scene=scene.as_tables(), effects=[d._asdict() for d in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
+            events=prepared.events.record(),
         )  # fmt: skip
         return wall
 
@@ -153,7 +154,7 @@ def _march(folder, prepared, solver, watch, first):
     except UnphysicalError:
         record("unphysical")
         raise
-    return _summary(folder, march.reason, solver, record("finished"), first_step)
+    return _summary(folder, march.reason, solver, record("finished"), march.column_steps)
 
 
 def _beside(scene, folder):

@@ -13,6 +13,7 @@ from .resistance import (
     decide_lateral_pressure,
     decide_viscosity,
 )
+from .sources import decide_hydrograph, decide_secondary_release
 
 # in the order in which a reader wants them; each puts its law into its slot (see `scene/decisions`)
 DECIDERS = (
@@ -26,6 +27,8 @@ DECIDERS = (
     decide_viscosity,
     decide_curvature,
     decide_still_water,
+    decide_hydrograph,
+    decide_secondary_release,
     decide_outflow,
     decide_flight,
 )

@@ -20,6 +20,7 @@ BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_m
 # what came in after the start: columns, and their energy when they did [J]
 INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks that hold columns where none does
+LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
@@ -149,15 +150,18 @@ class ColumnSolver:
             )
         return x, y
 
-    def insert(self, frame, window):
+    def insert(self, frame, window, slab=True):
         """Let the columns of `frame` in, now: what `advance` does next it does with them.
 
-        Columns that come to lie on others would each be too thin: in the cells of `window` (CellWindow) all areas are
-        set to what the grid sees of them together. Ids go on after those that are there.
+        Columns that come to lie on others would each be too thin: in the cells of `window` (CellWindow) areas are set
+        to what the grid sees of all of them together. Of a `slab` only those that lie on others, so that its own rim
+        stays as steep as it is. Ids go on after those that are there.
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
-        kinetic, potential = self._inserted_energy(self._add(frame, np.arange(first, first + n)), n)
-        self._inserted += n, kinetic, potential + self._settle(window)
+        bed = self._add(frame, np.arange(first, first + n))
+        now, count = self._counts[kernel.CURRENT], int(self._counts[kernel.ROWS])
+        kinetic, potential = self._energy_of(self._rows[now, count - n : count], bed)
+        self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
 
     def _add(self, frame, ids):
         """Append the columns of `frame` and tell the clock of them; answers the bed under them [m]."""
@@ -219,18 +223,15 @@ class ColumnSolver:
         clock[kernel.KINETIC_LOW_SINCE] = -1.0
         clock[kernel.FOOTPRINT_MARK_TIME], clock[kernel.FOOTPRINT_MARK] = self.time, float(self._counts[kernel.WET])
 
-    def _inserted_energy(self, bed, n):
-        now, rows = self._counts[kernel.CURRENT], int(self._counts[kernel.ROWS])
-        return self._energy_of(self._rows[now, rows - n : rows], bed)
-
-    def _settle(self, window):
-        """Areas in the cells of `window` as the grid sees them; answers the potential energy that this adds [J]."""
+    def _settle(self, window, least):
+        """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
+        answers the potential energy that this adds [J]."""
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
             self._rows[now, :n], self._keys[now, :n], kernel.GONE, window.marked, window.row, window.column, walls,
-            self.grid.cell_size, self._settings.density,
+            self.grid.cell_size, self._settings.density, least,
         )  # fmt: skip
         self._expect(thickest, fastest, 0.0)
         return 0.5 * self.numerics.gravity * lifted

@@ -390,7 +390,7 @@ def test_resuming_from_an_earlier_frame_in_memory():
     solver, again = rough_solver(maxima=True), rough_solver(maxima=True)
     frames = list(March(solver, 4.0, 1.0))
     again.restore(frames[2])
-    list(March(again, 4.0, 1.0, first=2))
+    list(March(again, 4.0, 1.0, resumed=True))
     a, b = solver.frame().particles, again.frame().particles
     assert a.position.tobytes() == b.position.tobytes() and a.velocity.tobytes() == b.velocity.tobytes()
     assert again.time == solver.time and again.step == solver.step

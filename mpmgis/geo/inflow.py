@@ -1,0 +1,84 @@
+"""What flows in over time: a hydrograph, its exact volume between two times, and how often it is let in."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fields import GRAVITY
+
+BATCH_SHARE = 0.125  # of what an inlet holds: what comes in at once
+
+
+@dataclass(frozen=True, eq=False)
+class Hydrograph:
+    """Columns of a table over `time` [s], rising; either `discharge` or `thickness` is there.
+
+    Parameters
+    ----------
+    time : float64[n] [s]
+    discharge : float64[n] [m3 s-1], optional
+        Linear between the times, none before the first and after the last.
+    thickness : float64[n] [m], optional
+        Of a slab that is released at each time; 0 for none.
+    speed : float64[n] [m s-1], optional
+        Along the ground, down the steepest descent.
+    velocity : float64[n, 2] [m s-1], optional
+        East and north, instead of speed.
+    """
+
+    time: np.ndarray
+    discharge: np.ndarray | None = None
+    thickness: np.ndarray | None = None
+    speed: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+
+    def volume(self, start, end):
+        """Volume [m3] that flows in between two times [s]: the exact integral of the piecewise linear discharge."""
+        start, end = max(start, self.time[0]), min(end, self.time[-1])
+        if end <= start:
+            return 0.0
+        times = np.concatenate([[start], self.time[(self.time > start) & (self.time < end)], [end]])
+        discharge = np.interp(times, self.time, self.discharge)
+        return float((0.5 * (discharge[1:] + discharge[:-1]) * np.diff(times)).sum())
+
+    def speed_at(self, time):
+        """Speed [m s-1] at `time` [s], linear between the table's; 0 where it tells none."""
+        return 0.0 if self.speed is None else float(np.interp(time, self.time, self.speed))
+
+    def velocity_at(self, time):
+        """(east, north) [m s-1] at `time` [s], linear between the table's; (0, 0) where it tells none."""
+        if self.velocity is None:
+            return (0.0, 0.0)
+        return tuple(float(np.interp(time, self.time, part)) for part in self.velocity.T)
+
+
+def clearing_time(discharge, length, width, slope, speed, gravity=GRAVITY):
+    """Time [s] in which what has come in leaves the inlet again.
+
+    Its speed there is that of critical flow, (g Q / W)^(1/3) (the free outflow of a pool), or that of material which
+    enters with `speed` and slides down the inlet without friction, averaged over the way, whichever is faster.
+
+    Parameters
+    ----------
+    discharge : float [m3 s-1]
+    length, width : float [m]
+        Of the inlet, along and across the flow.
+    slope : float [1]
+        Tangent of the inlet's slope.
+    speed : float [m s-1]
+    """
+    critical = (gravity * discharge / width) ** (1.0 / 3.0)
+    leaving = np.sqrt(speed**2 + 2.0 * gravity * length * slope / (1.0 + slope**2))
+    return length / max(critical, 0.5 * (speed + leaving))
+
+
+def batch_times(hydrograph, end_time, interval):
+    """(start, end) [s] of the intervals, equal and at most `interval` [s] long, whose inflow comes in at their start.
+
+    They cover the discharge up to `end_time` [s]; float64[k, 2].
+    """
+    start, end = hydrograph.time[0], min(hydrograph.time[-1], end_time)
+    if end <= start:
+        return np.empty((0, 2))
+    edges = np.linspace(start, end, int(np.ceil((end - start) / interval)) + 1)
+    return np.column_stack([edges[:-1], edges[1:]])

@@ -1,0 +1,140 @@
+"""Hydrographs in: CSV tables of time and discharge or thickness, as spreadsheets of any country write them."""
+
+import codecs
+import csv
+import difflib
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FormatError
+from ..geo.inflow import Hydrograph
+
+COLUMNS = {
+    "time": "s",
+    "discharge": "m3 s-1",
+    "thickness": "m",
+    "speed": "m s-1",
+    "velocity_east": "m s-1",
+    "velocity_north": "m s-1",
+}
+_SIGNED = ("time", "velocity_east", "velocity_north")
+_DELIMITERS = ",;\t"
+_LARGEST = 10_000_000  # [bytes] of a table; more is no hydrograph
+
+
+def read_hydrograph(path):
+    """The Hydrograph in the CSV file at `path`: a header, then a row a time; comma, semicolon or tab between columns.
+
+    Where columns are divided by semicolons or tabs, numbers may have a decimal comma. Empty lines and lines that start
+    with # are skipped.
+
+    Raises
+    ------
+    FormatError
+        In one line, with the line of the file that is wrong.
+    """
+    path = Path(path)
+    lines = [(k, line) for k, line in enumerate(_text(path).splitlines(), 1)]
+    lines = [(k, line) for k, line in lines if line.strip(f" {_DELIMITERS}") and not line.lstrip().startswith("#")]
+    if not lines:
+        raise FormatError(f"{path} is empty, wanted a header such as time,discharge and a row for each time")
+    delimiter = max(_DELIMITERS, key=lines[0][1].count)
+    rows = [(k, [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]) for k, line in lines]
+    names = _names(path, rows[0][1])
+    if len(rows) == 1:
+        raise FormatError(f"{path} holds a header and no times below it")
+    numbers = [_numbers(path, k, names, cells, delimiter != ",") for k, cells in rows[1:]]
+    table = dict(zip(names, np.array(numbers).T, strict=True))
+    _require_sense(path, table, [k for k, _ in rows[1:]])
+    velocity = None
+    if "velocity_east" in table:
+        velocity = np.column_stack([table["velocity_east"], table["velocity_north"]])
+    return Hydrograph(table["time"], table.get("discharge"), table.get("thickness"), table.get("speed"), velocity)
+
+
+def _text(path):
+    """The file's text: UTF-8 with or without a byte order mark, or UTF-16 with one."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, wanted a table of times below 10 MB")
+        raw = path.read_bytes()
+        utf16 = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return raw.decode("utf-16" if utf16 else "utf-8-sig")
+    except FileNotFoundError as error:
+        raise FormatError(f"{path}: no such file, wanted a CSV with the columns time and discharge") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path} is no readable text, wanted a CSV; save it as CSV UTF-8") from error
+
+
+def _names(path, cells):
+    """The header's names, all known, each once, and enough of them."""
+    takes = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
+    names = [cell.lower() for cell in cells]
+    for name in names:
+        if name not in COLUMNS:
+            close = difflib.get_close_matches(name, COLUMNS, 1)
+            meant = f"; did you mean {close[0]!r}?" if close else ""
+            if _is_number(name):
+                meant = "; the first line must name the columns"
+            raise FormatError(f"{path}: unknown column {name!r}{meant}; it takes {takes}")
+        if names.count(name) > 1:
+            raise FormatError(f"{path}: the column {name} is there twice; take one out")
+    if "time" not in names:
+        raise FormatError(f"{path}: the column time [s] is missing; it has {', '.join(names)}")
+    if ("discharge" in names) == ("thickness" in names):
+        got = "both" if "discharge" in names else "none"
+        raise FormatError(f"{path}: wanted a column discharge [m3 s-1] or a column thickness [m], got {got}")
+    if ("velocity_east" in names) != ("velocity_north" in names):
+        raise FormatError(f"{path}: velocity_east and velocity_north go together; give both, or speed instead")
+    if "speed" in names and "velocity_east" in names:
+        raise FormatError(f"{path}: speed and velocity_east, velocity_north exclude each other; take one out")
+    return names
+
+
+def _numbers(path, line, names, cells, decimal_comma):
+    """The numbers of one row."""
+    while len(cells) > len(names) and cells[-1] == "":  # spreadsheets end lines with empty cells
+        cells = cells[:-1]
+    if len(cells) != len(names):
+        cure = "; numbers take a point, or semicolons between the columns" if len(cells) == 2 * len(names) else ""
+        raise FormatError(f"{path} line {line}: {len(cells)} values for {len(names)} columns{cure}")
+    numbers = []
+    for name, cell in zip(names, cells, strict=True):
+        text = cell.replace(",", ".") if decimal_comma and cell.count(",") == 1 and "." not in cell else cell
+        if not _is_number(text):
+            raise FormatError(f"{path} line {line}: {name} is {cell!r}, wanted a number [{COLUMNS[name]}]")
+        value = float(text)
+        if not math.isfinite(value):
+            raise FormatError(f"{path} line {line}: {name} is {cell}, wanted a finite number [{COLUMNS[name]}]")
+        if value < 0 and name not in _SIGNED:
+            raise FormatError(f"{path} line {line}: {name} is {cell}, wanted 0 or more; nothing can flow out here")
+        numbers.append(value)
+    return numbers
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _require_sense(path, table, lines):
+    """Times that rise from 0 on, and something that flows."""
+    time = table["time"]
+    if time[0] < 0:
+        raise FormatError(f"{path} line {lines[0]}: time is {time[0]:g} s, wanted 0 or later; runs start at 0")
+    for k in np.flatnonzero(np.diff(time) <= 0):
+        raise FormatError(
+            f"{path} line {lines[k + 1]}: time {time[k + 1]:g} s does not follow {time[k]:g} s; sort the rows"
+        )
+    if "discharge" in table and len(time) < 2:
+        raise FormatError(
+            f"{path} line {lines[0]}: one time only, wanted two at least; discharge is linear between times"
+        )
+    amount = "discharge" if "discharge" in table else "thickness"
+    if not table[amount].any():
+        raise FormatError(f"{path}: {amount} is 0 at all times, nothing would flow in")

@@ -1,0 +1,222 @@
+"""What moves in a scene: the columns at its start, those that flow in, and those that the flow releases."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ..errors import InputError, SceneError
+from ..geo.release import VERTICAL, polygons_only
+from ..io.frames import read_frame
+from ..io.hydrograph import read_hydrograph
+from ..io.vector import read_release
+from ..particles import Particles
+from ..scene.tables import ReleaseTable
+from ..seeding.columns import seed_columns
+from ..solvers.events import Events, inlet_of, secondary_releases
+
+_TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The columns of one scene.
+
+    Parameters
+    ----------
+    frame : Frame
+        At the start; without a release none.
+    events : Events
+    everything : Frame
+        All columns of release, inlet (as it stands at its largest inflow) and secondary areas, to decide effects from.
+    reference_thickness : float or None [m]
+        The thinnest mean of these; None where the release is all there is.
+    facts : dict
+        What `TerrainFacts` tells of inflow and secondary releases.
+    """
+
+    frame: object
+    events: Events
+    everything: object
+    reference_thickness: float | None
+    facts: dict
+
+
+def read_sources(scene, terrain, grid, say):
+    """The Sources of `scene` on `terrain`; `grid` is the solver's.
+
+    Raises
+    ------
+    InputError
+        What a file holds cannot be used; areas overlap; densities differ.
+    """
+    release = _release(scene, terrain, say)
+    frame = None if release is None else _start(scene, terrain, grid, release, say)
+    density = _density(scene, frame)
+    inlet, reference = _inlet(scene, terrain, grid, density, say), []
+    secondary = _secondary(scene, terrain, grid, density, release, say)
+    frames = [] if frame is None else [frame]
+    if inlet is not None:
+        frames.append(_standing(inlet))
+    frames += [area.frame for area in secondary]
+    if frame is None:
+        frame = replace(inlet.frame, particles=inlet.frame.particles.take(slice(0, 0)))
+    if len(frames) > 1 or inlet is not None:
+        reference = [float(np.average(f.particles.thickness, weights=f.particles.mass)) for f in frames]
+    events = Events([] if inlet is None else [inlet], secondary)
+    everything = _together(frames)
+    return Sources(frame, events, everything, min(reference, default=None), _facts(inlet, secondary, frames))
+
+
+def _release(scene, terrain, say):
+    """The ReleaseArea of [release]; its particles as a Frame; None without it."""
+    table = scene.release
+    if table is None:
+        return None
+    if table.particles is not None:
+        return _read_columns(scene.path(table.particles), terrain, table.density, say)
+    return _area(scene, table, terrain, say)
+
+
+def _start(scene, terrain, grid, release, say):
+    """The columns at the start, with their velocity."""
+    table = scene.release
+    if table.particles is not None:
+        return release
+    frame = _seeded(scene, terrain, grid, release, table.density, table)
+    if table.speed is None:
+        return frame
+    return replace(frame, particles=replace(frame.particles, velocity=table.speed * grid.downslope(frame)))
+
+
+def _area(scene, table, terrain, say):
+    thickness, surface = table.thickness, getattr(table, "surface", None)
+    if isinstance(thickness, str) and scene.path(thickness).exists():
+        thickness = str(scene.path(thickness))
+    return read_release(
+        scene.path(table.source), terrain, thickness=thickness, thickness_mode=table.thickness_mode,
+        surface=None if surface is None else scene.path(surface), say=say,
+    )  # fmt: skip
+
+
+def _seeded(scene, terrain, grid, area, density, table=None):
+    """Columns of `area` on the solver's own lattice of cells, in the point set of the [release] `table`."""
+    west, _, _, north = terrain.grid.bounds
+    table = table or ReleaseTable()
+    return seed_columns(
+        terrain, area, cell_size=grid.cell_size, anchor=(west, north), per_cell=scene.numerics.particles_per_cell,
+        points=table.points, density=density, velocity=table.velocity, seed=table.seed,
+    )  # fmt: skip
+
+
+def _density(scene, frame):
+    """The one density of a scene [kg m-3]; refused where its tables differ."""
+    named = [] if frame is None else [("[release]", float(frame.header["density"]))]
+    if _used(scene.hydrograph) and scene.hydrograph.density is not None:
+        named.append(("[hydrograph]", scene.hydrograph.density))
+    secondary = [table.density for table in scene.secondary_release if _used(table)]
+    named += [("[[secondary_release]]", density) for density in secondary if density is not None]
+    for name, density in named[1:]:
+        if abs(density - named[0][1]) > 1e-9 * density:
+            raise SceneError(
+                f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; all that flows has "
+                "one density, take one out"
+            )
+    return named[0][1] if named else ReleaseTable.density
+
+
+def _used(table):
+    return table is not None and table.use != "off"
+
+
+def _inlet(scene, terrain, grid, density, say):
+    """The Inlet of [hydrograph]; None where there is none."""
+    table = scene.hydrograph
+    if not _used(table):
+        return None
+    hydrograph = read_hydrograph(scene.path(table.file))
+    mode = VERTICAL if hydrograph.thickness is None else table.thickness_mode
+    area = read_release(scene.path(table.source), terrain, thickness=1.0, thickness_mode=mode, say=say)
+    inlet = inlet_of(_seeded(scene, terrain, grid, area, density), hydrograph, grid, scene.output.end_time)
+    if hydrograph.thickness is None and hydrograph.time[-1] > scene.output.end_time:
+        late = hydrograph.volume(scene.output.end_time, np.inf)
+        say(f"[hydrograph] {late:.6g} m3 would flow in after end_time = {scene.output.end_time:g} s")
+    return inlet
+
+
+def _secondary(scene, terrain, grid, density, release, say):
+    """A SecondaryRelease for each polygon of each [[secondary_release]]."""
+    others = [("[release]", p) for p in getattr(release, "polygons", ())]
+    named = []
+    for table in filter(_used, scene.secondary_release):
+        area = _area(scene, table, terrain, say)
+        pieces = [(part, piece) for part in area.parts for piece in shapely.get_parts(polygons_only(part.polygon))]
+        for number, (part, piece) in enumerate(pieces, 1):
+            name = area.name if len(pieces) == 1 else f"{area.name} {number}"
+            _require_apart(name, piece, others)
+            others.append((f"[[secondary_release]] '{name}'", piece))
+            alone = replace(area, parts=(replace(part, name=name, polygon=piece),))
+            named.append((name, _seeded(scene, terrain, grid, alone, density), table.trigger_thickness))
+    return secondary_releases(named, grid)
+
+
+def _require_apart(name, polygon, others):
+    """Refuse an area that counts ground twice."""
+    for other_name, other in others:
+        shared = polygon.intersection(other).area
+        if shared > _TOUCHING * min(polygon.area, other.area):
+            raise InputError(
+                f"[[secondary_release]] '{name}' and {other_name} overlap by {shared:.4g} m2; cut one of them (QGIS: "
+                "Difference)"
+            )
+
+
+def _standing(inlet):
+    """The inlet's columns with the thickness that stands in it at its largest inflow."""
+    p, density = inlet.frame.particles, inlet.frame.header["density"]
+    thickness = np.full(len(p), inlet.reference_thickness)
+    volume = thickness * p.area
+    return replace(inlet.frame, particles=replace(p, thickness=thickness, volume=volume, mass=density * volume))
+
+
+def _together(frames):
+    """One frame of the columns of all `frames`, relative to the origin of the first."""
+    first = frames[0]
+    if len(frames) == 1:
+        return first
+    parts = [
+        replace(f.particles, position=f.particles.position + np.subtract(f.origin, first.origin), id=None, parent=None)
+        for f in frames
+    ]
+    names = [name for name in parts[0].arrays() if all(name in part.arrays() for part in parts)]
+    return replace(first, particles=Particles(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names}))
+
+
+def _facts(inlet, secondary, frames):
+    """Inflow (volume [m3], first and last time [s], batches) and the secondary areas' share of the mass."""
+    facts = {}
+    if inlet is not None:
+        begins, ends = float(inlet.times[0, 0]), float(inlet.times[-1, 1])
+        facts["inflow"] = (float(inlet.volumes.sum()), begins, ends, len(inlet.times))
+    if secondary:
+        mass = sum(float(area.frame.particles.mass.sum()) for area in secondary)
+        first = sum(float(frame.particles.mass.sum()) for frame in frames) - mass
+        if inlet is not None:
+            standing = float(_standing(inlet).particles.mass.sum())
+            first += float(inlet.volumes.sum()) * inlet.frame.header["density"] - standing
+        facts["secondary"] = (mass / first, len(secondary))
+    return facts
+
+
+def _read_columns(path, terrain, density, say):
+    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
+    frame = read_frame(path, with_state=False)
+    if frame.dimension != 2:
+        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them")
+    if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
+        raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
+        say(f"{path} was seeded on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
+    header = dict(frame.header)
+    header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
+    return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)

@@ -1,0 +1,262 @@
+"""What happens between steps: columns that flow in over time, and areas that the flow releases when it gets there."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import FormatError, SceneError
+from ..geo.inflow import BATCH_SHARE, batch_times, clearing_time
+from ..particles import Frame, Particles
+from .places import MAX_AREAS
+
+# Columns of an inlet take turns by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
+# dither): batches of one layer each are as even as they can be, and eight of them fill the lattice once.
+_TURNS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Inlet:
+    """Columns that come in through one area in batches, each at a fixed time.
+
+    Parameters
+    ----------
+    frame : Frame
+        The inlet's columns, 1 m thick.
+    layers : tuple of int arrays
+        Which of the columns come in together; the batches take the layers in turn.
+    times : float64[k, 2] [s]
+        When a batch comes in, and until when it is the inflow.
+    volumes : float64[k] [m3]
+    velocity : callable
+        (time [s], int[n] columns) -> float64[n, 3] [m s-1] with which they come in.
+    reference_thickness : float [m]
+        About what stands in the inlet.
+    slabs : bool
+        Each batch is a slab of its own, not part of a steady flow.
+    """
+
+    frame: Frame
+    layers: tuple
+    times: np.ndarray
+    volumes: np.ndarray
+    velocity: object
+    reference_thickness: float
+    slabs: bool
+
+    def batch(self, k):
+        """Frame of the columns of batch `k`; their volumes add up to the batch's."""
+        index = self.layers[k % len(self.layers)]
+        particles, density = self.frame.particles, self.frame.header["density"]
+        share = particles.volume[index] / particles.volume[index].sum()
+        area = particles.area[index] * (particles.area.sum() / particles.area[index].sum())
+        volume = share * self.volumes[k]
+        batch = Particles(
+            particles.position[index], self.velocity(self.times[k, 0], index), density * volume, volume,
+            thickness=volume / area, area=area,
+        )  # fmt: skip
+        return replace(self.frame, particles=batch, time=float(self.times[k, 0]))
+
+    @property
+    def columns(self):
+        """Number of columns of all batches together."""
+        return sum(len(self.layers[k % len(self.layers)]) for k in range(len(self.times)))
+
+
+def inlet_of(frame, hydrograph, grid, end_time):
+    """The Inlet through which `hydrograph` flows up to `end_time` [s].
+
+    `frame` holds the inlet's columns, 1 m thick in the scene's thickness mode, `grid` is the solver's. A discharge
+    comes in batches of an eighth (BATCH_SHARE) of what the inlet holds, estimated by `geo.inflow.clearing_time`, each
+    at the start of the interval whose exact inflow it is; slabs come whole at their times.
+
+    Raises
+    ------
+    SceneError
+        Nothing flows in before `end_time`; a speed down the steepest descent on level ground.
+    """
+    velocity = _entry_velocity(hydrograph, grid, frame)
+    if hydrograph.thickness is not None:
+        now = (hydrograph.time < end_time) & (hydrograph.thickness > 0)
+        times, layers = np.column_stack([hydrograph.time, hydrograph.time])[now], (np.arange(len(frame.particles)),)
+        volumes = hydrograph.thickness[now] * frame.particles.volume.sum()
+        reference = float(hydrograph.thickness.max())
+    else:
+        interval, reference = _batch_interval(hydrograph, grid, frame)
+        times, layers = batch_times(hydrograph, end_time, interval), _layers(frame, grid)
+        volumes = np.array([hydrograph.volume(*pair) for pair in times])
+        times, volumes = times[volumes > 0], volumes[volumes > 0]
+    if not len(times):
+        raise SceneError(
+            f"[hydrograph] nothing flows in before end_time = {end_time:g} s; take a later end_time or earlier times"
+        )
+    return Inlet(frame, layers, times, volumes, velocity, reference, hydrograph.thickness is not None)
+
+
+def _entry_velocity(hydrograph, grid, frame):
+    """(time, columns) -> velocities along the ground."""
+    if hydrograph.speed is not None and hydrograph.speed.any():
+        down = grid.downslope(frame)
+        return lambda time, index: hydrograph.speed_at(time) * down[index]
+    gradient = grid.gradients_at(frame)
+
+    def velocity(time, index):
+        east, north = hydrograph.velocity_at(time)
+        up = gradient[index] @ np.array((east, north))
+        return np.column_stack([np.full(len(index), east), np.full(len(index), north), up])
+
+    return velocity
+
+
+def _batch_interval(hydrograph, grid, frame):
+    """Time between batches [s], and the thickness [m] that the inlet then holds, both at the largest discharge."""
+    peak = int(np.argmax(hydrograph.discharge))
+    discharge, time = float(hydrograph.discharge[peak]), hydrograph.time[peak]
+    gradient = grid.gradients_at(frame).mean(axis=0)
+    entry = np.array(hydrograph.velocity_at(time))
+    speed = max(hydrograph.speed_at(time), float(np.hypot(*entry)))
+    way = entry if entry.any() else -gradient
+    area = float(frame.particles.area.sum())
+    if np.hypot(*way) > 1e-3:
+        across = np.array((-way[1], way[0])) / np.hypot(*way)
+        place = frame.particles.position[:, :2] @ across
+        width = np.ptp(place) + np.sqrt(frame.particles.area.mean())
+    else:
+        width = np.sqrt(area)
+    width = min(width, area / grid.cell_size)  # no inlet is shorter than a cell
+    clearing = clearing_time(discharge, area / width, width, float(np.hypot(*gradient)), speed)
+    return BATCH_SHARE * clearing, discharge * clearing / area
+
+
+def _layers(frame, grid):
+    """The columns in layers that take turns, by their places on the lattice; all in one where some would be empty."""
+    spacing = np.sqrt(np.median(frame.particles.area))
+    x, y = frame.map_xy()
+    i, j = (np.floor(v / spacing).astype(int) % 4 for v in (x - grid.x0, y - grid.y0))
+    layers = tuple(np.flatnonzero(_TURNS[j, i] == turn) for turn in range(_TURNS.max() + 1))
+    return layers if all(map(len, layers)) else (np.arange(len(x)),)
+
+
+@dataclass(frozen=True, eq=False)
+class SecondaryRelease:
+    """Columns at rest that flow thicker than `trigger_thickness` [m] (None: any flow) sets free when it reaches them.
+
+    `nodes` are the corners of the area's cells, as (rows, columns) of the solver's node arrays.
+    """
+
+    name: str
+    frame: Frame
+    nodes: tuple
+    trigger_thickness: float | None = None
+
+
+def secondary_releases(named_frames, grid):
+    """SecondaryRelease for each (name, frame, trigger_thickness); no node belongs to two of them.
+
+    Raises
+    ------
+    SceneError
+        Too many, or one that lies within the cells of others.
+    """
+    if len(named_frames) > MAX_AREAS:
+        raise SceneError(f"{len(named_frames)} [[secondary_release]], wanted at most {MAX_AREAS}; unite some of them")
+    taken = np.zeros(grid.bed.shape, bool)
+    releases = []
+    for name, frame, thickness in named_frames:
+        rows, columns = grid.corners_of(grid.cells_of(frame))
+        free = ~taken[rows, columns]
+        if not free.any():
+            raise SceneError(
+                f"[[secondary_release]] '{name}' lies within cells of others; unite them, or take a smaller cell_size"
+            )
+        nodes = rows[free], columns[free]
+        taken[nodes] = True
+        releases.append(SecondaryRelease(name, frame, nodes, thickness))
+    return tuple(releases)
+
+
+class Events:
+    """All that happens between the steps of one run, and how far it has got.
+
+    Parameters
+    ----------
+    inlets : sequence of Inlet
+    secondary : sequence of SecondaryRelease
+    """
+
+    def __init__(self, inlets=(), secondary=()):
+        self.inlets, self.secondary = tuple(inlets), tuple(secondary)
+        self.ended = 0  # why the run ended, in the kernel's words
+        self._batches = np.zeros(len(self.inlets), np.int64)
+        self._released = np.zeros(len(self.secondary), np.int64)
+        self._window = {}
+
+    def columns_to_come(self):
+        """Number of columns that may come in over the whole run."""
+        inflow = sum(inlet.columns for inlet in self.inlets)
+        return inflow + sum(len(release.frame.particles) for release in self.secondary)
+
+    def next_time(self, time):
+        """The next time [s] after `time` at which something is due; infinite if nothing is.
+
+        That is a batch, or the end of the inflow: from then on the run may come to rest.
+        """
+        due = [inlet.times[k, 0] for inlet, k in self._unfinished()]
+        due += [inlet.times[-1, 1] for inlet in self.inlets if inlet.times[-1, 1] > time]
+        return float(min(due, default=np.inf))
+
+    def over(self, time):
+        """Has everything come in that comes by itself?"""
+        return self.next_time(time) == np.inf
+
+    def _unfinished(self):
+        return [(inlet, k) for inlet, k in zip(self.inlets, self._batches, strict=True) if k < len(inlet.times)]
+
+    def let_in(self, solver):
+        """Let in the batches that are due at the solver's time."""
+        for number, inlet in enumerate(self.inlets):
+            while self._batches[number] < len(inlet.times) and inlet.times[self._batches[number], 0] <= solver.time:
+                solver.insert(inlet.batch(int(self._batches[number])), self._window_of(solver, inlet), inlet.slabs)
+                self._batches[number] += 1
+
+    def release(self, solver):
+        """Release the areas that the flow has reached."""
+        for number, area in enumerate(self.secondary):
+            if not self._released[number] and solver.fired(number + 1, area.nodes):
+                solver.insert(area.frame, self._window_of(solver, area))
+                self._released[number] = 1
+
+    def _window_of(self, solver, source):
+        """Cells in which the columns of `source` and others may overlap: its own and one beside."""
+        if id(source) not in self._window:
+            self._window[id(source)] = solver.grid.cells_of(source.frame, grown=1)
+        return self._window[id(source)]
+
+    def arm(self, solver):
+        """Ask the solver to come back when the flow reaches an area that is not released yet."""
+        for number, area in enumerate(self.secondary):
+            if not self._released[number]:
+                solver.arm(number + 1, area.nodes, area.trigger_thickness)
+
+    def record(self):
+        """Numbers for the record of a run: batches let in, areas released."""
+        released = [area.name for area, gone in zip(self.secondary, self._released, strict=True) if gone]
+        return {"batches": int(self._batches.sum()), "secondary_releases": released}
+
+    def state(self):
+        """What a restart needs, beside the solver's state."""
+        return {"events": np.concatenate([[self.ended], self._batches, self._released]).astype(np.int64)}
+
+    def restore(self, frame):
+        """Go on from a `frame` of the same run.
+
+        Raises
+        ------
+        FormatError
+            The frame of a run with other events.
+        """
+        state = np.asarray(frame.state.get("events", ()))
+        if state.shape != (1 + len(self.inlets) + len(self.secondary),):
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        self.ended = int(state[0])
+        self._batches[:] = state[1 : 1 + len(self.inlets)]
+        self._released[:] = state[1 + len(self.inlets) :]
