@@ -6,6 +6,8 @@ flow's momentum, it never exceeds what lies there, and it lowers the bed where t
 
 from typing import NamedTuple
 
+from .friction import Parameter
+
 
 class NoEntrainment(NamedTuple):
     """The null law: the bed is rigid."""
@@ -62,14 +64,14 @@ class ErosionSpeed(NamedTuple):
         return self.lowering
 
 
-# law name in a scene -> (law, {parameter: (unit, meaning, smallest, largest)}); `lowering` comes from the bed's density
+# law name in a scene -> (law, {name: Parameter}); `lowering` comes from the density of the bed
 LAWS = {
     "ErosionEnergy": (
         ErosionEnergy,
-        {"erosion_energy": ("J kg-1", "energy that loosens a kilogram of bed", 1.0, 1e9)},
+        {"erosion_energy": Parameter("J kg-1", "energy that loosens a kilogram of bed", 1.0, 1e9)},
     ),
     "ErosionSpeed": (
         ErosionSpeed,
-        {"coefficient": ("1", "speed at which the bed recedes over the flow's speed", 0.0, 0.1)},
+        {"coefficient": Parameter("1", "speed at which the bed recedes over the flow's", 0.0, 0.1)},
     ),
 }

@@ -13,7 +13,7 @@ import tomllib
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 
-from ..effects import curvature, friction, metric
+from ..effects import curvature, entrainment, friction, metric
 from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from ..errors import SceneError, one_line
 
@@ -125,6 +125,17 @@ class FrictionTable:
 
 
 @dataclass(frozen=True)
+class ZoneTable:
+    """Friction by place: parameters of the law of [friction]; where zones overlap the later one holds."""
+
+    source: str | None = _key("polygons, or a raster mask; without it wherever the rasters below have values", None,
+                              kind=str, example="zones.gpkg", file=True)  # fmt: skip
+    use: str = _key("auto: on where a parameter differs by more than 2 % in reach; off: this zone is left out", "auto",
+                    str, choices=USE)  # fmt: skip
+    parameters: dict = field(default_factory=dict, metadata={"by_place": "mu = 0.3"})
+
+
+@dataclass(frozen=True)
 class CohesionTable:
     """A yield stress at the bed, added to whatever friction there is."""
 
@@ -152,6 +163,45 @@ class ViscosityTable:
 
 
 @dataclass(frozen=True)
+class EntrainmentTable:
+    """The flow takes up its bed."""
+
+    law: str = _key("law of erosion", kind=str, choices=tuple(entrainment.LAWS), example="ErosionEnergy")
+    source: str = _key("erodible ground: polygons with thickness, or a raster of its thickness [m]", kind=str,
+                       example="erodible.gpkg", file=True)  # fmt: skip
+    thickness: float | str | None = _key(
+        "of the erodible ground: number [m] or column name; a raster brings its own",
+        None,
+        kind=(float, str),
+        low=0.0,
+        above=True,
+        example=0.5,
+    )
+    thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
+                               choices=("normal", "vertical"))  # fmt: skip
+    density: float | None = _key("of the bed [kg m-3]; without it the flow's", None, low=1.0, high=30000.0,
+                                 example=200.0)  # fmt: skip
+    lower_bed: bool = _key("the bed sinks by what is taken from it", False, kind=bool)
+    use: str = _key("auto: on where more than 5 % of the released mass lies in reach", "auto", str, choices=USE)
+    parameters: dict = field(default_factory=dict, metadata={"parameters_of": entrainment.LAWS})
+
+
+@dataclass(frozen=True)
+class BarrierTable:
+    """A wall that the flow passes only above its crest: screening, loads need a 3D run."""
+
+    source: str = _key("polygons, or lines with width", kind=str, example="dam.gpkg", file=True)
+    height: float | str | None = _key("of the crest above the terrain: number [m] or column name", None,
+                                      kind=(float, str), low=0.0, above=True, example=8.0)  # fmt: skip
+    crest: float | str | None = _key("instead of height: elevation of the crest: number [m] or column name", None,
+                                     kind=(float, str), example=1500.0)  # fmt: skip
+    width: float | None = _key("of a wall that is drawn as a line [m]", None, low=0.0, above=True, example=2.0)
+    mu: float = _key("friction of the flow along the wall [1]", 0.0, low=0.0, high=10.0)
+    name: str | None = _key("in results; without it the column name, or the file's name", None, kind=str, example="dam")
+    use: str = _key("auto: on if the flow can reach it; off: left out", "auto", str, choices=USE)
+
+
+@dataclass(frozen=True)
 class CurvatureTable:
     """Curvature of the bed (form slope): tangent transport and centrifugal load."""
 
@@ -161,9 +211,12 @@ class CurvatureTable:
 
 @dataclass(frozen=True)
 class StillWaterTable:
-    """A lake at rest as reference (form swe)."""
+    """Lakes at rest as reference (form swe): the water bodies below the still level that are filled at the start."""
 
-    level: float = _key("elevation of the still surface [m]", example=1500.0)
+    level: float | str = _key("elevation of the still surface: number [m], or column name of source",
+                              kind=(float, str), example=1500.0)  # fmt: skip
+    source: str | None = _key("polygons that touch the lakes; without it every one with water at the start", None,
+                              kind=str, example="lakes.gpkg", file=True)  # fmt: skip
     use: str = _key("auto and on: used; off: left out", "auto", str, choices=USE)
 
 
@@ -204,11 +257,14 @@ class Scene:
     secondary_release: tuple = ()  # of SecondaryReleaseTable
     numerics: NumericsTable = NumericsTable()
     friction: FrictionTable | None = None
+    zones: tuple = ()  # of ZoneTable
     cohesion: CohesionTable | None = None
     earth_pressure: EarthPressureTable | None = None
     viscosity: ViscosityTable | None = None
     curvature: CurvatureTable | None = None
     still_water: StillWaterTable | None = None
+    entrainment: EntrainmentTable | None = None
+    barrier: tuple = ()  # of BarrierTable
     solver: str = "columns"
     folder: str = "."
     own_laws: OwnLaws = NO_OWN_LAWS
@@ -248,13 +304,21 @@ class Scene:
         """The same scene with every file's name passed through `renamed(name)`."""
         made = {name: () if name in LISTED else None for name in TABLES}
         for name, table in self.tables():
-            moved = replace(table, **{key: renamed(value) for key, value in self._named(table).items()})
+            moved = self._renamed(table, renamed)
             made[name] = (*made[name], moved) if name in LISTED else moved
         return replace(self, **made)
+
+    def _renamed(self, table, renamed):
+        """`table` with the names of its files passed through `renamed(name)`."""
+        moved = {key: renamed(name) for key, name in self._named(table).items()}
+        own = {key: moved.pop(key) for key in getattr(table, "parameters", {}) if key in moved}
+        return replace(table, **moved, **({"parameters": {**table.parameters, **own}} if own else {}))
 
     def _named(self, table):
         """Key -> name of the files in `table`."""
         values = {f.name: (getattr(table, f.name), f.metadata["kind"]) for f in fields(table) if f.metadata.get("file")}
+        if isinstance(table, ZoneTable):
+            values |= {key: (value, (float, str)) for key, value in table.parameters.items()}
         return {
             key: value for key, (value, kind) in values.items()
             if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
@@ -290,15 +354,18 @@ TABLES = {
     "hydrograph": HydrographTable,
     "secondary_release": SecondaryReleaseTable,
     "friction": FrictionTable,
+    "zones": ZoneTable,
     "cohesion": CohesionTable,
     "earth_pressure": EarthPressureTable,
     "viscosity": ViscosityTable,
     "curvature": CurvatureTable,
     "still_water": StillWaterTable,
+    "entrainment": EntrainmentTable,
+    "barrier": BarrierTable,
     "numerics": NumericsTable,
     "output": OutputTable,
 }
-LISTED = ("secondary_release",)  # tables that a scene may have several of, written [[name]]
+LISTED = ("secondary_release", "zones", "barrier")  # tables that a scene may have several of, written [[name]]
 REQUIRED = ("terrain", "output")
 SOLVERS = ("columns",)
 
@@ -355,7 +422,8 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
-    made = {name: _made(name, values, where, own_laws) for name, values in tables.items()}
+    by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
+    made = {name: _made(name, values, where, own_laws, by_place) for name, values in tables.items()}
     scene = Scene(**made, solver=solver, folder=str(folder), own_laws=own_laws)
     if own_laws.laws and (scene.friction is None or scene.friction.law not in own_laws.laws):
         raise SceneError(f"{where}: --law {own_laws.path} was given, but [friction] does not name it; leave --law out")
@@ -363,10 +431,12 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     return scene
 
 
-def _made(name, values, where, own_laws):
+def _made(name, values, where, own_laws, by_place):
     """The table `name`, or the tuple of all tables of that name, from what TOML gave."""
+    if name == "friction":
+        return _table(TABLES[name], values, f"{where} [{name}]", own_laws, by_place)
     if name not in LISTED:
-        return _table(TABLES[name], values, f"{where} [{name}]", own_laws)
+        return _table(TABLES[name], values, f"{where} [{name}]")
     return tuple(_table(TABLES[name], v, f"{where} [[{name}]] number {k}") for k, v in enumerate(values, 1))
 
 
@@ -375,6 +445,8 @@ def _check_together(scene, where):
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_material(scene, where)
+    _check_zones(scene, where)
+    _check_places(scene, where)
     if output.frame_interval > output.end_time:
         raise SceneError(
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
@@ -424,6 +496,48 @@ def _check_material(scene, where):
         raise SceneError(f"{where} [viscosity]: viscosity and yield_stress are both 0; give one, or take the table out")
 
 
+def _check_zones(scene, where):
+    """Zones give parameters of the law that [friction] names: numbers in their range, columns or rasters."""
+    if not scene.zones:
+        return
+    if scene.friction is None:
+        raise SceneError(
+            f"{where} [[zones]]: friction by place needs [friction] with its law; write it before the zones"
+        )
+    law = scene.friction.law
+    wanted = scene.laws[law][1]
+    for number, zone in enumerate(scene.zones, 1):
+        here = f"{where} [[zones]] number {number}"
+        if not zone.parameters:
+            raise SceneError(f"{here}: no parameter of {law} in it; it takes {_listed(wanted)}")
+        for name, value in zone.parameters.items():
+            if name not in wanted:
+                raise SceneError(
+                    f"{here}: {law} has no parameter {name!r}{_meant(name, wanted)}; it takes {_listed(wanted)}"
+                )
+            _, _, low, high, _ = wanted[name]
+            checks = {"kind": (float, str), "low": low, "high": high, "choices": None, "above": False}
+            zone.parameters[name] = _value(checks, value, f"{here}: {name}")
+        if zone.source is None and all(not isinstance(value, str) for value in zone.parameters.values()):
+            raise SceneError(
+                f"{here}: numbers alone hold everywhere; give source (polygons), or put them in [friction]"
+            )
+
+
+def _check_places(scene, where):
+    """What barriers and lakes need together."""
+    for number, barrier in enumerate(scene.barrier, 1):
+        if (barrier.height is None) == (barrier.crest is None):
+            got = "none" if barrier.height is None else "both"
+            raise SceneError(f"{where} [[barrier]] number {number}: wanted either height or crest, got {got}")
+    lake = scene.still_water
+    if lake is not None and isinstance(lake.level, str) and lake.source is None:
+        raise SceneError(
+            f"{where} [still_water]: level = {lake.level!r} is a column, but there is no source with columns; give "
+            "source, or level a number of metres"
+        )
+
+
 def _refuse_unused(release, used, where):
     """Particles from a file bring all else with them: a key that would not be used is an error."""
     for f in fields(release):
@@ -431,15 +545,16 @@ def _refuse_unused(release, used, where):
             raise SceneError(f"{where}: particles bring their own {f.name}; take {f.name} out")
 
 
-def _table(kind, values, where, own_laws=NO_OWN_LAWS):
-    """One table from its dictionary."""
+def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=()):
+    """One table from its dictionary; parameters of its law named in `by_place` may be missing."""
     known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    free = any("by_place" in f.metadata for f in fields(kind))
     laws = next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
     made, extra = {}, {}
     for name, value in values.items():
         if name in known:
             made[name] = _value(known[name].metadata, value, f"{where}: {name}")
-        elif laws is None:
+        elif laws is None and not free:
             raise SceneError(f"{where}: unknown key {name!r}{_meant(name, known)}; it takes {_listed(known)}")
         else:
             extra[name] = value
@@ -448,7 +563,9 @@ def _table(kind, values, where, own_laws=NO_OWN_LAWS):
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
         made["law"] = _law_name(laws, made["law"], own_laws, where)
-        made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where)
+        made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
+    elif free:
+        made["parameters"] = extra
     return kind(**made)
 
 
@@ -467,8 +584,8 @@ def _law_name(laws, law, own_laws, where):
     return own
 
 
-def _parameters(laws, law, values, where):
-    """The parameters of `law`, all present, none unknown, each in its range."""
+def _parameters(laws, law, values, where, by_place=()):
+    """The parameters of `law`, all present but those known by place, none unknown, each in its range."""
     wanted = laws[law][1]
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:
@@ -476,11 +593,13 @@ def _parameters(laws, law, values, where):
             raise SceneError(f"{where}: {law} has no parameter {name!r}{_meant(name, wanted)}; it takes {takes}")
     made = {}
     for name, (unit, doc, low, high, default) in wanted.items():
+        if name not in values and name in by_place:
+            continue
         if name not in values and default is None:
             raise SceneError(f"{where}: {law} needs {name} [{unit}] ({doc})")
         checks = {"kind": float, "low": low, "high": high, "choices": None, "above": False}
         made[name] = _value(checks, values.get(name, default), f"{where}: {name}")
-    contradiction = friction.contradiction(law, made)
+    contradiction = friction.contradiction(law, made) if len(made) == len(wanted) else ""
     if contradiction:
         raise SceneError(f"{where}: {contradiction}")
     return made

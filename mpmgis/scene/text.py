@@ -7,8 +7,7 @@ from .tables import LISTED, TABLES
 
 _SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
 _SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
-_EXAMPLES = {"mu": 0.2, "xi": 1000.0}
-_EXAMPLE_LAW = "Voellmy"
+_EXAMPLES = {"mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0}
 
 
 def _toml(value):
@@ -50,8 +49,11 @@ def template():
         for f in fields(kind):
             if "kind" in f.metadata:
                 lines.append(_template_line(f, shown))
+            elif "by_place" in f.metadata:
+                lines.append(f"{'# ' + f.metadata['by_place']:<34} # parameters of the law: number, column or raster")
             else:
-                lines += _template_parameters(f.metadata["parameters_of"])
+                law = next(f for f in fields(kind) if f.name == "law").metadata["example"]
+                lines += _template_parameters(f.metadata["parameters_of"], law, shown)
     return "\n".join(lines) + "\n"
 
 
@@ -62,9 +64,9 @@ def _template_line(f, shown):
     return f"{optional + f.name + ' = ' + _toml(value):<34} # {f.metadata['doc']}{choices}"
 
 
-def _template_parameters(laws):
-    """The parameters of the example law, then a line for each law."""
-    for name, (unit, doc, *_) in laws[_EXAMPLE_LAW][1].items():
-        yield f"{name + ' = ' + _toml(_EXAMPLES[name]):<34} # [{unit}] {doc}"
+def _template_parameters(laws, example, shown):
+    """The parameters of the `example` law, then a line for each law."""
+    for name, (unit, doc, *_) in laws[example][1].items():
+        yield f"{('' if shown else '# ') + name + ' = ' + _toml(_EXAMPLES[name]):<34} # [{unit}] {doc}"
     for law, (_, parameters) in laws.items():
         yield f"# law = {law!r} takes {', '.join(parameters)}"
