@@ -1,6 +1,7 @@
 """`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
 
 import math
+import re
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from .export import ExportRequest, export_raster
 
 MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
 OUTLINE = "outline"
+_FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder called run_1.5
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def _source(path, dem, stack, say):
     if path.is_dir() and not (path / "rasters").is_dir() and any(path.glob("*.h5")):
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-compare-"))) / "gis"
         say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
-        export_raster(ExportRequest((path,), folder, dem=dem, qgis=False), say)
+        export_raster(ExportRequest((path,), folder, dem=dem, time_step=math.inf, qgis=False), say)  # maxima, no steps
         return replace(open_result(folder), name=path.resolve().name, kind="run")
     plain = Path(str(path).partition("|")[0])
     if plain.is_file() and plain.suffix.lower() == ".h5":
@@ -149,8 +151,8 @@ def _footprints(request, sources, say):
     chosen = comparison.footprint_bands(pairs, request.band, compared)
     if chosen not in pairs:  # two names that only the user knows to be one quantity
         pairs = [chosen, *(pair for pair in pairs if not set(pair) & set(chosen))]
-    layers = _read_layers(sources, chosen, say)
-    joint = _joint_grid(request, sources, layers)
+    layers = _read_layers(request, sources, chosen, say)
+    joint = _joint_grid(request, layers)
     names = _named_apart(request, sources)
     units = [source.bands[band].quantity.unit if band else "" for source, band in zip(sources, chosen, strict=True)]
     footprints = [
@@ -161,44 +163,54 @@ def _footprints(request, sources, say):
     return footprints, pairs, joint
 
 
-def _read_layers(sources, chosen, say):
+def _read_layers(request, sources, chosen, say):
     """(values, Grid) of each result's footprint band, the polygons of an outline; all in one CRS."""
     layers, known = [None, None], None
     for k, source in enumerate(sources):
         if not isinstance(source, _Outline):
             layers[k] = source.read(chosen[k], known)
             known = known or layers[k][1]
-    crs = next((layer[1].crs for layer in layers if layer and layer[1].crs is not None), None)
+    own = [layer[1].crs for layer in layers if layer is not None]
+    crs = next((crs for crs in own if crs is not None), None)
     for k, source in enumerate(sources):
         if isinstance(source, _Outline):
             layers[k] = read_outline(source.path, replace(known, crs=crs), say)
         elif layers[k][1].crs is None and crs is not None:
             say(f"{source.name} carries no CRS; {name_of(crs)} is assumed, the other side's")
             layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
+    _require_meeting(request, [_bounds(layer) for layer in layers], None not in own, say)
     return layers
 
 
-def _joint_grid(request, sources, layers):
-    corners, grids, boxes = [], [], []
-    for source, layer in zip(sources, layers, strict=True):
-        if isinstance(source, _Outline):
-            boxes.append(layer.bounds)
-            corners.append(np.reshape(layer.bounds, (2, 2)))
-        else:
-            values, grid = layer
-            grids.append(grid)
-            boxes.append(grid.bounds)
-            corners.append(comparison.mask_corners(comparison.footprint(values, request.threshold), grid))
+def _bounds(layer):
+    return layer[1].bounds if isinstance(layer, tuple) else layer.bounds
+
+
+def _require_meeting(request, boxes, certain, say):
+    """Two that lie apart: said where each side has its own CRS, else refused, because the frames must differ."""
     (west, south, east, north), other = boxes
-    if west >= other[2] or east <= other[0] or south >= other[3] or north <= other[1]:
-        raise GeoreferenceError(
-            f"{request.first} (E {west:.6g} to {east:.6g}, N {south:.6g} to {north:.6g}) and {request.second} (E "
-            f"{other[0]:.6g} to {other[2]:.6g}, N {other[1]:.6g} to {other[3]:.6g}) do not meet; check their CRS"
-        )
+    if west < other[2] and east > other[0] and south < other[3] and north > other[1]:
+        return
+    apart = (
+        f"{request.first} (E {west:.6g} to {east:.6g}, N {south:.6g} to {north:.6g}) and {request.second} (E "
+        f"{other[0]:.6g} to {other[2]:.6g}, N {other[1]:.6g} to {other[3]:.6g}) do not meet"
+    )
+    if not certain:
+        raise GeoreferenceError(f"{apart}, and not both carry a CRS; assign it (gdal_edit -a_srs EPSG:n)")
+    say(apart)
+
+
+def _joint_grid(request, layers):
+    """The common grid: the finer one's cells, over both footprints."""
+    rasters = [layer for layer in layers if isinstance(layer, tuple)]
+    corners = [
+        comparison.mask_corners(comparison.footprint(values, request.threshold), grid) for values, grid in rasters
+    ]
+    corners += [np.reshape(layer.bounds, (2, 2)) for layer in layers if not isinstance(layer, tuple)]
     corners = np.concatenate(corners)
     if len(corners) == 0:
         raise InputError(f"no cell of either is above --threshold {request.threshold:g}; give a lower one")
-    return comparison.joint_grid(grids, corners)
+    return comparison.joint_grid([grid for _, grid in rasters], corners)
 
 
 def _flowed(name, source, band, unit, values, grid, joint, request):
@@ -327,7 +339,7 @@ def _output(request):
     if request.output is None:
         return None
     output = Path(request.output)
-    if output.suffix.lower() not in ("", ".png", ".csv"):
+    if output.suffix.lower() not in (".png", ".csv") and _FILE_SUFFIX.fullmatch(output.suffix):
         raise InputError(f"-o {output}: wanted .png (the map), .csv (the table) or a folder for both and a GeoTIFF")
     refuse_existing(output, request.overwrite)
     for path in (request.first, request.second):

@@ -9,6 +9,7 @@ was held against the median of the others; of the time to that of the base.
 """
 
 import csv
+import math
 import tempfile
 import time
 from pathlib import Path
@@ -104,7 +105,7 @@ def _studied(numerics, folder):
     """((IoU, area [ha], runout [m], largest speed [m s-1]), seconds) of a run, as its export compares."""
     frames, seconds = _simulated(numerics, folder)
     exported = folder / "gis"
-    export_raster(ExportRequest((frames,), exported, naming="iseesnow", qgis=False))
+    export_raster(ExportRequest((frames,), exported, naming="iseesnow", time_step=math.inf, qgis=False))
     ensemble = DATA / "ensemble_median"
     thick = compare(CompareRequest(exported, ensemble, threshold=THICK, band="pft"))
     path = DATA / "LINES/path_aimec.shp"

@@ -146,6 +146,14 @@ def test_an_outline_beyond_the_raster_counts_whole(discs, capsys, tmp_path):
     assert "12000 m2 of half lie beyond the raster of first" in said
 
 
+def test_two_places_of_one_crs_share_nothing(discs, capsys, tmp_path):
+    far = grid_of(west=WEST + 5000)
+    away = write_peak(tmp_path / "away.tif", disc(far, 5200, 200), far)
+    found, said = compared(capsys, discs[0], away, "-o", tmp_path / "run_1.5")  # a folder with a dot in its name
+    assert found["iou"] == found["both_m2"] == 0 and found["only_b_m2"] == pytest.approx(math.pi * 3600, rel=0.01)
+    assert "do not meet" in said and (tmp_path / "run_1.5" / "map.png").is_file()
+
+
 def test_coarser_and_shifted_cells_and_a_missing_crs(discs, capsys, tmp_path):
     coarse = grid_of(5.0, west=WEST - 3.7, south=SOUTH + 1.3, crs=None)
     rough = write_peak(tmp_path / "rough.tif", disc(coarse, 150, 200), coarse)
@@ -284,7 +292,7 @@ def bad_cases(tmp_path, first, second):
     degrees = write_peak(
         tmp_path / "degrees.tif", np.ones((9, 9)), Grid.north_up(pyproj.CRS.from_epsg(4326), 10, 46, 1e-4, (9, 9))
     )
-    far = grid_of(west=WEST + 5000)
+    far = grid_of(west=WEST + 5000, crs=None)
     away = write_peak(tmp_path / "away.tif", np.ones(far.shape), far)
     feet = write_peak(tmp_path / "feet.tif", disc(grid, 200, 200), grid, "h_max", "ft")
     nameless = tmp_path / "nameless.tif"
@@ -312,7 +320,7 @@ def bad_cases(tmp_path, first, second):
         "an outline smaller than a cell": ((first, sliver), "holds no centre of a cell of 2 m"),
         "another CRS": ((first, other_crs), "is in EPSG:32633, the other rasters in EPSG:32632; reproject"),
         "degrees": ((degrees, first), "mpmgis needs metres"),
-        "another place": ((first, away), "do not meet; check their CRS"),
+        "another place": ((first, away), "do not meet, and not both carry a CRS"),
         "another unit": ((first, feet), "h_max is in m in first, h_max in ft in feet"),
         "bands without names": ((first, nameless), "2 bands without names"),
         "a raster cut short": ((cut, first), "truncated"),
