@@ -42,7 +42,7 @@ def command():
 
 
 def main(argv=None):
-    """Run the command line; returns the exit code (0 done, 2 bad input, 3 unphysical, 130 interrupted)."""
+    """Run the command line; returns the exit code (0 done, 2 bad input, 3 unphysical, 130 or 143 interrupted)."""
     argv = list(sys.argv[1:] if argv is None else argv)
     parser = OneLineParser(
         prog="mpmgis",
@@ -80,9 +80,9 @@ def _guarded(arguments):
     except MpmgisError as error:
         print(f"{name}: {one_line(error)}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         print(f"{name}: interrupted", file=sys.stderr)
-        return 130
+        return getattr(error, "exit_code", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

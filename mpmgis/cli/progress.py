@@ -7,13 +7,23 @@ from contextlib import contextmanager
 
 from . import talk
 
-STOPPING = "stopping at the end of this step; Ctrl+C once more stops at once"
+STOPPING = "stopping at the end of this step; once more stops at once"
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LINE_SECONDS = 10.0  # without a terminal: a line this often
+
+
+class Interrupted(KeyboardInterrupt):
+    """Stopped by the signal `number`; `exit_code` is what shells expect then."""
+
+    def __init__(self, number):
+        super().__init__()
+        self.exit_code = 128 + number
 
 
 @contextmanager
 def interruptible(watch):
-    """Gives `watch` with Ctrl+C in it: the first is kept until `watch` is next called, the second stops at once.
+    """Gives `watch` with Ctrl+C and SIGTERM in it: the first is kept until `watch` is next called, the second stops at
+    once. One that comes after the last call changes nothing: all is done.
 
     A KeyboardInterrupt that Python raises inside a library's callback is lost; one that waits for us is not.
     """
@@ -21,26 +31,27 @@ def interruptible(watch):
 
     def remember(number, frame):
         if asked:
-            raise KeyboardInterrupt
+            raise Interrupted(number)
         asked.append(number)
         talk.say(STOPPING)
 
     def watching(*state):
         if asked:
-            raise KeyboardInterrupt
+            raise Interrupted(asked[0])
         watch(*state)
 
+    before = {}
     try:
-        before = signal.signal(signal.SIGINT, remember)
+        for number in SIGNALS:
+            before[number] = signal.signal(number, remember)
     except ValueError:  # not the main thread: signals are somebody else's
         yield watch
         return
     try:
         yield watching
-        if asked:
-            raise KeyboardInterrupt
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
