@@ -86,6 +86,13 @@ def tell(summary):
             f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "
             "(the bed falls away faster than it falls); a 3D run would follow it"
         )
+    for name, taken in b["barriers"].items():
+        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N"
+        over = f"{taken['overtopped_mass']:.3g} kg went over it"
+        talk.say(f"barrier '{name}': impulse {impulse}, peak force {peak}, {over} (screening only; loads need 3D)")
+    if b["mass_entrained"] > 0:
+        share = b["mass_entrained"] / b["mass_released"]
+        talk.say(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6

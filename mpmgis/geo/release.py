@@ -10,6 +10,8 @@ from .grid import Grid
 
 NORMAL, VERTICAL = "normal", "vertical"
 _TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
+CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees (design note V24)
+CLIFF_SHARE = 0.01  # of the mass
 _COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 
 
@@ -148,6 +150,38 @@ def require_on_terrain(part, grid):
         f"release '{part.name}' leaves the terrain by {far} to the {_COMPASS[sector]}; clip the polygon or use a "
         "larger DTM"
     )
+
+
+def tell_of_cliffs(gradient, frame, say):
+    """Refuse a release that starts on a cliff, and say how much of one starts on very steep ground.
+
+    Parameters
+    ----------
+    gradient : float64[n, 2]
+        Of the bed under the columns of `frame`.
+    frame : Frame
+        Columns at the start.
+    say : callable
+
+    Raises
+    ------
+    InputError
+        More than 1 % of the mass on ground steeper than CLIFF_DEGREES, where no thickness means anything.
+    """
+    slope, mass = np.degrees(np.arctan(np.hypot(*gradient.T))), frame.particles.mass
+    share = {limit: mass[slope > limit].sum() / max(mass.sum(), 1e-300) for limit in (CLIFF_DEGREES, STEEP_DEGREES)}
+    if share[CLIFF_DEGREES] > CLIFF_SHARE:
+        x, y = (values[int(np.argmax(slope))] for values in frame.map_xy())
+        raise InputError(
+            f"the release starts on a cliff: {100 * share[CLIFF_DEGREES]:.0f} % of its mass on ground steeper than "
+            f"{CLIFF_DEGREES:g} degrees, the steepest {slope.max():.0f} at E {x:.1f} N {y:.1f}; move it off, or check "
+            "the DTM's units and nodata there"
+        )
+    if share[STEEP_DEGREES] > CLIFF_SHARE:
+        say(
+            f"{100 * share[STEEP_DEGREES]:.0f} % of the release starts on ground steeper than {STEEP_DEGREES:g} "
+            "degrees, where a depth-averaged flow is a rough picture"
+        )
 
 
 def _metres(length):

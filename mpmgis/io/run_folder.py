@@ -18,6 +18,7 @@ from .raster import file_sha256
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
+BARRIER_FILE = "barriers.csv"
 
 
 class RunFolder:
@@ -83,7 +84,7 @@ class RunFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if self._overwrite:
-                for name in (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE):
+                for name in (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE):
                     for old in self.path.glob(name):
                         old.unlink()
         except OSError as error:

@@ -127,11 +127,11 @@ def require_thickness(value, where):
 def _vector_features(path, terrain, wanted, say):
     """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
     table = read_table(path)
-    table = _require_polygons(table, path, say)
-    names = _names(table)
+    table = require_polygons(table, path, say)
+    names = names_of(table)
     heights = _feature_thickness(table, names, path, wanted, say)
-    shapes = _to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
-    shapes = [_repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
+    shapes = to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
+    shapes = [repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
 
 
@@ -194,7 +194,7 @@ def _unreadable(source, error):
     return f"{source} is neither a vector file nor a raster that GDAL reads ({reason})"
 
 
-def _require_polygons(table, path, say):
+def require_polygons(table, path, say):
     """The features with an area; other kinds of geometry are refused, empty ones are said."""
     if not isinstance(table, geopandas.GeoDataFrame):
         raise InputError(f"{path} holds a table without geometry, wanted polygons")
@@ -216,7 +216,7 @@ def _require_polygons(table, path, say):
     return table
 
 
-def _names(table):
+def names_of(table):
     """A name per feature: the column 'name' where there is one, else its number in the file."""
     column = next((c for c in table.columns if str(c).lower() == "name"), None)
     numbered = [f"feature {i + 1}" for i in range(len(table))]
@@ -272,7 +272,7 @@ def _listing(columns):
     return f"it has {', '.join(columns[:8])}" if columns else "it has no columns"
 
 
-def _repaired(shape, name, path, say):
+def repaired(shape, name, path, say):
     """`shape` as valid areas; a repair is said with the areas before and after."""
     if not shapely.is_valid(shape):
         reason = shapely.is_valid_reason(shape).split("[")[0].strip().lower()
@@ -293,12 +293,12 @@ def _make_valid(shape):
         return shapely.union_all(parts)
 
 
-def _to_terrain(shapes, crs, terrain, path, say):
+def to_terrain(shapes, crs, terrain, path, say):
     """2D shapes in the terrain's CRS; reprojection and assumptions are said."""
     shapes = shapely.force_2d(shapes)
     target = terrain.grid.crs
     if crs is None or target is None:
-        _require_lies_on(shapely.total_bounds(shapes), crs, terrain, path, say)
+        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path, say)
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
@@ -314,7 +314,7 @@ def _to_terrain(shapes, crs, terrain, path, say):
     return list(shapely.set_coordinates(shapes, after))
 
 
-def _require_lies_on(bounds, crs, terrain, path, say):
+def require_lies_on(bounds, crs, terrain, path, say):
     """Without a CRS on one side the coordinates must lie on the terrain (that is said; else refused)."""
     grid = terrain.grid
     west, south, east, north = bounds
@@ -494,7 +494,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     """The raster's grid in the terrain's CRS; another CRS is met by the affine that fits it over the valued pixels."""
     target = terrain.grid.crs
     if grid.crs is None or target is None:
-        _require_lies_on(grid.bounds, grid.crs, terrain, path, say)
+        require_lies_on(grid.bounds, grid.crs, terrain, path, say)
         return Grid(target, grid.transform, grid.shape)
     if same_place(grid.crs, target):
         return Grid(target, grid.transform, grid.shape)

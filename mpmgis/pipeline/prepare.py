@@ -9,14 +9,16 @@ import numpy as np
 from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
+from ..geo.release import tell_of_cliffs
 from ..io.raster import file_sha256, read_terrain
 from ..kernels.own_laws import require_compiled, use_own_laws
-from ..scene import TerrainFacts, mu_least, read_scene, resolve
+from ..scene import TerrainFacts, read_scene, resolve
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.places import Places
+from .places import read_places, trial_parameters
 from .sources import read_sources
 
 
@@ -64,8 +66,11 @@ def _prepare(scene, say):
     sources = read_sources(scene, terrain, grid, say)
     frame = sources.frame
     _tell_of_release(frame.particles, frame.header["density"], say)
-    facts = _facts(scene, terrain, sources.everything)._replace(**sources.facts)
-    effects, decisions = resolve(scene, facts)
+    tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
+    known = read_places(scene, terrain, grid, frame, sources.everything, say)
+    facts, deciding = _facts(scene, terrain, sources.everything, known)
+    facts = facts._replace(**sources.facts)
+    effects, decisions = resolve(deciding, facts)
     stop = scene.output.stop_at_rest
     numerics = ColumnNumerics(
         cell_size=cell_size,
@@ -78,7 +83,7 @@ def _prepare(scene, say):
         reference_thickness=sources.reference_thickness,
     )
     digest = scene.digest(terrain.sha256, _input_digest(scene))
-    places = _places(scene, effects, grid)
+    places = known.on_grid(effects)
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places,
         sources.events, digest,
@@ -92,32 +97,26 @@ def _read_scene(path, laws):
     own = load_laws(laws)
     scene = read_scene(path, own)
     use_own_laws(own)
-    law = own.laws[scene.friction.law][0](**scene.friction.parameters)
+    law = own.laws[scene.friction.law][0](**trial_parameters(scene))
     require_sound(law, scene.friction.law)
     require_compiled(law, scene.friction.law)
     return scene
 
 
-def _facts(scene, terrain, frame):
-    """The numbers that decide the scene's effects."""
+def _facts(scene, terrain, frame, known):
+    """(the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
     some = slice(None, None, max(1, len(frame.particles) // 10_000))
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
-    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu_least(scene))
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), known.mu_least())
+    release = release_facts(terrain, xy, mass, thickness)
     return TerrainFacts(
         **reach_facts(terrain, reach),
-        **release_facts(terrain, xy, mass, thickness),
+        **release,
+        **known.facts(terrain, reach, frame, release["release_thickness"]),
         density=frame.header["density"],
         profile=steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu),
-    )
-
-
-def _places(scene, effects, grid):
-    """What the effects know by place, on the solver's grid."""
-    lake = None
-    if effects.still_water.still_water_active():
-        lake = np.full(grid.inside.shape, scene.still_water.level)
-    return Places(lake_level=lake)
+    ), known.completed(reach, terrain)  # fmt: skip
 
 
 def _tell_of_release(particles, density, say):

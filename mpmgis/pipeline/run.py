@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import InputError, SceneError, UnphysicalError
-from ..io.run_folder import TERRAIN_FILE, RunFolder
+from ..io.barrier_table import BarrierTable
+from ..io.run_folder import BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..scene import scene_text
 from ..solvers.columns import ColumnSolver
@@ -131,6 +132,7 @@ def _march(folder, prepared, solver, watch, resumed):
     sha256 = folder.write_terrain(prepared.terrain)
     end = scene.output.end_time
     march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), resumed, prepared.events)
+    barriers = _barrier_table(folder, prepared, solver.time if resumed else None)
     began = time.perf_counter()
 
     def record(state):
@@ -147,6 +149,8 @@ def _march(folder, prepared, solver, watch, resumed):
     record("running")
     try:
         for frame in march:
+            if barriers is not None:  # before its frame: what is too late for a run that goes on is dropped then
+                barriers.add(frame.time, frame.state["barriers"])
             folder.write_frame(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
     except KeyboardInterrupt:
         record("interrupted")
@@ -155,6 +159,12 @@ def _march(folder, prepared, solver, watch, resumed):
         record("unphysical")
         raise
     return _summary(folder, march.reason, solver, record("finished"), march.column_steps)
+
+
+def _barrier_table(folder, prepared, resumed):
+    """The table of what barriers take up, None without barriers; `resumed` is the time that the run goes on from."""
+    names = prepared.places.barrier_names
+    return BarrierTable(folder.path / BARRIER_FILE, names, resumed) if names else None
 
 
 def _beside(scene, folder):

@@ -1,9 +1,9 @@
 """Which effects a scene calls for, decided by numbers, with the reason (design notes 8)."""
 
-from ..effects import curvature, friction, metric, still_water
+from ..effects import barrier, curvature, entrainment, friction, metric, still_water, zones
 from ..effects.slots import ColumnEffects
 from .ground import decide_curvature, decide_flight, decide_metric, decide_outflow
-from .placed import decide_still_water
+from .placed import decide_barrier, decide_entrainment, decide_still_water, decide_zones
 from .resistance import (
     decide_bingham,
     decide_cohesion,
@@ -21,11 +21,14 @@ DECIDERS = (
     decide_friction,
     decide_drag,
     decide_bingham,
+    decide_zones,
     decide_cohesion,
     decide_earth_pressure,
     decide_lateral_pressure,
     decide_viscosity,
     decide_curvature,
+    decide_entrainment,
+    decide_barrier,
     decide_still_water,
     decide_hydrograph,
     decide_secondary_release,
@@ -64,6 +67,11 @@ def catalogue():
     ]
     entries.append(_catalogue_entry("curvature", curvature.Curvature, {}))
     entries.append(_catalogue_entry("still_water", still_water.StillWater, {"level": "m"}))
+    entries.append(_catalogue_entry("zones", zones.FrictionZones, {"mu, xi, ...": "as the law has them"}))
+    entries.append(_catalogue_entry("barrier", barrier.Barrier, {"height": "m", "crest": "m", "mu": "1"}))
+    for law, parameters in entrainment.LAWS.values():
+        units = {key: unit for key, (unit, *_) in parameters.items()}
+        entries.append(_catalogue_entry("entrainment", law, {**units, "thickness": "m", "density": "kg m-3"}))
     for form, law in metric.FORMS.items():
         entry = _catalogue_entry("numerics", law, {})
         entries.append({**entry, "law": f"form = {form!r}"})
