@@ -20,7 +20,7 @@ class NoCurvature(NamedTuple):
     def turned_velocity(self, u, v, old_x, old_y, new_x, new_y):
         return u, v
 
-    def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
+    def centrifugal_acceleration(self, u, v, bend_xx, bend_xy, bend_yy):
         return 0.0
 
     def effective_gravity(self, gravity, centrifugal):
@@ -42,12 +42,12 @@ class Curvature(NamedTuple):
         u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
         before = u * u + v * v + w * w
         after = u_new * u_new + v_new * v_new + w_new * w_new
-        scale = sqrt(before / after) if after > 1e-12 * before else 1.0
+        scale = sqrt(before / max(after, 1e-12 * before + 1e-300))
         return u_new * scale, v_new * scale
 
-    def centrifugal_acceleration(self, u, v, old_x, old_y, new_x, new_y, time_step):
-        """kappa = u . (grad b(new) - grad b(old)) / dt [m s-2]; positive in hollows."""
-        return (u * (new_x - old_x) + v * (new_y - old_y)) / time_step
+    def centrifugal_acceleration(self, u, v, bend_xx, bend_xy, bend_yy):
+        """kappa = u^T Hess(b) u [m s-2] of the Hessian `bend` [m-1]; positive in hollows."""
+        return u * u * bend_xx + 2.0 * u * v * bend_xy + v * v * bend_yy
 
     def effective_gravity(self, gravity, centrifugal):
         """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""

@@ -5,7 +5,7 @@ import numpy as np
 from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .column_rows import BLOCK, CHUNKS, NODE_GAIN, NODE_KAPPA, NODE_MASS, NODE_X, NODE_Y, bed_at
+from .column_rows import BLOCK, CHUNKS, NODE_GAIN, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
 from .jit import jit, jit_inline, jit_parallel, prange
 
 # what each chunk of the node loop reports
@@ -104,7 +104,8 @@ def update_nodes(
                     speed = np.sqrt(u * u + v * v + w * w)
                     centrifugal = 0.0
                     if curvature.curvature_active():
-                        centrifugal = nodes[j, i, NODE_KAPPA] / mass
+                        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
+                        centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
                     effective = curvature.effective_gravity(gravity, centrifugal)
                     if effective == 0.0:
                         report[c, AIRBORNE_MASS] += mass

@@ -9,12 +9,10 @@ import numpy as np
 
 from .jit import jit, jit_inline
 
-# columns of a particle's row; KAPPA only where curvature is in the scene
-X, Y, U, V, CXX, CXY, CYX, CYY, MASS, AREA, GX, GY, KAPPA = range(13)
-# entries of a node: mass [kg]; momentum, then velocity, east and north; mass times centrifugal acceleration on the way
-# to the grid, the share of mass gained by erosion on the way back
-NODE_MASS, NODE_X, NODE_Y, NODE_KAPPA = range(4)
-NODE_GAIN = NODE_KAPPA
+# columns of a particle's row
+X, Y, U, V, CXX, CXY, CYX, CYY, MASS, AREA, GX, GY, ROW = range(13)
+# entries of a node: mass [kg]; momentum, then velocity, east and north; the share of mass gained by erosion
+NODE_MASS, NODE_X, NODE_Y, NODE_GAIN = range(4)
 
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a particle of the block reaches two nodes further
@@ -157,6 +155,24 @@ def _mirror_mass(lines, ghost, inwards):
             lines[ghost + inwards, k] *= 2.0
             lines[ghost + 2 * inwards, k] += lines[ghost, k]
             lines[ghost, k] = lines[ghost + 2 * inwards, k]
+
+
+@jit_inline
+def bending_at(bed, j, i, inverse_dx):
+    """Hessian (xx, xy, yy) [m-1] of the spline bed at node (j, i), as its nine coefficients give it."""
+    south, north = max(j - 1, 0), min(j + 1, bed.shape[0] - 1)
+    west, east = max(i - 1, 0), min(i + 1, bed.shape[1] - 1)
+    square = inverse_dx * inverse_dx
+    xx_south = bed[south, west] - 2.0 * bed[south, i] + bed[south, east]
+    xx_here = bed[j, west] - 2.0 * bed[j, i] + bed[j, east]
+    xx_north = bed[north, west] - 2.0 * bed[north, i] + bed[north, east]
+    yy_west = bed[south, west] - 2.0 * bed[j, west] + bed[north, west]
+    yy_here = bed[south, i] - 2.0 * bed[j, i] + bed[north, i]
+    yy_east = bed[south, east] - 2.0 * bed[j, east] + bed[north, east]
+    xy = 0.25 * (bed[north, east] - bed[north, west] - bed[south, east] + bed[south, west])
+    xx = 0.125 * (xx_south + xx_north) + 0.75 * xx_here
+    yy = 0.125 * (yy_west + yy_east) + 0.75 * yy_here
+    return xx * square, xy * square, yy * square
 
 
 @jit

@@ -44,8 +44,8 @@ from .column_rows import (
     CHUNKS,
     GX,
     GY,
-    KAPPA,
     MASS,
+    ROW,
     TILE,
     U,
     V,
@@ -86,10 +86,29 @@ from .column_transfer import (
 )
 from .jit import jit
 
-__all__ = [
-    "AREA", "ARMED", "BARRIER_ENTRIES", "GONE", "GX", "GY", "KAPPA", "MASS", "U", "V", "REACHED", "X", "Y", "advance",
-    "beds_at", "block_key", "grid_areas", "initial_keys", "node_gradients", "settle_areas", "weights",
-]  # fmt: skip  # what the solver needs beside its own
+__all__ = [  # what the solver needs beside its own
+    "AREA",
+    "ARMED",
+    "BARRIER_ENTRIES",
+    "GONE",
+    "GX",
+    "GY",
+    "MASS",
+    "REACHED",
+    "ROW",
+    "U",
+    "V",
+    "X",
+    "Y",
+    "advance",
+    "beds_at",
+    "block_key",
+    "grid_areas",
+    "initial_keys",
+    "node_gradients",
+    "settle_areas",
+    "weights",
+]
 
 # why `advance` came back
 (
@@ -155,6 +174,7 @@ class Settings(NamedTuple):
     arrival_thickness: float  # [m]
     wild_stop: float  # share of the mass
     wall: bool
+    holes: bool  # the terrain has cells without elevation
     stop_at_rest: bool
     keep_peaks: bool
 
@@ -317,7 +337,7 @@ def advance(
         particles_to_grid(
             rows, order, start, block, bounds, west, south, width, tiles, fields.bed, fields.lake_level, report,
             dx, dt, density, gravity,
-            effects.metric, effects.curvature, effects.still_water, effects.earth_pressure, effects.viscosity,
+            effects.metric, effects.still_water, effects.earth_pressure, effects.viscosity,
         )  # fmt: skip
         if wall:
             clear_ghosts(nodes)
@@ -347,7 +367,7 @@ def advance(
             mirror_walls(nodes)
         grid_to_particles(
             rows, keys, order, start, block, bounds, west, south, width, nodes, fields.bed, fields.inside, report,
-            dx, dt, density, gravity, settings.clamp, wall, clock[BOUND_BED], clock[BOUND_ENERGY],
+            dx, dt, density, gravity, settings.clamp, wall, settings.holes, clock[BOUND_BED], clock[BOUND_ENERGY],
             effects.earth_pressure.largest_factor(), effects.metric, effects.curvature, effects.entrainment,
         )  # fmt: skip
 

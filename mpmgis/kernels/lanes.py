@@ -81,7 +81,7 @@ def multiply_add(typingctx, factor, value, total):
 def _pointer(context, builder, kind, array, index):
     """Pointer to <4 x double> at flat `index` of a contiguous float64 array."""
     struct = context.make_array(kind)(context, builder, array)
-    place = builder.gep(struct.data, [index])
+    place = builder.gep(struct.data, [index], inbounds=True)
     return builder.bitcast(place, _VECTOR.as_pointer())
 
 
@@ -107,3 +107,115 @@ def add_to(typingctx, array, index, value):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes_type), codegen
+
+
+def _place(context, builder, kind, array, line, index, step=1):
+    """Pointer to array.flat[line + step * index]; told the compiler so that it sees how loops over `index` walk."""
+    struct = context.make_array(kind)(context, builder, array)
+    start = builder.gep(struct.data, [line], inbounds=True)
+    if step > 1:
+        start = builder.bitcast(start, ir.ArrayType(struct.data.type.pointee, step).as_pointer())
+    return builder.gep(start, [index], inbounds=True)
+
+
+@intrinsic
+def get(typingctx, array, line, index):
+    """array.flat[line + index] of a C-contiguous array; nobody checks the bounds."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
+
+    return array.dtype(array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def get_of_four(typingctx, array, line, index, entry):
+    """array.flat[line + 4 index + entry] of a C-contiguous float64 array, `entry` a literal 0 to 3; unchecked."""
+    if not isinstance(entry, types.IntegerLiteral):
+        return None
+    within = ir.Constant(ir.IntType(32), entry.literal_value)
+
+    def codegen(context, builder, signature, arguments):
+        group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
+        at = builder.gep(group, [ir.Constant(ir.IntType(32), 0), within], inbounds=True)
+        return builder.load(at, align=8)
+
+    return types.float64(array, types.intp, types.intp, entry), codegen
+
+
+@intrinsic
+def put(typingctx, array, line, index, value):
+    """array.flat[line + index] = value, for a C-contiguous array; nobody checks the bounds."""
+
+    def codegen(context, builder, signature, arguments):
+        builder.store(arguments[3], _place(context, builder, signature.args[0], *arguments[:3]), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, array.dtype), codegen
+
+
+@intrinsic
+def put_four(typingctx, array, line, index, a, b, c, d):
+    """array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d, for a C-contiguous float64 array; unchecked."""
+
+    def codegen(context, builder, signature, arguments):
+        group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
+        for k, value in enumerate(arguments[3:]):
+            at = builder.gep(group, [ir.Constant(ir.IntType(32), 0), ir.Constant(ir.IntType(32), k)], inbounds=True)
+            builder.store(value, at, align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, *[types.float64] * 4), codegen
+
+
+@intrinsic
+def transposed(typingctx, a, b, c, d):
+    """Four Lanes as a tuple of four others: the first of each, the second of each..."""
+
+    def codegen(context, builder, signature, arguments):
+        a, b, c, d = arguments
+
+        def mixed(left, right, places):
+            mask = ir.Constant(ir.VectorType(ir.IntType(32), 4), places)
+            return builder.shuffle_vector(left, right, mask)
+
+        low_ab, high_ab = mixed(a, b, [0, 4, 2, 6]), mixed(a, b, [1, 5, 3, 7])
+        low_cd, high_cd = mixed(c, d, [0, 4, 2, 6]), mixed(c, d, [1, 5, 3, 7])
+        turned = (
+            mixed(low_ab, low_cd, [0, 1, 4, 5]),
+            mixed(high_ab, high_cd, [0, 1, 4, 5]),
+            mixed(low_ab, low_cd, [2, 3, 6, 7]),
+            mixed(high_ab, high_cd, [2, 3, 6, 7]),
+        )
+        return context.make_tuple(builder, signature.return_type, turned)
+
+    return types.UniTuple(lanes_type, 4)(*[lanes_type] * 4), codegen
+
+
+@intrinsic
+def store(typingctx, array, index, value):
+    """array.flat[index : index + 4] = value, for a C-contiguous float64 array; nobody checks the bounds."""
+
+    def codegen(context, builder, signature, arguments):
+        pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
+        builder.store(arguments[2], pointer, align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_type), codegen
+
+
+@intrinsic
+def prefetch(typingctx, array, index):
+    """Ask for the cache line that holds array.flat[index] of a C-contiguous array; it will be needed soon."""
+
+    def codegen(context, builder, signature, arguments):
+        struct = context.make_array(signature.args[0])(context, builder, arguments[0])
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        pointer = builder.bitcast(builder.gep(struct.data, [arguments[1]]), byte)
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
+        )
+        builder.call(function, [pointer, ir.Constant(word, 0), ir.Constant(word, 3), ir.Constant(word, 1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen

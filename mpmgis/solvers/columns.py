@@ -80,8 +80,7 @@ class ColumnSolver:
     def _load(self, frame):
         """The state of a run that starts with the columns of `frame`; there may be none yet."""
         grid, numerics = self.grid, self.numerics
-        width = kernel.KAPPA + 1 if self.effects.curvature.curvature_active() else kernel.KAPPA
-        self._rows = np.zeros((2, 0, width))
+        self._rows = np.zeros((2, 0, kernel.ROW))
         self._ids = np.zeros((2, 0), np.uint64)
         self._keys = np.zeros((2, 0), np.int32)
         self._order = np.zeros(0, np.int32)
@@ -129,6 +128,7 @@ class ColumnSolver:
             arrival_thickness=float(numerics.arrival_thickness),
             wild_stop=WILD_STOP,
             wall=numerics.edges == "wall",
+            holes=not grid.inside.all(),
             stop_at_rest=bool(numerics.stop_at_rest),
             keep_peaks=bool(numerics.maxima),
         )

@@ -5,9 +5,9 @@ import os
 import numpy as np
 
 from ..fields import GRAVITY
-from ..kernels.columns import KAPPA
+from ..kernels.columns import ROW
 
-BYTES_PER_COLUMN = 2 * (KAPPA + 1) * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out
+BYTES_PER_COLUMN = 2 * ROW * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
 

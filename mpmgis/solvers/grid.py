@@ -77,7 +77,7 @@ class ColumnGrid:
         gradient = node_gradients(bed, cell_size)
         gradient[0], gradient[-1] = gradient[1], gradient[-2]
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]
-        return cls(x0, y0, float(cell_size), bed, gradient, inside.astype(np.uint8))
+        return cls(x0, y0, float(cell_size), spared(bed), gradient, inside.astype(np.uint8))
 
     def cells_of(self, frame, grown=0):
         """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
@@ -124,6 +124,13 @@ class ColumnGrid:
             )
         along = -gradient / (slope * np.sqrt(1.0 + slope**2))[:, None]
         return np.column_stack([along, (along * gradient).sum(axis=1)])
+
+
+def spared(array):
+    """A copy of `array` with four numbers to spare behind it: kernels load three nodes of a row as four."""
+    room = np.zeros(array.size + 4)
+    room[: array.size] = array.ravel()
+    return room[: array.size].reshape(array.shape)
 
 
 def _on_raster(grid, x0, y0, cell_size, nx, ny):

@@ -7,6 +7,7 @@ import numpy as np
 from ..effects.barrier import CORE, CORNER, FACE
 from ..kernels import column_barriers as entries
 from ..kernels.columns import BARRIER_ENTRIES, NodeFields
+from .grid import spared
 
 NO_LAKE = -1e30  # [m] a still level below all ground
 MAX_AREAS = 127  # that the flow can release, as many as a node's mark of 8 bits can number
@@ -42,7 +43,7 @@ class Places:
             return np.zeros((1, 1, *entries)) if array is None else np.ascontiguousarray(array, float)
 
         return NodeFields(
-            bed=grid.bed.copy() if lowers_bed else grid.bed,
+            bed=spared(grid.bed) if lowers_bed else grid.bed,
             gradient=grid.gradient.copy() if lowers_bed else grid.gradient,
             inside=grid.inside,
             zone_values=present(self.zone_values, 1),

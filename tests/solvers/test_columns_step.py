@@ -46,6 +46,13 @@ def splines(position, start, dx):
     return nodes, weights, slopes
 
 
+def bending(bed, node, dx):
+    """Hessian of the spline bed at a node [m-1], from the splines' values and derivatives there."""
+    value, slope, second = np.array([1, 6, 1]) / 8, np.array([-1, 0, 1]) / (2 * dx), np.array([1, -2, 1]) / dx**2
+    b = bed[node[0] - 1 : node[0] + 2, node[1] - 1 : node[1] + 2]
+    return np.array([[value @ b @ second, slope @ b @ slope], [slope @ b @ slope, second @ b @ value]])
+
+
 def plain_step(particles, solver, dt, law, curved):
     """One step in plain Python, dense, in the order of design notes 3.7: the oracle."""
     dx, density, grid = solver.grid.cell_size, solver.numerics.density, solver.grid
@@ -79,7 +86,8 @@ def plain_step(particles, solver, dt, law, curved):
         c2 = 1 / (1 + gradient @ gradient)
         speed = np.sqrt(u @ u + (u @ gradient) ** 2)
         h = max(mass[n] / (density * dx * dx), solver._settings.thickness_floor)
-        dry = law.dry_stress(density, G, density * h * G * c2, h * np.sqrt(c2), speed)
+        load = max(0.0, G + u @ bending(grid.bed, n, dx) @ u) if curved else G
+        dry = law.dry_stress(density, G, density * h * load * c2, h * np.sqrt(c2), speed)
         per_mass = density * h * np.sqrt(c2)
         slowed = slowed_speed(speed, dt, dry / per_mass, 0.0, law.drag_coefficient(G, h, speed) / (h * np.sqrt(c2)))
         velocity[n] = u * slowed / speed if speed > 0 else 0
