@@ -1,0 +1,294 @@
+"""Inflow over time and secondary releases: steady flows with exact answers, slabs, triggers, pauses, restarts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
+
+from mpmgis.effects.friction import Frictionless, Voellmy
+from mpmgis.effects.metric import WaterMetric
+from mpmgis.errors import FormatError, SceneError
+from mpmgis.geo.inflow import Hydrograph, batch_times, clearing_time
+from mpmgis.kernels import columns as kernel
+from mpmgis.kernels.jit import set_threads
+from mpmgis.particles import Frame, Particles
+from mpmgis.solvers.events import Events, inlet_of, secondary_releases
+from mpmgis.solvers.march import March
+
+RUNNY = Voellmy(0.1, 100.0)
+SLOPE = np.radians(10.0)
+
+
+def nothing():
+    """A frame without columns: a run that starts empty."""
+    none = np.zeros(0)
+    return Frame(Particles(np.zeros((0, 3)), np.zeros((0, 3)), none, none, none, none), dimension=2)
+
+
+def area(west, east, south, north, spacing, thickness=1.0):
+    """Columns of an inlet or of a secondary area, with the header that the seeding gives them."""
+    frame = columns_of(thickness, west, east, south, north, spacing)
+    return replace(frame, particles=replace(frame.particles, id=None), header={"density": 1000.0})
+
+
+def table(time, discharge=None, thickness=None, speed=None, velocity=None):
+    arrays = {"discharge": discharge, "thickness": thickness, "speed": speed, "velocity": velocity}
+    given = {name: np.array(values, float) for name, values in arrays.items() if values is not None}
+    return Hydrograph(np.array(time, float), **given)
+
+
+def slope_solver(frame, length=120.0, width=4.0, dx=1.0, **numerics):
+    """A 10 degree plane falling eastwards between walls."""
+    terrain = terrain_of(lambda x, y: np.tan(SLOPE) * (length - x), length, width, dx)
+    return solver_on(terrain, frame, dx, RUNNY, reference_thickness=1.0, **{"edges": "wall", **numerics})
+
+
+def pool_solver(length, width, dx):
+    """Level ground between walls, water without friction."""
+    terrain = terrain_of(lambda x, y: 0.0 * x, length, width, dx)
+    return solver_on(terrain, nothing(), dx, Frictionless(), WaterMetric(), edges="wall", reference_thickness=1.0)
+
+
+# --------------------------------------------------------------------------------------------------------- the table
+
+
+def test_volume_is_the_exact_integral_of_the_straight_lines():
+    flow = table([10, 20, 40], discharge=[0, 6, 2])
+    assert flow.volume(0, 100) == pytest.approx(30 + 80, rel=1e-15)
+    assert flow.volume(12, 15) == pytest.approx(0.6 * (15 - 12) * (2 + 5) / 2, rel=1e-14)
+    assert flow.volume(15, 30) == pytest.approx(0.5 * (3 + 6) * 5 + 0.5 * (6 + 4) * 10, rel=1e-14)
+    assert flow.volume(0, 10) == flow.volume(40, 90) == flow.volume(30, 20) == 0.0
+
+
+def test_batches_cover_the_inflow_and_their_volumes_add_up_to_it():
+    flow = table([3, 7.3, 50, 81], discharge=[1, 9, 0.2, 4])
+    times = batch_times(flow, 70.0, 0.37)
+    assert times[0, 0] == 3.0 and times[-1, 1] == 70.0 and (times[1:, 0] == times[:-1, 1]).all()
+    assert np.diff(times).max() <= 0.37 * (1 + 1e-12)
+    total = sum(flow.volume(*pair) for pair in times)
+    assert total == pytest.approx(flow.volume(0, 70), rel=1e-13)
+    assert len(batch_times(flow, 2.0, 0.37)) == 0
+
+
+def test_the_clearing_time_is_that_of_critical_outflow_or_of_a_slide():
+    assert clearing_time(20.0, 10.0, 4.0, 0.0, 0.0) == pytest.approx(10.0 / (G * 20 / 4) ** (1 / 3))
+    fast = clearing_time(20.0, 10.0, 4.0, 1.0, 10.0)
+    assert fast == pytest.approx(10.0 / (0.5 * (10 + np.sqrt(100 + 2 * G * 10 * 0.5))))
+
+
+# --------------------------------------------------------------------------------------------------- steady inflows
+
+
+def test_what_the_hydrograph_says_of_speed_is_what_comes_in():
+    solver = slope_solver(nothing())
+    frame = area(4, 12, 0, 4, 0.25)
+    inlet = inlet_of(frame, table([0, 10], discharge=[1, 1], speed=[2, 6]), solver.grid, 100.0)
+    k = int(np.argmin(np.abs(inlet.times[:, 0] - 5.0)))
+    velocity = inlet.batch(k).particles.velocity
+    np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), 2 + 0.4 * inlet.times[k, 0], rtol=1e-12)
+    np.testing.assert_allclose(velocity[:, 2] / velocity[:, 0], -np.tan(SLOPE), rtol=1e-9)
+    assert (velocity[:, 0] > 0).all() and np.abs(velocity[:, 1]).max() < 1e-9
+    given = table([0, 10], discharge=[1, 1], velocity=[[1, 2], [3, 2]])
+    velocity = inlet_of(frame, given, solver.grid, 100.0).batch(0).particles.velocity
+    np.testing.assert_allclose(velocity[0], [1, 2, -np.tan(SLOPE)], rtol=1e-9)
+    with pytest.raises(SceneError, match="level"):
+        inlet_of(frame, table([0, 10], discharge=[1, 1], speed=[2, 6]), pool_solver(50, 4, 1).grid, 100.0)
+    with pytest.raises(SceneError, match="nothing flows in before"):
+        inlet_of(frame, table([50, 60], discharge=[1, 1]), solver.grid, 40.0)
+
+
+# -------------------------------------------------------------------------------------------------------------- slabs
+
+
+def test_one_slab_is_a_release_to_the_last_bit():
+    frame = area(10, 30, 0, 4, 0.25, thickness=1.0)
+    solver = slope_solver(nothing())
+    events = Events([inlet_of(frame, table([0], thickness=[1.0]), solver.grid, 100.0)])
+    inflow = list(March(solver, 3.0, 1.0, events=events))
+    plain = list(March(slope_solver(frame), 3.0, 1.0))
+    assert [f.time for f in inflow] == [f.time for f in plain] == [0.0, 1.0, 2.0, 3.0]
+    for a, b in zip(inflow, plain, strict=True):
+        for name in ("position", "velocity", "mass", "area", "id"):
+            assert getattr(a.particles, name).tobytes() == getattr(b.particles, name).tobytes(), name
+
+
+def test_slabs_laid_on_one_another_are_as_thick_as_both():
+    frame = area(10, 30, 0, 4, 0.25)
+    solver = slope_solver(nothing())
+    events = Events([inlet_of(frame, table([0, 1e-9], thickness=[1.0, 0.5]), solver.grid, 100.0)])
+    events.let_in(solver)
+    solver.wait(1e-9)
+    events.let_in(solver)
+    rows, ids = solver._alive()
+    middle = (rows[:, kernel.X] > 13) & (rows[:, kernel.X] < 27)
+    thickness = rows[:, kernel.MASS] / (1000 * rows[:, kernel.AREA])
+    np.testing.assert_allclose(thickness[middle], 1.5, rtol=1e-3)
+    assert len(np.unique(ids)) == len(ids) == 2 * len(frame.particles)
+    assert solver.balances()["energy_lost"] == pytest.approx(0.0, abs=1e-6 * solver.energy()[1])
+
+
+def test_settled_areas_are_those_of_a_plain_loop():
+    """Open edges and walls: m / (rho h_g) with the grid's mass summed node by node, mirrored where there is a wall."""
+    rng = np.random.default_rng(4)
+    dx, n, cells = 2.0, 300, 8
+    rows = np.zeros((n, kernel.GY + 1))
+    rows[:, kernel.X], rows[:, kernel.Y] = rng.uniform(0, cells * dx, (2, n))
+    rows[:, kernel.MASS], rows[:, kernel.AREA] = rng.uniform(1, 2, n), 1.0
+    keys = np.where(rng.random(n) < 0.1, kernel.GONE, 0).astype(np.int32)
+    here = keys != kernel.GONE
+    for wall in (False, True):
+        mass = np.zeros((cells + 3, cells + 3))
+        for x, y, m in rows[here][:, [kernel.X, kernel.Y, kernel.MASS]]:
+            for mx in (x, -x, 2 * cells * dx - x) if wall else (x,):
+                for my in (y, -y, 2 * cells * dx - y) if wall else (y,):
+                    for j in range(cells + 3):
+                        for i in range(cells + 3):
+                            mass[j, i] += m * spline(mx / dx - i + 1) * spline(my / dx - j + 1)
+        got = rows.copy()
+        walls = np.array((0, 0, cells + 2, cells + 2) if wall else (-9, -9, -9, -9))
+        marked = np.ones((cells, 4), np.uint8)
+        marked[3, 2] = 0
+        kernel.settle_areas(got, keys, kernel.GONE, marked, 0, 4, walls, dx, 1000.0, 0.0)
+        for p in range(n):
+            x, y = rows[p, kernel.X] / dx, rows[p, kernel.Y] / dx
+            if keys[p] == kernel.GONE or x < 4 or (int(y), int(x)) == (3, 6):
+                assert got[p, kernel.AREA] == 1.0
+                continue
+            seen = sum(
+                spline(x - i + 1) * spline(y - j + 1) * mass[j, i] for j in range(cells + 3) for i in range(cells + 3)
+            )
+            assert got[p, kernel.AREA] == pytest.approx(rows[p, kernel.MASS] * dx * dx / seen, rel=1e-12)
+
+
+def spline(distance):
+    """Quadratic B-spline."""
+    d = abs(distance)
+    return 0.75 - d * d if d < 0.5 else 0.5 * (1.5 - d) ** 2 if d < 1.5 else 0.0
+
+
+# ------------------------------------------------------------------------------------------------- secondary releases
+
+
+def avalanche(trigger=None, second=60.0, **numerics):
+    """A release above, an area at rest further down; solver and events."""
+    solver = slope_solver(area(4, 24, 0, 4, 0.25), **numerics)
+    lower = area(second, second + 10, 0, 4, 0.25, 0.5)
+    events = Events((), secondary_releases([("lower", lower, trigger)], solver.grid))
+    return solver, events
+
+
+def test_a_secondary_area_moves_when_the_flow_gets_there():
+    solver, events = avalanche()
+    frames = list(March(solver, 20.0, 0.5, events=events))
+    front = [f.particles.position[f.particles.id < 1280, 0].max() for f in frames]
+    number = [len(f.particles) for f in frames]
+    first = int(np.argmax(np.array(number) > number[0]))
+    assert first > 0 and number[-1] == number[0] + 40 * 16
+    assert front[first - 1] < 61.5 and front[first] > 57.0  # within the reach of a spline
+    p = frames[first].particles
+    assert p.id.max() == len(p) - 1
+    released = p.id >= 1280
+    assert p.volume[released].sum() == pytest.approx(0.5 * 40, rel=1e-12)
+    balances = solver.balances()
+    assert balances["mass_released"] == pytest.approx(1000 * (80 + 20), rel=1e-12)
+    assert abs(balances["mass_error_relative"]) <= 1e-12 and balances["energy_lost"] > 0
+    assert events.record() == {"batches": 0, "secondary_releases": ["lower"]}
+
+
+def test_a_secondary_area_waits_for_flow_as_thick_as_asked():
+    arrivals = []
+    for trigger in (None, 0.2, 5.0):
+        solver, events = avalanche(trigger)
+        times = [f.time for f in March(solver, 20.0, 0.25, events=events) if len(f.particles) > 1280]
+        arrivals.append(times[0] if times else np.inf)
+    assert arrivals[0] < arrivals[1] < arrivals[2] == np.inf
+
+
+def test_areas_that_share_corners_are_all_released_and_those_within_others_refused():
+    solver = slope_solver(area(4, 24, 0, 4, 0.25))
+    both = [("a", area(40, 50, 0, 4, 0.25), None), ("b", area(50, 60, 0, 4, 0.25), None)]
+    events = Events((), secondary_releases(both, solver.grid))
+    list(March(solver, 20.0, 5.0, events=events))
+    assert events.record()["secondary_releases"] == ["a", "b"]
+    with pytest.raises(SceneError, match="within cells of others"):
+        secondary_releases([*both, ("c", area(44, 45, 0, 1, 0.25), None)], solver.grid)
+
+
+# -------------------------------------------------------------------------------------- pauses, stop rules, restarts
+
+
+def test_no_stop_rule_ends_a_run_while_something_is_to_come():
+    """Friction above the slope: all is at rest at once, but there is inflow until 6 s."""
+    terrain = terrain_of(lambda x, y: 0.1 * (120 - x), 120, 4, 1)
+    frame = area(4, 12, 0, 4, 0.25, 0.01)
+    solver = solver_on(terrain, frame, 1.0, Voellmy(2.0, 100.0), stop_at_rest=True, edges="wall")
+    flow = table([2, 6], discharge=[0.01, 0.01])
+    events = Events([inlet_of(area(40, 48, 0, 4, 0.25), flow, solver.grid, 300.0)])
+    march = March(solver, 300.0, 1.0, events=events)
+    list(march)
+    assert 6.0 <= solver.time < 60.0 and "at rest" in march.reason
+    assert solver.balances()["mass_released"] == pytest.approx(1000 * (0.32 + 0.04), rel=1e-12)
+
+
+def busy():
+    """Release, inflow that is not over when the areas go, and two secondary areas."""
+    solver = slope_solver(area(4, 24, 0, 4, 0.25), maxima=True)
+    flow = table([2, 4, 9], discharge=[0, 8, 1], speed=[3, 3, 3])
+    areas = [("a", area(40, 46, 0, 4, 0.25, 0.5), None), ("b", area(60, 66, 0, 4, 0.25, 0.5), 0.1)]
+    inlet = inlet_of(area(4, 12, 0, 4, 0.25), flow, solver.grid, 14.0)
+    return solver, Events([inlet], secondary_releases(areas, solver.grid))
+
+
+def test_a_run_goes_on_from_any_frame_to_the_same_bits():
+    solver, events = busy()
+    frames = list(March(solver, 14.0, 1.0, events=events))
+    assert events.record()["secondary_releases"] == ["a", "b"] and events.record()["batches"] > 20
+    counts = [len(f.particles) for f in frames]
+    assert len(set(counts)) > 6
+    for k in (0, 2, 5, 8, 11):
+        again, later = busy()
+        again.restore(frames[k])
+        later.restore(frames[k])
+        rest = list(March(again, 14.0, 1.0, resumed=True, events=later))
+        assert [f.time for f in rest] == [f.time for f in frames[k + 1 :]]
+        for name in ("position", "velocity", "mass", "area", "id"):
+            assert getattr(rest[-1].particles, name).tobytes() == getattr(frames[-1].particles, name).tobytes(), name
+        for name in set(frames[-1].state) - {"counts"}:  # which of two buffers is in use may differ
+            values = frames[-1].state[name]
+            assert np.asarray(values).tobytes() == np.asarray(rest[-1].state[name]).tobytes(), name
+
+
+def test_a_run_that_had_ended_when_it_was_killed_has_nothing_left_to_do():
+    def resting():
+        solver, events = avalanche(stop_at_rest=True)
+        solver._rows[0, :, kernel.U] = 0.0
+        return solver, events
+
+    solver, events = resting()
+    march = March(solver, 400.0, 7.0, events=events)
+    last = list(march)[-1]
+    assert "at rest" in march.reason and last.time % 7.0 != 0.0
+    again, later = resting()
+    again.restore(last)
+    later.restore(last)
+    resumed = March(again, 400.0, 7.0, resumed=True, events=later)
+    assert list(resumed) == [] and resumed.reason == march.reason and again.step == solver.step
+
+
+def test_threads_change_nothing():
+    last = []
+    for threads in (1, 2):
+        set_threads(threads)
+        solver, events = busy()
+        last.append(list(March(solver, 10.0, 5.0, events=events))[-1].particles)
+    set_threads(None)
+    assert last[0].position.tobytes() == last[1].position.tobytes()
+    assert last[0].id.tobytes() == last[1].id.tobytes()
+
+
+def test_the_state_of_other_events_is_refused():
+    solver, events = busy()
+    frame = next(iter(March(solver, 14.0, 1.0, events=events)))
+    with pytest.raises(FormatError, match="another scene"):
+        Events().restore(frame)
