@@ -1,10 +1,10 @@
-"""Inflow over time and secondary releases: steady flows with exact answers, slabs, triggers, pauses, restarts."""
+"""Inflow over time and secondary releases: slabs, triggers, pauses, restarts."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
+from column_scenes import G, columns_of, solver_on, terrain_of
 
 from mpmgis.effects.friction import Frictionless, Voellmy
 from mpmgis.effects.metric import WaterMetric
