@@ -1,0 +1,214 @@
+"""The verification catalogue's cases with curved beds, spreading caps and swinging pools (design notes 6).
+
+V3 to V7 and V10 stand in `test_columns_exact.py`, V22 in `test_columns_step.py`. Numbers in brackets are the design's
+prototype's. Each case also closes its mass (V1) and stays below the speed that energy allows (H2).
+"""
+
+import numpy as np
+import pytest
+from catalogue_scenes import (
+    cap_on_slope,
+    energy_drift_in_a_valley,
+    pool_in_bowl,
+    runout_angle,
+    small_body,
+    speed_over_bound,
+    spin_in_bowl,
+)
+from column_scenes import columns_of, dam_break, orders, relative_l1, solver_on, terrain_of
+from exact_solutions import G, bead, steady_bingham_speed
+
+from mpmgis.effects.curvature import Curvature, CurvatureLoadOnly, CurvatureTurnOnly
+from mpmgis.effects.friction import Bingham, Coulomb
+from mpmgis.effects.metric import WaterMetric
+
+ALLOWED = np.sqrt(1.05)  # the solver's own margin on U^2
+
+
+def sound(solver):
+    """V1 and H2 of a run that has ended: mass closed, no column faster than its drop allows."""
+    balances = solver.balances()
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    assert speed_over_bound(solver) <= ALLOWED * (1 + 1e-9)
+    assert balances["speed_limited_share_max"] <= 1e-3
+    return True
+
+
+def test_v8_similarity_cap():
+    """Hutter's cap after 5 s: thickness within 5 % (L2) at 4 m cells, largest speed within 3 %, better when refined."""
+    errors = []
+    for dx in (8.0, 4.0, 2.0):
+        error, speed, solver = cap_on_slope(dx, 5.0)
+        errors.append(error)
+        assert abs(speed) <= 0.03 and sound(solver)
+    assert errors[1] <= 0.05
+    assert all(order > 0.4 for order in orders(errors))
+
+
+def test_v8_similarity_cap_late():
+    """The same at 10 s, when it is half again as long."""
+    error, speed, solver = cap_on_slope(4.0, 10.0)
+    assert error <= 0.05 and abs(speed) <= 0.03 and sound(solver)
+
+
+def test_v9_sloshing_pool_is_second_order():
+    """Thacker's plane surface comes round after a period: within 1 % at dx / a = 0.02, order 2 [0.44, 0.23, 0.11 %]."""
+    errors = []
+    for dx in (0.8, 0.4, 0.2):
+        error, solver = pool_in_bowl("slosh", dx)
+        errors.append(error)
+        assert sound(solver)
+        assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.01
+    assert errors[-1] <= 0.01
+    assert all(1.7 < order < 2.3 for order in orders(errors))
+
+
+@pytest.mark.parametrize("staggered", [False, True])
+def test_v9_breathing_pool(staggered):
+    """Within 3 %, energy within 1 % a period. Columns that share rows stall at their noise; staggered ones do not."""
+    errors = []
+    for dx in (0.8, 0.4, 0.2):
+        error, solver = pool_in_bowl("breathe", dx, staggered=staggered)
+        errors.append(error)
+        assert error <= 0.03 and sound(solver)
+        assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.01
+        assert solver.frame().particles.thickness.min() > 0.0
+    if staggered:
+        assert all(1.5 < order < 2.3 for order in orders(errors))
+
+
+def test_v11_angular_momentum():
+    """One turn: angular momentum to 1e-12, kinetic energy within 0.3 %, every column back within 1e-3 of the radius."""
+    momentum, energy, place, solver = spin_in_bowl(0.2)
+    assert abs(momentum - 1.0) <= 1e-12
+    assert 0.0 <= 1.0 - energy <= 0.003
+    assert place <= 1e-3 * 5.0 and sound(solver)
+
+
+@pytest.mark.xfail(
+    strict=True, reason="the viscous chord is taken at the driven speed only: 62 % too fast at this step"
+)
+def test_v19_steady_bingham_speed():
+    """A Bingham sheet between walls: its own steady speed within 1 %, no motion where the yield stress holds it."""
+    slope, thickness, strength, viscosity = np.radians(10), 2.0, 2000.0, 3000.0
+    terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 1000, 40, 10)
+    for stress, steady in ((strength, True), (7000.0, False)):
+        frame = columns_of(thickness, 100, 600, 0, 40, 2.5)
+        solver = solver_on(terrain, frame, 10.0, Bingham(stress, viscosity), edges="wall")
+        solver.advance(20.0 if steady else 2.0)
+        p = solver.frame().particles
+        inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 100
+        speed = np.linalg.norm(p.velocity[inner], axis=1).mean()
+        exact = steady_bingham_speed(slope, thickness * np.cos(slope), 1000.0, stress, viscosity)
+        np.testing.assert_allclose(speed, exact, rtol=0.01)
+        assert (exact > 0) == steady
+
+
+def test_v20_a_point_keeps_its_energy_on_a_curved_track():
+    """The law alone, step by step on a parabola for 4 s at dt = 1e-3: energy within 0.1 %, at worst 7 % off without."""
+    worst = []
+    for law in (Curvature(), None):
+        x, u, dt, whole = -5.0, 0.0, 1e-3, G * 5.0**2 / 20
+        energies = []
+        for _ in range(4000):
+            slope = x / 10.0
+            u -= dt * G * slope / (1 + slope * slope)
+            x += dt * u
+            if law:
+                u, _ = law.turned_velocity(u, 0.0, slope, 0.0, x / 10.0, 0.0)
+            energies.append(G * x * x / 20 + 0.5 * u * u * (1 + (x / 10.0) ** 2))
+        worst.append(max(abs(energy / whole - 1.0) for energy in energies))
+    assert worst[0] <= 0.001
+    assert worst[1] > 0.05
+
+
+def test_v20_through_the_grid_the_energy_lost_falls_with_the_cells():
+    """A body in a valley of 100 m: 10 % at 40 cells to the radius, 3 % at 100 cells; half the Courant number, half."""
+    coarse, fine = (energy_drift_in_a_valley(100.0, dx)[0] for dx in (2.5, 0.5))
+    assert -0.10 <= coarse <= 0.0 and -0.03 <= fine <= 0.0
+    careful, solver = energy_drift_in_a_valley(100.0, 1.0, cfl=0.1)
+    assert -0.03 <= careful <= 0.0 and sound(solver)
+
+
+def test_v20_load_in_a_circular_valley():
+    """A body rubs with mu (g cos + U^2 / R): as the exact bead within 1 %, not as if pressed by gravity alone."""
+    radius, mu = 200.0, 0.2
+
+    def circle(x, y):
+        return radius - np.sqrt(radius**2 - np.minimum(np.abs(x - radius), 190.0) ** 2) + 0 * y
+
+    def slope(x):
+        return (x - radius) / np.sqrt(radius**2 - (x - radius) ** 2)
+
+    def bend(x):
+        return radius**2 / (radius**2 - (x - radius) ** 2) ** 1.5
+
+    solver = small_body(circle, 60.0, 16.0, 2.0, 1.0, 2 * radius, 40.0, Coulomb(mu), cfl=0.1)
+    start = solver.frame().particles.position[:, 0].mean()
+    solver.advance(6.0)
+    p = solver.frame().particles
+    here = [p.position[:, 0].mean() - start, p.velocity[:, 0].mean()]
+    pressed, unpressed = (bead(slope, bend, start, mu, 6.0, load)(6.0) - [start, 0.0] for load in (True, False))
+    np.testing.assert_allclose(here, pressed, rtol=0.01)
+    assert abs(here[0] / unpressed[0] - 1.0) > 0.02 and sound(solver)
+
+
+def test_v20_a_body_with_friction_runs_as_the_exact_bead():
+    """Where a body on a parabola is after 3 s with mu = 0.2, against the ordinary differential equation, within 1 %."""
+    radius, mu = 100.0, 0.2
+
+    def valley(x, y):
+        return (x - radius) ** 2 / (2 * radius) + 0 * y
+
+    solver = small_body(valley, 50.0, 8.0, 1.0, 0.5, 2 * radius, 20.0, Coulomb(mu), cfl=0.1)
+    start = solver.frame().particles.position[:, 0].mean()
+    exact = bead(lambda x: (x - radius) / radius, lambda x: 1 / radius, start, mu, 3.0)
+    solver.advance(3.0)
+    p = solver.frame().particles
+    x, u = exact(3.0)
+    np.testing.assert_allclose([p.position[:, 0].mean() - start, p.velocity[:, 0].mean()], [x - start, u], rtol=0.01)
+
+
+@pytest.mark.slow
+def test_v21_energy_line():
+    """Run-out angle within 0.5 degrees of arctan mu with the bend's load left out; with it the body stops earlier."""
+    line = np.degrees(np.arctan(0.4))
+    angles = []
+    for dx in (4.0, 2.0, 1.0):
+        angle, solver = runout_angle(CurvatureTurnOnly(), dx)
+        angles.append(abs(angle - line))
+        assert sound(solver)
+    assert max(angles) <= 0.5 and angles[-1] < angles[0]
+    assert runout_angle(Curvature(), 2.0)[0] > line + 0.1
+    assert runout_angle(CurvatureLoadOnly(), 2.0)[0] > runout_angle(Curvature(), 2.0)[0]
+
+
+def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
+    """Staggered columns: the tip is within 3 % of 2 sqrt(g h), and of its place; none is above the solver's margin."""
+    for dx in (0.5, 0.25):
+        _, h, exact, solver = dam_break(dx, metric=WaterMetric(), staggered=True)
+        assert 0.97 <= speed_over_bound(solver) <= ALLOWED * (1 + 1e-9) and sound(solver)
+        tip = solver.frame().particles.position[:, 0].max() - 50.0
+        np.testing.assert_allclose(tip, 2 * np.sqrt(G * 5.0) * 2.5, rtol=0.04)
+        assert relative_l1(h, exact) <= 0.006
+
+
+@pytest.mark.slow
+def test_v9_pools_after_three_periods():
+    """What repeats does not drift: sloshing to 1 %, breathing to 3 %, staggered breathing to 0.5 % at 0.02."""
+    assert pool_in_bowl("slosh", 0.2, periods=3)[0] <= 0.01
+    assert pool_in_bowl("breathe", 0.2, periods=3)[0] <= 0.03
+    assert pool_in_bowl("breathe", 0.2, periods=3, staggered=True)[0] <= 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
+def test_v7_staggered_columns_do_not_stall_at_the_dry_tip(degrees, friction):
+    form = {"metric": WaterMetric()} if degrees == 0 else {"reservoir": 80, "length": 160}
+    errors = []
+    for dx in (1.0, 0.5, 0.25):
+        x, h, exact, solver = dam_break(dx, degrees=degrees, friction_degrees=friction, staggered=True, **form)
+        errors.append(relative_l1(h, exact, x > -50))
+        assert sound(solver)
+    assert errors[0] <= 0.012 and errors[-1] <= 0.005
+    assert all(order > 0.35 for order in orders(errors))
