@@ -1,0 +1,166 @@
+"""Tables of the material: what is refused, what comes back from text, and how numbers decide."""
+
+import json
+
+import pytest
+
+from mpmgis.effects.cohesion import Cohesion, NoCohesion
+from mpmgis.effects.earth_pressure import NoEarthPressure, earth_pressure
+from mpmgis.effects.friction import LAWS, Bingham, Coulomb, Frictionless, ModifiedVoellmy, Voellmy
+from mpmgis.effects.slots import ColumnEffects
+from mpmgis.effects.viscosity import InPlaneViscosity
+from mpmgis.errors import SceneError
+from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
+from mpmgis.scene.runout import runout
+
+TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}
+RAMP = tuple((10.0 * k, max(500.0 - 4.0 * k, 0.0)) for k in range(400))  # 22 degrees for 1250 m, then flat
+FACTS = TerrainFacts(
+    centrifugal_ratio=0.2, slope_median=0.4, drop=500.0, speed=40.0, slope_steep=0.8, release_thickness=2.0,
+    release_length=100.0, density=1000.0, profile=RAMP,
+)  # fmt: skip
+
+
+def scene(**tables):
+    return scene_from_tables({**TABLES, **tables})
+
+
+def decided(given, facts=FACTS):
+    """(effects, name -> decision)."""
+    effects, decisions = resolve(given, facts)
+    return effects, {d.effect: d for d in decisions}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_can_be_named_and_comes_back_from_text(name, tmp_path):
+    values = {key: p.default or max(p.smallest, 0.5) for key, p in LAWS[name][1].items()}
+    given = scene(friction={"law": name, **values}, cohesion={"yield_stress": 50}, viscosity={"viscosity": 3},
+                  earth_pressure={"friction_angle": 40})  # fmt: skip
+    path = tmp_path / "scene.toml"
+    path.write_text(scene_text(given))
+    assert read_scene(path).as_tables() == given.as_tables()
+    assert f"law = '{name}' takes" in template()
+
+
+def test_a_default_is_taken_where_a_law_has_one():
+    given = scene(friction={"law": "ModifiedVoellmy", "mu": 0.5, "xi": 400})
+    assert given.friction.parameters["crossover_speed"] == 4.0
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"cohesion": {}}, "yield_stress is missing"),
+        ({"cohesion": {"yield_stress": -1}}, "at least 0"),
+        ({"cohesion": {"yield_stres": 1}}, "did you mean 'yield_stress'"),
+        ({"viscosity": {"viscosity": 0}}, "both 0"),
+        ({"viscosity": {"viscosity": float("nan")}}, "finite"),
+        ({"earth_pressure": {"friction_angle": 20, "bed_friction_angle": 25}}, "above friction_angle = 20"),
+        ({"earth_pressure": {"friction_angle": 20}, "friction": {"law": "Coulomb", "mu": 0.5}}, "atan of the friction"),
+        ({"earth_pressure": {"friction_angle": 95}}, "at most 89"),
+        ({"friction": {"law": "Bingam", "yield_stress": 1, "viscosity": 1}}, "did you mean 'Bingham'"),
+        ({"friction": {"law": "Bingham", "yield_stress": 1}}, "needs viscosity [Pa s]"),
+        ({"friction": {"law": "Pouliquen", "mu1": 0.5, "mu2": 0.4, "length": 1e-3}}, "below mu1"),
+        ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "wanted auto, on, off"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tables, words):
+    with pytest.raises(SceneError) as error:
+        scene(**tables)
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_effects_that_are_off_leave_the_types_of_a_scene_without_them():
+    """The compiled solver is chosen by these types: an absent effect adds no field and no instruction."""
+    friction = {"law": "Voellmy", "mu": 0.2, "xi": 1500}
+    bare, _ = decided(scene(friction=friction))
+    use_off, _ = decided(
+        scene(friction=friction, cohesion={"yield_stress": 500, "use": "off"},
+              earth_pressure={"friction_angle": 40, "use": "off"}, viscosity={"viscosity": 500, "use": "off"})
+    )  # fmt: skip
+    auto_off, decisions = decided(
+        scene(friction=friction, cohesion={"yield_stress": 5}, viscosity={"viscosity": 5},
+              earth_pressure={"friction_angle": 40}), FACTS._replace(release_length=5000.0)
+    )  # fmt: skip
+    for name in ("cohesion", "earth_pressure", "viscosity"):
+        assert (decisions[name].state, decisions[name].decided_by) == ("off", "auto")
+    assert list(map(type, bare)) == list(map(type, use_off)) == list(map(type, auto_off))
+    nothing, _ = decided(scene(curvature={"use": "off"}))
+    assert list(map(type, nothing)) == list(map(type, ColumnEffects()))
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "law"),
+    [
+        ("cohesion", {"yield_stress": 5.0}, Cohesion(5.0)),
+        ("viscosity", {"viscosity": 5.0}, InPlaneViscosity(5.0, 0.0)),
+        ("earth_pressure", {"friction_angle": 40.0, "bed_friction_angle": 20.0}, earth_pressure(40.0, 20.0)),
+    ],
+)
+def test_on_is_on_whatever_the_number(name, table, law):
+    effects, decisions = decided(scene(**{name: {**table, "use": "on"}}), FACTS._replace(release_length=1e6))
+    assert getattr(effects, name) == law
+    assert (decisions[name].state, decisions[name].decided_by) == ("on", "forced")
+
+
+def test_cohesion_is_decided_by_its_share_of_the_load():
+    load = 1000.0 * 9.81 * 2.0
+    for share, law in ((0.019, NoCohesion), (0.021, Cohesion)):
+        effects, decisions = decided(scene(cohesion={"yield_stress": share * load}))
+        assert isinstance(effects.cohesion, law)
+        assert decisions["cohesion"].indicator == pytest.approx(share)
+
+
+def test_earth_pressure_takes_the_beds_angle_from_mu():
+    effects, decisions = decided(scene(friction={"law": "Coulomb", "mu": 0.35}, earth_pressure={"friction_angle": 35}))
+    expected = earth_pressure(35.0, 19.290046219188735)
+    assert effects.earth_pressure == pytest.approx(expected)
+    ratio = 2.0 / (100.0 * 0.05) * (expected.passive - 1.0)
+    assert decisions["earth_pressure"].indicator == pytest.approx(ratio)
+    assert isinstance(decided(scene())[0].earth_pressure, NoEarthPressure)
+
+
+def test_drag_that_changes_little_is_left_out_of_voellmy_unless_forced():
+    slow = FACTS._replace(speed=2.0)
+    friction = {"law": "Voellmy", "mu": 0.2, "xi": 3000}
+    effects, decisions = decided(scene(friction=friction), slow)
+    assert effects.friction == Coulomb(0.2) and decisions["turbulent_drag"].state == "off"
+    assert decisions["turbulent_drag"].indicator == pytest.approx(
+        4.0 / (3000 * 2.0 / (1.16**0.5) * (0.4 - 0.2) / 1.16**0.5), rel=1e-9
+    )
+    effects, decisions = decided(scene(friction={**friction, "use": "on"}), slow)
+    assert effects.friction == Voellmy(0.2, 3000.0) and decisions["turbulent_drag"].decided_by == "forced"
+    assert decided(scene(friction=friction))[0].friction == Voellmy(0.2, 3000.0)
+    modified = decided(scene(friction={"law": "ModifiedVoellmy", "mu": 0.2, "xi": 3000}), slow)[0].friction
+    assert modified == ModifiedVoellmy(0.2, 3000.0, 4.0)
+
+
+def test_bingham_that_changes_nothing_is_left_out():
+    thin = {"law": "Bingham", "yield_stress": 1.0, "viscosity": 0.01}
+    assert decided(scene(friction=thin))[0].friction == Frictionless()
+    assert decided(scene(friction={**thin, "use": "on"}))[0].friction == Bingham(1.0, 0.01)
+    assert decided(scene(friction={**thin, "yield_stress": 400.0}))[0].friction == Bingham(400.0, 0.01)
+
+
+def test_the_mass_point_of_coulomb_runs_drop_over_mu():
+    assert runout(FACTS, Coulomb(0.25)) == pytest.approx(500.0 / 0.25, rel=1e-3)
+    assert runout(FACTS) is None  # never comes to rest
+    assert runout(FACTS, Coulomb(0.5)) is None  # never starts
+    assert runout(FACTS._replace(profile=()), Coulomb(0.25)) is None
+
+
+def test_a_decision_tells_what_the_runout_would_be_without_it():
+    load = 1000.0 * 9.81 * 2.0
+    friction = {"law": "Coulomb", "mu": 0.25}
+    _, decisions = decided(scene(friction=friction, cohesion={"yield_stress": 0.05 * load}))
+    change = decisions["cohesion"].runout_change
+    assert 0.1 < change < 0.3  # about 0.05 / 0.25, less on the flat where the load is larger
+    _, decisions = decided(scene(friction=friction, cohesion={"yield_stress": 0.05 * load, "use": "off"}))
+    assert decisions["cohesion"].runout_change == pytest.approx(1.0 / (1.0 + change) - 1.0)
+
+
+def test_decisions_are_plain_enough_for_the_record():
+    _, decisions = resolve(scene(friction={"law": "Voellmy", "mu": 0.4, "xi": 1500}), FACTS._replace(slope_median=0.0))
+    for decision in decisions:
+        json.dumps(decision._asdict(), allow_nan=False)
+        assert "\n" not in decision.line()
