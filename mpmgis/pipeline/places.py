@@ -286,7 +286,8 @@ def _walls(scene, terrain, say):
 def _unlike(name, walls):
     """`name`, with a number where a wall has it already."""
     taken = {wall.name for wall in walls}
-    return next(n for n in (name, *(f"{name} ({k})" for k in itertools.count(2))) if n not in taken)
+    numbered = (name if k == 1 else f"{name} ({k})" for k in itertools.count(1))
+    return next(candidate for candidate in numbered if candidate not in taken)
 
 
 def _require_standing(walls, nodes, grid, frame, say):
