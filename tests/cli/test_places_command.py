@@ -46,7 +46,7 @@ def write_raster(path, values, crs="EPSG:32632", nodata=-9999.0):
 
 def write_shapes(path, shapes, crs="EPSG:32632", **columns):
     """Features given from the site's corner, in map coordinates."""
-    moved = [shapely.transform(shape, lambda p: p + [WEST, SOUTH]) for shape in shapes]
+    moved = [shapely.transform(shape, lambda p: p + np.array([WEST, SOUTH])) for shape in shapes]
     table = geopandas.GeoDataFrame(columns, geometry=moved, crs="EPSG:32632")
     table.to_crs(crs).to_file(path)
 
@@ -108,3 +108,74 @@ def test_zones_slow_the_flow_where_they_lie(site, capsys):
     assert run(site, SCENE + '[[zones]]\nsource = "zones.gpkg"\nmu = 0.2\n') == 0
     assert state_of(site, "zones") == ("off", "auto", 0.0)
     assert centre(site) == plain
+
+
+def test_zones_from_a_raster_and_their_gaps(site, capsys):
+    """mu = 0 is a value; nodata in reach is refused unless [friction] has a default; another CRS is refused."""
+    x, _ = distances()
+    alone = SCENE.replace("mu = 0.2\n", "")
+    write_raster(site / "mu.tif", np.where(x < 300, 0.0, 0.4))
+    assert run(site, alone + '[[zones]]\nmu = "mu.tif"\n') == 0
+    assert state_of(site, "zones")[0] == "on"
+    (site / "results").rename(site / "earlier")
+    write_raster(site / "mu.tif", np.where(x < 300, 0.2, np.nan))
+    line = refused(site, capsys, alone + '[[zones]]\nmu = "mu.tif"\n')
+    assert "mu is not known" in line and "E 400" in line
+    write_raster(site / "mu.tif", np.where(x < 300, 0.2, 0.4), crs="EPSG:32633")
+    assert "EPSG:32633" in refused(site, capsys, SCENE + '[[zones]]\nmu = "mu.tif"\n')
+    write_raster(site / "mu.tif", np.where(x < 300, 0.2, -0.4))
+    assert "reaches -0.4" in refused(site, capsys, SCENE + '[[zones]]\nmu = "mu.tif"\n')
+    assert "no parameter 'mue'" in refused(site, capsys, SCENE + '[[zones]]\nmue = "mu.tif"\n')
+
+
+def test_zones_in_another_crs_are_brought_over_and_that_is_said(site, capsys):
+    write_shapes(site / "zones.geojson", [shapely.box(300, 0, 800, 400)], crs="EPSG:4326")
+    assert run(site, SCENE + '[[zones]]\nsource = "zones.geojson"\nmu = 0.4\n') == 0
+    assert "reprojected from EPSG:4326" in capsys.readouterr().err
+
+
+def test_a_high_barrier_holds_everything_and_books_its_load(site, capsys):
+    write_shapes(site / "dam.gpkg", [shapely.LineString([(450, -50), (450, 450)])], name=["dam"])
+    dam = SCENE + '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 50\n'
+    assert run(site, dam) == 0
+    err = capsys.readouterr().err
+    assert "screening only; loads need 3D" in err and "thinner than a cell" in err
+    frame = read_frame(sorted((site / "results").glob("frame_*.h5"))[-1])
+    assert frame.map_xy()[0].max() < WEST + 450
+    taken = record(site)["balances"]["barriers"]["dam"]
+    assert taken["impulse_east"] > 0 and taken["overtopped_mass"] == 0.0
+    with open(site / "results" / "barriers.csv", newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    assert [float(row["time [s]"]) for row in rows] == [0, 5, 10, 15, 20, 25, 30]
+    assert float(rows[-1]["normal impulse [N s]"]) == taken["normal_impulse"]
+    impulse = sum(5.0 * float(row["mean normal force [N]"]) for row in rows)
+    assert impulse == pytest.approx(taken["normal_impulse"], rel=1e-12)
+    written = (site / "results" / "scene.toml").read_text()
+    assert main(["effects", str(site / "results" / "scene.toml")]) == 0 and "../dam.gpkg" in written
+
+
+def test_barriers_that_cannot_stand_are_refused(site, capsys):
+    write_shapes(site / "dam.gpkg", [shapely.box(450, 100, 460, 300)])
+    assert "below the terrain" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\ncrest = 90\n')
+    assert "either height or crest" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\n')
+    assert "width" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\nwidth = 2\n')
+    write_shapes(site / "dam.gpkg", [shapely.box(100, 100, 110, 300)])
+    assert "stands on the release" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\n')
+    assert "no such file" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "wall.gpkg"\nheight = 3\n')
+
+
+def test_a_release_on_a_cliff_is_refused(site, capsys):
+    x, _ = distances()
+    write_raster(site / "dtm.tif", np.where(x < 110, 700.0, 100.0))
+    assert "starts on a cliff" in refused(site, capsys, SCENE)
+
+
+def test_entrainment_grows_the_flow_and_closes_the_ledger(site, capsys):
+    write_shapes(site / "loose.gpkg", [shapely.box(150, 0, 400, 400)], depth=[0.5])
+    table = '[entrainment]\nlaw = "ErosionSpeed"\ncoefficient = 0.005\nsource = "loose.gpkg"\nthickness = "depth"\n'
+    assert run(site, SCENE + table + "density = 1500\nlower_bed = true\n") == 0
+    assert "entrained" in capsys.readouterr().err
+    balances = record(site)["balances"]
+    assert balances["mass_entrained"] > 0.05 * balances["mass_start"]
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    assert balances["mass_now"] == pytest.approx(balances["mass_start"] + balances["mass_entrained"], rel=1e-9)
