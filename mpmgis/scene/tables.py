@@ -120,7 +120,7 @@ class FrictionTable:
     """Resistance of the bed; without this table there is none."""
 
     law: str = _key('law of basal resistance, or your own: "my_law.py:MyLaw"', kind=str, example="Voellmy")
-    use: str = _key("auto: without drag or yield stress where they change little", "auto", str, choices=USE)
+    use: str = _key("auto: without turbulent drag where it changes little", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"parameters_of": friction.LAWS})
 
 
@@ -140,7 +140,7 @@ class CohesionTable:
     """A yield stress at the bed, added to whatever friction there is."""
 
     yield_stress: float = _key("[Pa]", low=0.0, high=1e7, example=100.0)
-    use: str = _key("auto: on above 2 % of the load of the release", "auto", str, choices=USE)
+    use: str = _key("auto: on above 0.5 % of the load of the release", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class EarthPressureTable:
     friction_angle: float = _key("internal friction angle phi [degrees]", low=0.0, high=89.0, above=True, example=35.0)
     bed_friction_angle: float | None = _key("at the bed, at most phi [degrees]; without it atan(mu)", None, low=0.0,
                                             high=89.0, example=25.0)  # fmt: skip
-    use: str = _key("auto: on where it changes more than 5 % of the drive", "auto", str, choices=USE)
+    use: str = _key("auto: on where it changes more than 3 % of the drive", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
