@@ -1,0 +1,246 @@
+"""Walls and erosion in the solver: what they hold, what they take up, what they book; laws plain and compiled."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
+
+from mpmgis.effects.barrier import CORE, CORNER, FACE, Barrier
+from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
+from mpmgis.effects.friction import Coulomb, Voellmy
+from mpmgis.effects.metric import WaterMetric
+from mpmgis.effects.still_water import StillWater
+from mpmgis.effects.zones import FrictionZones
+from mpmgis.geo.barriers import Wall, wall_nodes
+from mpmgis.geo.lakes import lake_cells, water_depth
+from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.kernels.columns import beds_at
+from mpmgis.kernels.jit import set_threads
+from mpmgis.solvers.grid import ColumnGrid
+from mpmgis.solvers.places import NO_LAKE, Places, barrier_entries
+
+DX = 5.0
+
+
+def level(x, y):
+    return 0 * x
+
+
+def walled(terrain, frame, wall, friction=None, **numerics):
+    """A solver with one wall on walled level ground."""
+    grid = ColumnGrid.on(terrain, DX)
+    rows, columns = grid.bed.shape
+    x, y = grid.x0 + (np.arange(columns) - 1) * DX, grid.y0 + (np.arange(rows) - 1) * DX
+    places = Places(barriers=barrier_entries(wall_nodes([wall], x, y, grid.bed, DX)), barrier_names=(wall.name,))
+    return solver_on(terrain, frame, DX, friction, edges="wall", places=places, laws={"barrier": Barrier()}, **numerics)
+
+
+def channel(height, depth=8.0, length=200.0):
+    """Water `depth` [m] deep on one side of a wall `height` [m] high across a channel 40 m wide."""
+    terrain = terrain_of(level, length, 40.0, DX)
+    frame = columns_of(depth, 0, 92.5, 0, 40, DX / 4)
+    return walled(terrain, frame, Wall("dam", shapely.box(99.5, -99, 100.5, 99), height))
+
+
+def test_a_pond_at_rest_loads_its_dam_with_hydrostatic_pressure():
+    """1/2 rho g h^2 per metre of width, within 4 % (mean of 60 s, the water still swings a little)."""
+    solver = channel(1000.0)
+    solver.advance(40.0)
+    before = solver.balances()["barriers"]["dam"]["impulse_east"]
+    solver.advance(100.0)
+    taken = solver.balances()["barriers"]["dam"]
+    x, _, thickness = node_thickness(solver)
+    depth = thickness.mean(axis=0)[(x > 10) & (x < 85)].mean()
+    load = (taken["impulse_east"] - before) / 60.0 / 40.0
+    assert load == pytest.approx(0.5 * 1000.0 * G * depth**2, rel=0.04)
+    assert taken["overtopped_mass"] == 0.0
+    assert solver.frame().particles.position[:, 0].max() < 100.0
+
+
+def test_a_weir_lets_pass_what_stands_above_its_crest():
+    """The water falls to the crest, and what went over is what is found beyond, within 10 %."""
+    solver = channel(5.0)
+    solver.advance(150.0)
+    p = solver.frame().particles
+    beyond = p.mass[p.position[:, 0] > 100.0].sum()
+    assert beyond > 0.2 * p.mass.sum()
+    assert solver.balances()["barriers"]["dam"]["overtopped_mass"] == pytest.approx(beyond, rel=0.1)
+    x, _, thickness = node_thickness(solver)
+    assert thickness.mean(axis=0)[(x > 10) & (x < 85)].mean() == pytest.approx(5.0, rel=0.1)
+
+
+@pytest.mark.parametrize("degrees", [0, 10, 30, 45])
+def test_nothing_passes_a_high_wall_whatever_way_it_runs(degrees):
+    """H8: 20 m/s against a ring of walls 1 m thick, with four corners, on cells of 5 m."""
+    centre = (150.3, 149.1)
+    ring = shapely.affinity.rotate(shapely.box(100, 100, 200, 200), degrees, centre)
+    frame = columns_of(5.0, 120, 180, 120, 180, DX / 4, velocity=(20.0, 6.0))
+    wall = Wall("ring", ring.exterior.buffer(0.5, join_style="mitre"), 1e6)
+    solver = walled(terrain_of(level, 300.0, 300.0, DX), frame, wall)
+    solver.advance(30.0)
+    p = solver.frame().particles
+    assert shapely.contains_xy(ring, p.position[:, 0], p.position[:, 1]).all()
+    assert solver.balances()["barriers"]["ring"]["overtopped_mass"] == 0.0
+
+
+def test_the_impulse_on_a_wall_is_the_momentum_that_the_flow_lost():
+    """H8: away from all other walls, to round-off."""
+    frame = columns_of(2.0, 60, 90, 150, 250, DX / 4, velocity=(20.0, 0.0))
+    solver = walled(terrain_of(level, 400.0, 400.0, DX), frame, Wall("w", shapely.box(120, 60, 121, 340), 100.0))
+    solver.advance(4.0)
+    p, taken = solver.frame().particles, solver.balances()["barriers"]["w"]
+    lost = frame.particles.mass.sum() * 20.0 - (p.mass * p.velocity[:, 0]).sum()
+    assert solver.balances()["mass_out"] == 0.0 and taken["impulse_east"] > 0.5 * frame.particles.mass.sum() * 20.0
+    assert taken["impulse_east"] == pytest.approx(lost, rel=1e-10)
+
+
+def test_walls_are_bitwise_the_same_for_any_threads_and_after_a_restart():
+    results = []
+    for threads in (1, 2):
+        set_threads(threads)
+        solver = channel(5.0)
+        solver.advance(6.0)
+        results.append(solver.frame())
+    set_threads(None)
+    again = channel(5.0)
+    again.advance(3.0)
+    middle = again.frame()
+    fresh = channel(5.0)
+    fresh.restore(middle)
+    fresh.advance(6.0)
+    again.advance(6.0)
+    for one, other in ((results[0], results[1]), (again.frame(), fresh.frame())):
+        assert one.particles.position.tobytes() == other.particles.position.tobytes()
+        assert one.state["barriers"].tobytes() == other.state["barriers"].tobytes()
+
+
+def weightless_slab(coefficient, erodible, **laws):
+    """A slab 2 m thick that glides at 10 m/s over erodible ground, all but weightless."""
+    terrain = terrain_of(level, 600.0, 40.0, DX)
+    frame = columns_of(2.0, 50, 250, 0, 40, DX / 4, velocity=(10.0, 0.0))
+    shape = ColumnGrid.on(terrain, DX).bed.shape
+    law = ErosionSpeed(coefficient, **laws)
+    places = Places(erodible=np.full(shape, erodible))
+    return frame, solver_on(terrain, frame, DX, edges="wall", gravity=1e-9, places=places, laws={"entrainment": law})
+
+
+def test_a_slab_that_erodes_grows_as_the_law_says_and_keeps_its_momentum():
+    """dh/dt = k u with h u constant: h^2 = h0^2 + 2 k h0 u0 t; until the mass has doubled."""
+    k, time = 0.02, 15.0
+    frame, solver = weightless_slab(k, 1e9)
+    solver.advance(time)
+    x, _, thickness = node_thickness(solver)
+    p = solver.frame().particles
+    middle = np.average(p.position[:, 0], weights=p.mass)
+    grown = thickness.mean(axis=0)[np.abs(x - middle) < 40].mean()
+    assert grown == pytest.approx(math.sqrt(4.0 + 2 * k * 2.0 * 10.0 * time), rel=0.01)
+    assert grown > 3.9
+    momentum = frame.particles.mass.sum() * 10.0
+    assert (p.mass * p.velocity[:, 0]).sum() == pytest.approx(momentum, rel=0.01)
+    balances = solver.balances()
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    assert balances["mass_now"] == pytest.approx(balances["mass_start"] + balances["mass_entrained"], rel=1e-12)
+
+
+def test_no_more_is_taken_than_lies_there_and_the_bed_sinks_by_it():
+    _, solver = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
+    bed = solver.fields.bed.copy()
+    solver.advance(15.0)
+    left, sunk = solver.fields.erodible, bed - solver.fields.bed
+    assert left.min() == 0.0
+    assert sunk.max() == pytest.approx(400.0 / 1600.0, rel=1e-12)
+    np.testing.assert_allclose(sunk, (400.0 - left) / 1600.0, atol=1e-12)
+
+
+def test_erosion_restarts_bitwise():
+    _, whole = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
+    whole.advance(5.0)
+    middle = whole.frame()
+    whole.advance(8.0)
+    _, fresh = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
+    fresh.restore(middle)
+    fresh.advance(8.0)
+    assert whole.frame().particles.mass.tobytes() == fresh.frame().particles.mass.tobytes()
+    assert whole.fields.bed.tobytes() == fresh.fields.bed.tobytes()
+
+
+def test_laws_of_places_say_the_same_compiled():
+    @numba.njit
+    def all_of(barrier, energy, speed, zones, friction, values, u, v, hold, mu, open_speed, head):
+        placed = zones.local(friction, values, 0, 0)
+        return (
+            barrier.deflected(u, v, 0.6, 0.8, hold, mu, open_speed),
+            barrier.weir_discharge(9.81, head, 4.0),
+            energy.erosion_rate(1000.0, 2500.0, 12.0),
+            speed.erosion_rate(1000.0, 2500.0, 12.0),
+            placed.mu + placed.xi,
+        )
+
+    for hold in (FACE, CORE, CORNER):
+        for u, v in ((-3.0, -1.0), (2.0, 2.0), (0.0, 0.0)):
+            for open_speed, head in ((0.0, -1.0), (0.5, 2.0)):
+                values = np.array([[[0.3, 700.0]]])
+                laws = (
+                    Barrier(),
+                    ErosionEnergy(5000.0),
+                    ErosionSpeed(1e-3),
+                    FrictionZones(),
+                    Voellmy(0.1, 1.0),
+                    values,
+                )
+                arguments = (*laws, u, v, hold, 0.3, open_speed, head)
+                assert all_of(*arguments) == all_of.py_func(*arguments)
+    assert Barrier().deflected(-3.0, -1.0, 0.6, 0.8, CORNER, 0.0, 0.0) == (0.0, 0.0)
+    assert Barrier().weir_discharge(9.81, 3.0, 0.0) == pytest.approx(math.sqrt(9.81) * 2.0**1.5)
+    assert ErosionEnergy(5000.0).erosion_rate(1000.0, 2500.0, 12.0) == 6.0
+
+
+def test_friction_by_place_brakes_where_it_lies():
+    """A thin sheet on 20 degrees: frictionless ground lets it go, mu above the slope holds it to the last bit."""
+    slope = math.tan(math.radians(20))
+    terrain = terrain_of(lambda x, y: slope * (400 - x), 400, 200, DX)
+    frame = columns_of(0.05, 100, 140, 20, 180, DX / 4)
+    values = np.zeros((*ColumnGrid.on(terrain, DX).bed.shape, 1))
+    values[:20] = 2.0  # rows south of 95 m
+    places, laws = Places(zone_values=values), {"zones": FrictionZones()}
+    solver = solver_on(terrain, frame, DX, Coulomb(0.5), places=places, laws=laws, time_step=0.02)
+    solver.advance(3.0)
+    p = solver.frame().particles
+    order = np.argsort(p.id)
+    moved = (p.position[order] - frame.particles.position)[:, 0]
+    y = frame.particles.position[:, 1]
+    assert moved[y < 75].max() == 0.0  # nearer to the border the moving part drags
+    free = 0.5 * G * math.sin(math.radians(20)) * math.cos(math.radians(20)) * 9.0
+    assert np.median(moved[y > 105]) == pytest.approx(free, rel=0.02)
+
+
+def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
+    """Lakes at rest to 1e-12 m/s, each at its own level; ground as low but dry is no lake."""
+    terrain = terrain_of(lambda x, y: 10 + 4 * np.cos(2 * np.pi * x / 100) + 0 * y, 300, 60, DX)
+    grid = ColumnGrid.on(terrain, DX)
+    levels = ((0, 100, 9.0), (100, 200, 8.0))  # the third hollow is dry
+
+    def depth(x, y):
+        bed = beds_at(grid.bed, x - grid.x0, y - grid.y0, DX)[0]
+        return sum(np.where((x > a) & (x < b), np.maximum(still - bed, 0), 0) for a, b, still in levels)
+
+    frame = columns_of(depth, 0, 300, 0, 60, DX / 4)
+    p = frame.particles
+    water = water_depth(p.position[:, 0], p.position[:, 1], p.volume, grid.inside.shape, DX)
+    lake_level = np.full(grid.inside.shape, NO_LAKE)
+    for a, b, still in levels:
+        touched = np.zeros(grid.inside.shape, bool)
+        touched[:, int(a / DX) : int(b / DX)] = True
+        cells, others = lake_cells(grid.bed[1:-1, 1:-1], still, water, touched)
+        assert cells.any() and not others
+        lake_level[cells] = still
+    assert (lake_level[:, 40:] == NO_LAKE).all()
+    assert not lake_cells(grid.bed[1:-1, 1:-1], 12.0, water)[0].any()  # nobody filled it that high
+    places = Places(lake_level=lake_level)
+    solver = solver_on(terrain, frame, DX, metric=WaterMetric(), still_water=StillWater(), places=places, edges="wall")
+    solver.advance(1e9, 1000)
+    assert np.linalg.norm(solver.frame().particles.velocity, axis=1).max() <= 1e-12
