@@ -13,6 +13,7 @@ WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, NODE_REPORT = range(5)
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
+CHORDS = 5  # times that a viscous law is asked, each at the speed that the last answer left: Bingham within 0.2 %
 MOST_GAIN = 1.0  # of a node's mass by erosion in one step
 
 _slowed_speed = jit_inline(slowed_speed)
@@ -121,6 +122,14 @@ def update_nodes(
                         drag = law.drag_coefficient(gravity, normal_thickness, speed)
                         per_mass = 1.0 / (density * normal_thickness)
                         slowed = _slowed_speed(speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness)
+                        for _ in range(CHORDS - 1):
+                            if viscous > 0.0 and slowed > 0.0:
+                                viscous = law.viscous_coefficient(
+                                    density, gravity, normal_stress, normal_thickness, slowed
+                                )
+                                slowed = _slowed_speed(
+                                    speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness
+                                )
                         u, v = u * (slowed / speed), v * (slowed / speed)
                         if entrainment.entrainment_active():
                             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed

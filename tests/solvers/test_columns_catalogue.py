@@ -85,9 +85,6 @@ def test_v11_angular_momentum():
     assert place <= 1e-3 * 5.0 and sound(solver)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the viscous chord is taken at the driven speed only: 62 % too fast at this step"
-)
 def test_v19_steady_bingham_speed():
     """A Bingham sheet between walls: its own steady speed within 1 %, no motion where the yield stress holds it."""
     slope, thickness, strength, viscosity = np.radians(10), 2.0, 2000.0, 3000.0
