@@ -1,6 +1,7 @@
 """What the flow can reach, by the energy line, in seconds: numbers that decide which effects a scene calls for."""
 
 import heapq
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -130,10 +131,10 @@ def steepest_profile(terrain, start_xy, mu, most_points=200):
     if not np.isfinite(elevation[start]):
         return ()
     parent, length = {start: None}, {start: 0.0}
-    waiting, visited = [(float(elevation[start]), start)], []
+    waiting, visited = [(float(elevation[start]), 0.0, start)], []  # the lowest first, of these the nearest
     top = float(elevation[start])
     while waiting and len(visited) < MOST_VISITED:
-        z, cell = heapq.heappop(waiting)
+        z, _, cell = heapq.heappop(waiting)
         visited.append((z, cell))
         for i, j, apart in _NEIGHBOURS:
             beside = (cell[0] + i, cell[1] + j)
@@ -142,9 +143,8 @@ def steepest_profile(terrain, start_xy, mu, most_points=200):
             there, way = float(elevation[beside]), length[cell] + apart * spacing
             if there < top - mu * way + spacing:  # below the line, or the first cell above; NaN is not
                 parent[beside], length[beside] = cell, way
-                heapq.heappush(waiting, (there, beside))
-    low = min(z for z, _ in visited)
-    cell = max((c for z, c in visited if z <= low + 0.02 * (top - low)), key=length.get)
+                heapq.heappush(waiting, (there, way, beside))
+    cell = _farthest_at_the_bottom(visited, length, top)
     path = []
     while cell is not None:
         path.append((length[cell], float(elevation[cell])))
@@ -152,6 +152,14 @@ def steepest_profile(terrain, start_xy, mu, most_points=200):
     path.reverse()
     thinned = path[: -1 : max(1, -(-len(path) // (most_points - 1)))]
     return (*thinned, path[-1])
+
+
+def _farthest_at_the_bottom(visited, length, top):
+    """Of the cells at the lowest elevation the one with the longest way; what is flooded from there upwards is none."""
+    lowest = min(range(len(visited)), key=lambda k: visited[k][0])
+    shore = visited[lowest][0] + 0.02 * (top - visited[lowest][0])
+    bottom = itertools.takewhile(lambda entry: entry[0] <= shore, visited[lowest:])
+    return max((cell for _, cell in bottom), key=length.get)
 
 
 def _cell(grid, xy, step, shape):
