@@ -62,9 +62,7 @@ def _add_material_options(group):
     group.add_argument(
         "--surface", type=Path, metavar="RASTER", help="surface of the material [m]: thickness is surface minus bed"
     )
-    group.add_argument(
-        "--density", type=positive, metavar="R", help=f"density [kg m-3] (default: {DEFAULT_DENSITY:g})"
-    )
+    group.add_argument("--density", type=positive, metavar="R", help=f"density [kg m-3] (default: {DEFAULT_DENSITY:g})")
     group.add_argument(
         "--velocity",
         type=_pair,
@@ -82,9 +80,10 @@ def _add_resolution_options(group):
     resolution.add_argument("--spacing", type=positive, metavar="M", help="spacing of the columns [m]")
     group.add_argument(
         "--points",
-        choices=("lattice", "jittered", "halton", "random"),
+        choices=("lattice", "staggered", "jittered", "halton", "random"),
         default="lattice",
-        help="where the columns lie (default: lattice, which has the least noise)",
+        help="where the columns lie: a lattice has the least noise at the start; staggered within the cells it stays "
+        "even when the flow stretches it, which is what run seeds by itself (default: lattice)",
     )
     group.add_argument(
         "--mass",

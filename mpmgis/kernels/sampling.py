@@ -13,7 +13,7 @@ from .jit import jit, jit_inline, jit_parallel, prange
 
 SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour (design notes 1.4)
 JITTER = 0.5  # full width of a vertex's displacement over the sub-square's side; no more than 0.5 (design notes 1.4)
-CENTRED, JITTERED, RANDOM = 0, 1, 2
+CENTRED, JITTERED, RANDOM, STAGGERED = 0, 1, 2, 3
 _POSITIVE = 1 << 40  # added to cell indices, so that they can be taken as unsigned
 _DITHER = 1 << 40  # the number by which a cell's random numbers decide its count
 _ROUNDING = 1e-9
@@ -658,7 +658,8 @@ def cell_points(points, corners, row, column, count, down, kind, seed, row0, col
 
     The cell is cut into `down` rows that share `count` as evenly as whole numbers allow; every tile has the area
     cell / count and its particle at its centre (`kind` CENTRED), or is displaced (JITTERED), or the particle lies
-    anywhere in the cell (RANDOM).
+    anywhere in the cell (RANDOM). STAGGERED particles lie in their tiles so that no two of a cell share u or v: the
+    canonical arrangement of Chiu, Shirley and Wang (1994), whose sums stay even when the flow stretches it.
     """
     i, j, across = column + column0, row + row0, count // down
     if kind == JITTERED:
@@ -672,6 +673,8 @@ def cell_points(points, corners, row, column, count, down, kind, seed, row0, col
                 u, v, share = _quad(corners, corner, corner + across + 1)
             elif kind == RANDOM:
                 u, v = uniform(seed, i, j, 2 * k), uniform(seed, i, j, 2 * k + 1)
+            elif kind == STAGGERED:
+                u, v = (k - k0 + (sy + 0.5) / down) / (k1 - k0), (k1 - (k - k0 + 0.5)) / count
             points[k, 0], points[k, 1], points[k, 2] = column + u, row + v, share * cell_area
 
 

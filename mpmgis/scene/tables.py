@@ -69,7 +69,8 @@ class ReleaseTable:
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
     speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
                                above=True, example=10.0)  # fmt: skip
-    points: str = _key("point set", "lattice", str, choices=("lattice", "jittered", "halton", "random"))
+    points: str = _key("point set; staggered: no two columns of a cell share x or y, so that a stretched flow stays even",
+                       "staggered", str, choices=("staggered", "lattice", "jittered", "halton", "random"))  # fmt: skip
     seed: int = _key("seed of the random point sets", 0, kind=int, low=0)
 
 

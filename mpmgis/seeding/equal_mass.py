@@ -12,7 +12,8 @@ from .cover import Outline
 
 _FINER = 0.71  # side of the cells that the mass is summed on, over the columns' mean spacing
 # Width of a column's displacement over its piece; jittered as far as the centroids of quads with displaced corners are.
-_SPREAD = {"lattice": 0.0, "jittered": 0.5 * sampling.JITTER, "halton": 1.0, "random": 1.0}
+# Strips share no cells whose columns could be staggered: such a set lies at the centres of mass like the lattice.
+_SPREAD = {"lattice": 0.0, "staggered": 0.0, "jittered": 0.5 * sampling.JITTER, "halton": 1.0, "random": 1.0}
 
 
 class EqualMassColumns:

@@ -7,7 +7,12 @@ import numpy as np
 from ..kernels import sampling
 from .cover import Outline
 
-KINDS = {"lattice": sampling.CENTRED, "jittered": sampling.JITTERED, "random": sampling.RANDOM}
+KINDS = {
+    "lattice": sampling.CENTRED,
+    "staggered": sampling.STAGGERED,
+    "jittered": sampling.JITTERED,
+    "random": sampling.RANDOM,
+}
 _REGULAR = 2.0  # longest side over shortest that a regular tiling may have
 
 

@@ -30,7 +30,7 @@ class SeedOptions:
         columns in all (met within 1 %), or
     spacing : float, optional [m]
         of the lattice.
-    points : {"lattice", "jittered", "halton", "random"}
+    points : {"lattice", "staggered", "jittered", "halton", "random"}
     mass : {"thickness", "equal", "paper"}
         Mass from thickness and area of each column; equal masses, dense where it is thick; or as the paper prints it.
     density : float [kg m-3]
@@ -97,7 +97,7 @@ class SeedOptions:
                 f"'thickness'"
             )
         if beta and self.points == "jittered":
-            raise InputError("refine slope has no jittered points; use lattice, halton or random")
+            raise InputError("refine slope has no jittered points; use lattice, staggered, halton or random")
 
     def cells(self, grid):
         """The Lattice of cells: those asked for, or the pixels of the DTM's `grid`."""

@@ -101,7 +101,7 @@ def test_any_number_a_cell(per_cell):
     np.testing.assert_allclose(mean, 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("points", ["lattice", "jittered", "halton", "random"])
+@pytest.mark.parametrize("points", ["lattice", "staggered", "jittered", "halton", "random"])
 @pytest.mark.parametrize("mass", ["thickness", "equal", "paper"])
 @pytest.mark.parametrize("count", [1, 3, 17, 100, 1234, 20000])
 def test_count_is_met(points, mass, count):
@@ -120,6 +120,22 @@ def test_spacing_sets_the_lattice():
     corner = np.array(frame.header["cell_corner"])
     for offset in ((x[whole] - corner[0]) / 2.0, (y[whole] - corner[1]) / 2.0):
         np.testing.assert_allclose(offset % 1.0, 0.5, atol=1e-6)
+
+
+@pytest.mark.parametrize("per_cell", [4, 9, 12, 16])
+def test_staggered_columns_of_a_cell_share_no_row_and_no_line(per_cell):
+    terrain = inclined(PIXELS["north_up"])
+    x, y = CENTRE
+    box = shapely.box(x - 50, y - 50, x + 50, y + 50)
+    frame = seed_columns(terrain, area_of(box), per_cell=per_cell, points="staggered")
+    places = np.column_stack(terrain.grid.rowcol(*frame.map_xy())) + 0.5
+    _, cell, number = np.unique(np.floor(places), axis=0, return_inverse=True, return_counts=True)
+    whole = np.flatnonzero(number == per_cell)
+    assert len(whole) > 300
+    for c in whole[:50]:
+        for part in places.T:
+            of_cell = np.sort(part[cell.ravel() == c] % 1.0)
+            np.testing.assert_allclose(of_cell, (np.arange(per_cell) + 0.5) / per_cell, atol=1e-6)
 
 
 def test_rim_pieces_are_no_slivers():
@@ -148,7 +164,7 @@ def test_refinement_follows_the_slope_and_keeps_the_mass():
     terrain = Terrain(grid, np.where(x < CENTRE[0], CENTRE[0] - x, 0.0))
     half = 60.0
     box = shapely.box(CENTRE[0] - half, CENTRE[1] - half, CENTRE[0] + half, CENTRE[1] + half)
-    for points in ("lattice", "halton", "random"):
+    for points in ("lattice", "staggered", "halton", "random"):
         frame = seed_columns(terrain, area_of(box, mode="vertical"), per_cell=9, refine_slope=2.0, points=points)
         offset = frame.map_xy()[0] - CENTRE[0]
         steep, flat = (offset < -15) & (offset > -45), (offset > 15) & (offset < 45)
