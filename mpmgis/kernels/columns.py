@@ -300,6 +300,8 @@ def advance(
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
+        if counts[ALIVE] == 0:
+            return ALL_LEFT
         n, now = counts[ROWS], counts[CURRENT]
         rows, ids, keys = rows_pair[now], ids_pair[now], keys_pair[now]
         west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]

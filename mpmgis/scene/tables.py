@@ -69,7 +69,7 @@ class ReleaseTable:
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
     speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
                                above=True, example=10.0)  # fmt: skip
-    points: str = _key("point set; staggered: no two columns of a cell share x or y, so that a stretched flow stays even",
+    points: str = _key("point set; staggered: no two columns of a cell share x or y: a stretched flow stays even",
                        "staggered", str, choices=("staggered", "lattice", "jittered", "halton", "random"))  # fmt: skip
     seed: int = _key("seed of the random point sets", 0, kind=int, low=0)
 
@@ -243,6 +243,10 @@ class OutputTable:
     end_time: float = _key("longest simulated time [s]", low=0.0, above=True, example=120.0)
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
     maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool)
+    arrival_thickness: float | None = _key(
+        "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05", None,
+        low=0.0, high=1000.0, above=True, example=0.05,
+    )  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: in slope, not in swe", None,
                                      kind=bool, example=True)  # fmt: skip
 
@@ -455,6 +459,8 @@ def _check_together(scene, where):
         )
     if output.end_time / output.frame_interval > 1e6:
         raise SceneError(f"{where} [output]: more than a million frames; take a longer frame_interval")
+    if output.arrival_thickness is not None and not output.maxima:
+        raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
     if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
         use = scene.curvature.use
         raise SceneError(f"{where} [curvature]: use = {use!r} belongs to form = 'slope'; take the table out")
