@@ -1,6 +1,5 @@
 """What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
 
-import glob
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,13 +9,14 @@ from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
-from ..io.raster import file_sha256, read_terrain
+from ..io.raster import read_terrain
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, read_scene, resolve
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
+from ..solvers.identity import start_digest
 from ..solvers.places import Places
 from .places import read_places, trial_parameters
 from .sources import read_sources
@@ -61,7 +61,7 @@ def _prepare(scene, say):
     table = scene.terrain
     terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
     cell_size = scene.numerics.cell_size or terrain.grid.cell_size
-    scene = replace(scene, numerics=replace(scene.numerics, cell_size=cell_size))
+    scene = _completed(scene, cell_size)
     grid = ColumnGrid.on(terrain, cell_size)
     sources = read_sources(scene, terrain, grid, say)
     frame = sources.frame
@@ -80,14 +80,23 @@ def _prepare(scene, say):
         density=frame.header["density"],
         stop_at_rest=scene.numerics.form == "slope" if stop is None else stop,
         maxima=scene.output.maxima,
+        arrival_thickness=scene.output.arrival_thickness or ColumnNumerics.arrival_thickness,
         reference_thickness=sources.reference_thickness,
     )
-    digest = scene.digest(terrain.sha256, _input_digest(scene))
     places = known.on_grid(effects)
+    digest = scene.digest(start_digest(terrain, frame, sources.events, places))
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places,
         sources.events, digest,
     )  # fmt: skip
+
+
+def _completed(scene, cell_size):
+    """The scene with the numbers that stand for keys left out."""
+    output = scene.output
+    if output.maxima and output.arrival_thickness is None:
+        output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
+    return replace(scene, numerics=replace(scene.numerics, cell_size=cell_size), output=output)
 
 
 def _read_scene(path, laws):
@@ -125,10 +134,3 @@ def _tell_of_release(particles, density, say):
     )
     if len(particles):
         tell_if_implausible(len(particles), density, particles.volume.sum() / particles.area.sum(), cures, say)
-
-
-def _input_digest(scene):
-    """Digests of all files that the scene names but its DTM; a shapefile's geometry and columns lie in several."""
-    named = [scene.path(name.split("|")[0]) for name in scene.files() if name != scene.terrain.dem]
-    files = {file for path in named for file in (path, *path.parent.glob(f"{glob.escape(path.stem)}.*"))}
-    return [file_sha256(file) for file in sorted(files) if file.is_file()]

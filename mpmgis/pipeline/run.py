@@ -103,8 +103,8 @@ def _restored(folder, prepared, solver, say):
         return ANEW
     if record.get("digest") != prepared.digest:
         raise InputError(
-            f"{folder.path} holds the run of another scene (its digest is {record.get('digest')}, this scene's "
-            f"{prepared.digest}); give another -o, or --overwrite"
+            f"{folder.path} holds the run of another scene, or of inputs that have changed since (its digest is "
+            f"{record.get('digest')}, now {prepared.digest}); give another -o, or --overwrite"
         )
     frame = folder.last_frame()
     if frame is None:

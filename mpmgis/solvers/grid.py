@@ -100,6 +100,21 @@ class ColumnGrid:
         rows, columns = np.nonzero(corners)
         return rows + window.row + 1, columns + window.column + 1
 
+    def node_axes(self):
+        """Map coordinates [m] of the columns and of the rows of the nodes, ghosts included."""
+        rows, columns = self.bed.shape
+        return self.x0 + (np.arange(columns) - 1) * self.cell_size, self.y0 + (np.arange(rows) - 1) * self.cell_size
+
+    def node_points(self):
+        """Map coordinates [m] of all nodes, each float64[ny + 3, nx + 3]."""
+        return np.meshgrid(*self.node_axes())
+
+    def domain_nodes(self):
+        """bool[ny + 3, nx + 3]: nodes that are no ghosts."""
+        inner = np.zeros(self.bed.shape, bool)
+        inner[1:-1, 1:-1] = True
+        return inner
+
     def gradients_at(self, frame):
         """float64[n, 2]: gradient of the bed under the columns of `frame`."""
         x, y = frame.map_xy()
