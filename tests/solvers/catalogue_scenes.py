@@ -1,7 +1,7 @@
 """Scenes of the verification catalogue (design notes 6) with their errors, for the tests and for README's table."""
 
 import numpy as np
-from column_scenes import columns_of, node_thickness, relative_l1, solver_on, terrain_of
+from column_scenes import node_thickness, relative_l1, seeded, solver_on, terrain_of
 from exact_solutions import G, SimilarityCap, ThackerBowl
 
 from mpmgis.effects.curvature import Curvature
@@ -13,7 +13,7 @@ BOWL = ThackerBowl(1.0, 10.0)
 CAP = {"slope": np.radians(35), "delta": np.radians(25), "half_length": 80.0, "half_width": 80.0, "depth": 4.0}
 
 
-def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=False, **numerics):
+def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=True, **numerics):
     """V9: (relative L1 error of the depth, solver) after `periods` of Thacker's "slosh" or "breathe".
 
     The bowl's radius is 10 m, so that `dx` / 10 is the resolution.
@@ -21,10 +21,7 @@ def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=False, **numerics)
     period, solution = BOWL.slosh(2.0) if kind == "slosh" else BOWL.breathe(8.0)
     side = round(14.0 / dx) * dx
     terrain = terrain_of(BOWL.bed, 2 * side, 2 * side, dx, -side, -side)
-    start = columns_of(
-        lambda x, y: solution(x, y, 0.0)[0], -side, side, -side, side, dx / per_side,
-        staggered=per_side if staggered else 0,
-    )  # fmt: skip
+    start = seeded(lambda x, y: solution(x, y, 0.0)[0], -side, side, -side, side, dx, per_side, staggered)
     p = start.particles
     p.velocity[:, 0], p.velocity[:, 1] = solution(p.position[:, 0], p.position[:, 1], 0.0)[1:]
     solver = solver_on(terrain, start, dx, metric=WaterMetric(), **numerics)
@@ -34,16 +31,13 @@ def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=False, **numerics)
     return relative_l1(h, exact), solver
 
 
-def cap_on_slope(dx, time, per_side=4, staggered=False, **numerics):
+def cap_on_slope(dx, time, per_side=4, staggered=True, **numerics):
     """V8: (relative L2 error of the thickness, relative error of the largest speed, solver) of Hutter's cap."""
     cap, cos = SimilarityCap(**CAP, end=time), np.cos(CAP["slope"])
     half, across = round(90 * cos / dx) * dx, round((100 + 8 * time) / dx) * dx
     east = round((150 + cap.acceleration * time**2 / 2 + 12 * time) * cos / dx) * dx
     terrain = terrain_of(lambda x, y: -np.tan(CAP["slope"]) * x, east + half, 2 * across, dx, -half, -across)
-    start = columns_of(
-        lambda x, y: cap(x / cos, y, 0.0)[0] / cos, -half, half, -half, half, dx / per_side,
-        staggered=per_side if staggered else 0,
-    )  # fmt: skip
+    start = seeded(lambda x, y: cap(x / cos, y, 0.0)[0] / cos, -half, half, -half, half, dx, per_side, staggered)
     solver = solver_on(terrain, start, dx, Coulomb(float(np.tan(CAP["delta"]))), **numerics)
     solver.advance(time)
     x, y, h = node_thickness(solver, walls=False)
@@ -56,7 +50,7 @@ def cap_on_slope(dx, time, per_side=4, staggered=False, **numerics):
 def small_body(height, x, y, side, dx, length, width, friction=None, curvature=None, **numerics):
     """A sheet 1e-7 m thick on [x, x + side] x [y, y + side]: its own pressure moves nothing, it goes as a point."""
     terrain = terrain_of(height, length, width, dx)
-    frame = columns_of(1e-7, x, x + side, y, y + side, side / 4)
+    frame = seeded(1e-7, x, x + side, y, y + side, dx)
     return solver_on(terrain, frame, dx, friction or Coulomb(0.0), curvature=curvature or Curvature(), **numerics)
 
 
@@ -101,7 +95,7 @@ def spin_in_bowl(dx, **numerics):
     """
     omega = 2 * np.pi / BOWL.slosh(0.0)[0]
     terrain = terrain_of(BOWL.bed, 16.0, 16.0, dx, -8.0, -8.0)
-    disc = columns_of(lambda x, y: np.where(x * x + y * y < 25.0, 1e-7, 0.0), -6, 6, -6, 6, dx / 4)
+    disc = seeded(lambda x, y: np.where(x * x + y * y < 25.0, 1e-7, 0.0), -6, 6, -6, 6, dx)
     p = disc.particles
     p.velocity[:, 0], p.velocity[:, 1] = -omega * p.position[:, 1], omega * p.position[:, 0]
     solver = solver_on(terrain, disc, dx, metric=WaterMetric(), **numerics)

@@ -28,7 +28,7 @@ def columns_of(thickness, west, east, south, north, spacing, density=1000.0, vel
     """A lattice of columns of `thickness(x, y)` (or a number) [m] with one column a square of side `spacing` [m].
 
     With `staggered` = k columns along a cell's side no two columns of a cell share their x or y: each moves within its
-    square by what its place across tells (Chiu, Shirley & Wang 1994), so that a stretched lattice stays even.
+    square by what its place across tells (Chiu, Shirley & Wang 1994), so that a stretched flow stays even.
     """
     j, i = np.mgrid[0 : round((north - south) / spacing), 0 : round((east - west) / spacing)]
     k = staggered or 1
@@ -43,6 +43,12 @@ def columns_of(thickness, west, east, south, north, spacing, density=1000.0, vel
         np.column_stack([x, y, 0 * x]), speed, density * area * h, area * h, h, area, np.arange(len(x), dtype=np.uint64)
     )
     return Frame(particles, dimension=2)
+
+
+def seeded(thickness, west, east, south, north, dx, per_side=4, staggered=True, **more):
+    """Columns as `run` seeds them by default, staggered, `per_side` along the side of a cell of `dx` [m]."""
+    spacing, stagger = dx / per_side, per_side if staggered else 0
+    return columns_of(thickness, west, east, south, north, spacing, staggered=stagger, **more)
 
 
 def solver_on(terrain, frame, cell_size, friction=None, metric=None, curvature=None, still_water=None, places=None,
@@ -84,7 +90,7 @@ def node_thickness(solver, walls=True):
 
 
 def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, depth=5.0, reservoir=50.0, length=100.0,
-              tail=0.0, per_side=4, clamp=0.0, staggered=False):  # fmt: skip
+              tail=0.0, per_side=4, clamp=0.0, staggered=True):  # fmt: skip
     """A dam of slope-normal `depth` [m] at rest on a plane; answers (distance from the dam along the slope, computed
     and exact vertical thickness) at `time` [s] on the nodes (Ritter 1892; Mangeney et al. 2000).
 
@@ -97,7 +103,7 @@ def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, dept
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, total, width, dx)
     thickness = depth / cos if tail == 0 else lambda x, y: np.where(x < behind, depth, tail)
     east = behind if tail == 0 else total
-    frame = columns_of(thickness, 0, east, 0, width, dx / per_side, staggered=per_side if staggered else 0)
+    frame = seeded(thickness, 0, east, 0, width, dx, per_side, staggered)
     law = Coulomb(float(np.tan(delta))) if delta else Frictionless()
     solver = solver_on(terrain, frame, dx, law, metric or SlopeMetric(), edges="wall", clamp=clamp)
     solver.advance(time)

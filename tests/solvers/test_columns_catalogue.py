@@ -1,7 +1,8 @@
 """The verification catalogue's cases with curved beds, spreading caps and swinging pools (design notes 6).
 
-V3 to V7 and V10 stand in `test_columns_exact.py`, V22 in `test_columns_step.py`. Numbers in brackets are the design's
-prototype's. Each case also closes its mass (V1) and stays below the speed that energy allows (H2).
+V3 to V7, V10 and V19 (Voellmy) stand in `test_columns_exact.py`, V22 in `test_columns_step.py`. Columns are staggered,
+as `run` seeds them by default. Tolerances are what this solver reaches and a little more; the catalogue's own stand in
+brackets after "asked". Each case also closes its mass (V1) and stays below the speed that energy allows (H2).
 """
 
 import numpy as np
@@ -15,12 +16,11 @@ from catalogue_scenes import (
     speed_over_bound,
     spin_in_bowl,
 )
-from column_scenes import columns_of, dam_break, orders, relative_l1, solver_on, terrain_of
+from column_scenes import orders, seeded, solver_on, terrain_of
 from exact_solutions import G, bead, steady_bingham_speed
 
 from mpmgis.effects.curvature import Curvature, CurvatureLoadOnly, CurvatureTurnOnly
 from mpmgis.effects.friction import Bingham, Coulomb
-from mpmgis.effects.metric import WaterMetric
 
 ALLOWED = np.sqrt(1.05)  # the solver's own margin on U^2
 
@@ -35,46 +35,35 @@ def sound(solver):
 
 
 def test_v8_similarity_cap():
-    """Hutter's cap after 5 s: thickness within 5 % (L2) at 4 m cells, largest speed within 3 %, better when refined."""
+    """Hutter's cap after 5 s: L2 of 3.1, 2.2, 1.3 % at 8, 4 and 2 m (asked: 5 % at 4 m), speed within 0.5 % (3 %)."""
     errors = []
     for dx in (8.0, 4.0, 2.0):
         error, speed, solver = cap_on_slope(dx, 5.0)
         errors.append(error)
-        assert abs(speed) <= 0.03 and sound(solver)
-    assert errors[1] <= 0.05
-    assert all(order > 0.4 for order in orders(errors))
+        assert abs(speed) <= 0.006 and sound(solver)
+    assert np.all(np.array(errors) <= [0.035, 0.025, 0.015])
+    assert all(order > 0.45 for order in orders(errors))
 
 
 def test_v8_similarity_cap_late():
-    """The same at 10 s, when it is half again as long."""
+    """The same at 10 s, when it is half again as long: 2.6 % at 4 m."""
     error, speed, solver = cap_on_slope(4.0, 10.0)
-    assert error <= 0.05 and abs(speed) <= 0.03 and sound(solver)
+    assert error <= 0.03 and abs(speed) <= 0.006 and sound(solver)
 
 
-def test_v9_sloshing_pool_is_second_order():
-    """Thacker's plane surface comes round after a period: within 1 % at dx / a = 0.02, order 2 [0.44, 0.23, 0.11 %]."""
+@pytest.mark.parametrize(("kind", "most"), [("slosh", [0.013, 0.0035, 0.001]), ("breathe", [0.02, 0.0055, 0.002])])
+def test_v9_swinging_pools_are_second_order(kind, most):
+    """Thacker's pools after a period, cells of 0.08, 0.04 and 0.02 radii: the plane surface that circles to 1.15, 0.31,
+    0.08 % (asked: 1 % at 0.02), the round one that breathes to 1.8, 0.47, 0.14 % (3 %); energy within 1 % a period."""
     errors = []
     for dx in (0.8, 0.4, 0.2):
-        error, solver = pool_in_bowl("slosh", dx)
+        error, solver = pool_in_bowl(kind, dx)
         errors.append(error)
         assert sound(solver)
         assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.01
-    assert errors[-1] <= 0.01
-    assert all(1.7 < order < 2.3 for order in orders(errors))
-
-
-@pytest.mark.parametrize("staggered", [False, True])
-def test_v9_breathing_pool(staggered):
-    """Within 3 %, energy within 1 % a period. Columns that share rows stall at their noise; staggered ones do not."""
-    errors = []
-    for dx in (0.8, 0.4, 0.2):
-        error, solver = pool_in_bowl("breathe", dx, staggered=staggered)
-        errors.append(error)
-        assert error <= 0.03 and sound(solver)
-        assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.01
         assert solver.frame().particles.thickness.min() > 0.0
-    if staggered:
-        assert all(1.5 < order < 2.3 for order in orders(errors))
+    assert np.all(np.array(errors) <= most)
+    assert all(1.6 < order < 2.3 for order in orders(errors))
 
 
 def test_v11_angular_momentum():
@@ -90,7 +79,7 @@ def test_v19_steady_bingham_speed():
     slope, thickness, strength, viscosity = np.radians(10), 2.0, 2000.0, 3000.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 1000, 40, 10)
     for stress, steady in ((strength, True), (7000.0, False)):
-        frame = columns_of(thickness, 100, 600, 0, 40, 2.5)
+        frame = seeded(thickness, 100, 600, 0, 40, 10.0)
         solver = solver_on(terrain, frame, 10.0, Bingham(stress, viscosity), edges="wall")
         solver.advance(20.0 if steady else 2.0)
         p = solver.frame().particles
@@ -180,32 +169,8 @@ def test_v21_energy_line():
     assert runout_angle(CurvatureLoadOnly(), 2.0)[0] > runout_angle(Curvature(), 2.0)[0]
 
 
-def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
-    """Staggered columns: the tip is within 3 % of 2 sqrt(g h), and of its place; none is above the solver's margin."""
-    for dx in (0.5, 0.25):
-        _, h, exact, solver = dam_break(dx, metric=WaterMetric(), staggered=True)
-        assert 0.97 <= speed_over_bound(solver) <= ALLOWED * (1 + 1e-9) and sound(solver)
-        tip = solver.frame().particles.position[:, 0].max() - 50.0
-        np.testing.assert_allclose(tip, 2 * np.sqrt(G * 5.0) * 2.5, rtol=0.04)
-        assert relative_l1(h, exact) <= 0.006
-
-
 @pytest.mark.slow
-def test_v9_pools_after_three_periods():
-    """What repeats does not drift: sloshing to 1 %, breathing to 3 %, staggered breathing to 0.5 % at 0.02."""
-    assert pool_in_bowl("slosh", 0.2, periods=3)[0] <= 0.01
-    assert pool_in_bowl("breathe", 0.2, periods=3)[0] <= 0.03
-    assert pool_in_bowl("breathe", 0.2, periods=3, staggered=True)[0] <= 0.005
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
-def test_v7_staggered_columns_do_not_stall_at_the_dry_tip(degrees, friction):
-    form = {"metric": WaterMetric()} if degrees == 0 else {"reservoir": 80, "length": 160}
-    errors = []
-    for dx in (1.0, 0.5, 0.25):
-        x, h, exact, solver = dam_break(dx, degrees=degrees, friction_degrees=friction, staggered=True, **form)
-        errors.append(relative_l1(h, exact, x > -50))
-        assert sound(solver)
-    assert errors[0] <= 0.012 and errors[-1] <= 0.005
-    assert all(order > 0.35 for order in orders(errors))
+@pytest.mark.parametrize(("kind", "most"), [("slosh", 0.003), ("breathe", 0.005)])
+def test_v9_pools_after_three_periods(kind, most):
+    """What repeats does not drift: errors at 0.02 after three periods (asked: 1 % and 3 %)."""
+    assert pool_in_bowl(kind, 0.2, periods=3)[0] <= most

@@ -1,30 +1,65 @@
-"""The depth-averaged solver against exact answers (design notes 6; numbers in brackets are its prototype's)."""
+"""The depth-averaged solver against exact answers (design notes 6; numbers in brackets are its prototype's).
+
+The columns are staggered, as `run` seeds them by default. Tolerances are what this solver reaches and a little more;
+the catalogue's own stand in brackets after "asked".
+"""
 
 import numpy as np
 import pytest
-from column_scenes import G, columns_of, dam_break, node_thickness, orders, relative_l1, solver_on, terrain_of
+from catalogue_scenes import speed_over_bound
+from column_scenes import (
+    G,
+    columns_of,
+    dam_break,
+    node_thickness,
+    orders,
+    relative_l1,
+    seeded,
+    solver_on,
+    terrain_of,
+)
 
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Voellmy
-from mpmgis.effects.metric import SlopeMetric, WaterMetric
+from mpmgis.effects.metric import WaterMetric
 from mpmgis.effects.still_water import StillWater
 from mpmgis.kernels.columns import beds_at
 from mpmgis.solvers.places import Places
 
 
 def test_v5_ritter_dry_dam_break():
-    """L1 at most 3 % at dx = 1 m, falling with dx until the dry tip stalls it [2.3, 1.95, 1.8 %]."""
+    """L1 of 0.86, 0.48, 0.35 % at 1, 0.5 and 0.25 m (asked: 3 % at 1 m) [2.3, 1.95, 1.8 %: a stall at the dry tip]."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         _, h, exact, solver = dam_break(dx, metric=WaterMetric())
         errors.append(relative_l1(h, exact))
         assert abs(solver.balances()["mass_error_relative"]) <= 1e-12
-    assert errors[0] <= 0.025
-    assert errors[0] > errors[1] > errors[2]
+    assert np.all(np.array(errors) <= [0.010, 0.006, 0.004])
+    assert all(order > 0.4 for order in orders(errors))
+
+
+def test_staggering_is_what_lets_a_dry_tip_converge():
+    """A lattice stalls: its columns stay in files, which the flow draws apart until the grid sees gaps between them."""
+    errors = {}
+    for staggered in (False, True):
+        cases = [dam_break(dx, metric=WaterMetric(), staggered=staggered) for dx in (0.5, 0.25)]
+        errors[staggered] = [relative_l1(h, exact) for _, h, exact, _ in cases]
+    assert orders(errors[False])[0] < 0.1 < 0.4 < orders(errors[True])[0]
+    assert errors[True][1] < 0.25 * errors[False][1]
+
+
+def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
+    """The tip runs at 2 sqrt(g h) within 3 %, is within 4 % of its place, and nothing exceeds 1.05 in U^2."""
+    for dx in (0.5, 0.25):
+        *_, solver = dam_break(dx, metric=WaterMetric())
+        assert 0.97 <= speed_over_bound(solver) <= np.sqrt(1.05) * (1 + 1e-9)
+        assert solver.balances()["speed_limited_share_max"] <= 1e-3
+        tip = solver.frame().particles.position[:, 0].max() - 50.0
+        np.testing.assert_allclose(tip, 2 * np.sqrt(G * 5.0) * 2.5, rtol=0.04)
 
 
 def test_v6_stoker_wet_dam_break_first_order():
-    """L1 1.2, 0.67, 0.34 % in the prototype: first order; the shock within one cell."""
+    """L1 of 1.11, 0.64, 0.31 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
@@ -32,19 +67,19 @@ def test_v6_stoker_wet_dam_break_first_order():
         middle = 0.5 * (exact[x > 5].max() + 1.0)
         front, exact_front = (x[(a > middle) & (x > 0)].max() for a in (h, exact))
         assert abs(front - exact_front) <= dx
-    assert errors[1] <= 0.0075  # dx = L / 200
+    assert np.all(np.array(errors) <= [0.012, 0.007, 0.0035])
     assert all(0.7 <= order <= 1.4 for order in orders(errors))
 
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
 def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
-    """At most 3 % at 1 m on every slope, and falling: the proof of the c^2 P metric [2.5 to 2.8 -> 1.9 to 2.2 %]."""
+    """0.83 to 0.97, 0.45 to 0.52, 0.28 to 0.35 % on all slopes (asked: 3 % at 1 m): the proof of the c^2 P metric."""
     errors = []
-    for dx in (1.0, 0.5):
+    for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160)
         errors.append(relative_l1(h, exact, x > -50))
-    assert errors[0] <= 0.025
-    assert errors[1] < 0.9 * errors[0]
+    assert np.all(np.array(errors) <= [0.011, 0.006, 0.004])
+    assert all(order > 0.4 for order in orders(errors))
 
 
 def test_v7_fails_in_water_form():
@@ -57,7 +92,7 @@ def one_column(degrees, law, velocity=(0.0, 0.0), **numerics):
     """A patch so thin that its own pressure moves nothing: a point mass on a plane."""
     slope = np.radians(degrees)
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 600, 50, 5)
-    frame = columns_of(1e-7, 50, 52.5, 20, 22.5, 1.25, velocity=velocity)
+    frame = seeded(1e-7, 50, 52.5, 20, 22.5, 5.0, velocity=velocity)
     return solver_on(terrain, frame, 5.0, law, **numerics), slope
 
 
@@ -91,7 +126,7 @@ def test_v19_steady_voellmy_speed():
     """|U| = sqrt(xi h_n (sin - mu cos)) within 1 % for a sheet between walls, where the grid knows its thickness."""
     slope, thickness = np.radians(30), 2.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 4000, 40, 10)
-    frame = columns_of(thickness, 100, 2000, 0, 40, 2.5)
+    frame = seeded(thickness, 100, 2000, 0, 40, 10.0)
     solver = solver_on(terrain, frame, 10.0, Voellmy(0.2, 500.0), edges="wall")
     solver.advance(25.0)
     p = solver.frame().particles
@@ -106,7 +141,7 @@ def test_v4_infinite_slope(degrees, moves):
     """Friction 25 deg: the inside of a long sheet stays put exactly below it, and above it slides as it must."""
     slope, delta, time = np.radians(degrees), np.radians(25), 4.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 400, 20, 5)
-    frame = columns_of(0.2, 50, 350, 0, 20, 1.25)
+    frame = seeded(0.2, 50, 350, 0, 20, 5.0)
     solver = solver_on(terrain, frame, 5.0, Coulomb(float(np.tan(delta))), edges="wall", cfl=0.02)
     solver.advance(time)
     p = solver.frame().particles
@@ -135,7 +170,7 @@ def lake(bump, reference, spacing_shift=0.0):
     def depth(x, y):
         return np.maximum(level - beds_at(grid.bed, x, y, dx)[0], 0.0)
 
-    frame = columns_of(depth, 0, 16, 0, 10, dx / 4)
+    frame = seeded(depth, 0, 16, 0, 10, dx)
     if spacing_shift:
         rng = np.random.default_rng(1)
         shift = spacing_shift * dx / 4
@@ -164,7 +199,7 @@ def test_v10_lake_at_rest_with_its_level_known():
 
 
 def test_v10_lake_at_rest_without_it():
-    """At most 1e-3 sqrt(g h) on the lattice."""
+    """At most 1e-3 sqrt(g h)."""
     fastest, wave = lake(0.4, reference=False)
     assert fastest <= 1e-3 * wave
 
@@ -178,7 +213,7 @@ def test_curvature_keeps_the_speed_round_a_bend():
     terrain = terrain_of(bed, 800, 50, 2.0)
     loss = []
     for law in (Curvature(), None):
-        frame = columns_of(1e-7, 100, 101, 20, 21, 0.5)
+        frame = seeded(1e-7, 100, 101, 20, 21, 2.0)
         solver = solver_on(terrain, frame, 2.0, curvature=law, cfl=0.05)
         start = solver.frame().particles.position[:, 2].mean()
         solver.advance(12.0)
@@ -188,13 +223,6 @@ def test_curvature_keeps_the_speed_round_a_bend():
         loss.append(1.0 - energy / (G * (start - p.position[:, 2].mean())))
     assert abs(loss[0]) < 0.03
     assert loss[1] > 0.15
-
-
-def test_frictionless_flow_meets_the_speed_bound_and_stays_below():
-    """H2: U^2 <= 1.05 (2 g drop + 4 g h_max), which dry fronts nearly meet."""
-    for form in (WaterMetric(), SlopeMetric()):
-        *_, solver = dam_break(0.25, metric=form)
-        assert 0.6 < solver.balances()["speed_bound_ratio"] < 1.0
 
 
 def test_bed_spline_is_exact_on_planes():

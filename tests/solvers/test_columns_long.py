@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from column_scenes import dam_break, relative_l1
+from column_scenes import dam_break, orders, relative_l1
 
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.pipeline.prepare import prepare
@@ -35,14 +35,16 @@ maxima = true
 
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (30, 20), (35, 25)])
-def test_dam_breaks_on_the_finest_cells_stay_below_their_energy_and_get_better(degrees, friction):
+def test_dam_breaks_on_the_finest_cells_still_get_better(degrees, friction):
+    """V5, V7: 0.24 % at 0.125 m, and hardly a column that wants to be faster than its drop allows (H2)."""
     form = {"metric": WaterMetric()} if degrees == 0 else {"reservoir": 80, "length": 160}
     errors = []
-    for dx in (0.5, 0.125):
+    for dx in (0.5, 0.25, 0.125):
         x, h, exact, solver = dam_break(dx, degrees=degrees, friction_degrees=friction, **form)
         errors.append(relative_l1(h, exact, x > -50))
-        assert solver.balances()["speed_bound_ratio"] < 1.0
-    assert errors[1] < 0.016 and errors[1] < errors[0]
+        assert solver.balances()["speed_limited_share_max"] <= 1e-3
+    assert errors[-1] <= 0.003
+    assert all(order > 0.35 for order in orders(errors))
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="no intercomparison data: ../shared/data/iseesnow_idealized")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from affine import Affine
-from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1, solver_on, terrain_of
+from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1, seeded, solver_on, terrain_of
 
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Frictionless, Voellmy, slowed_speed
@@ -22,11 +22,11 @@ def rough(x, y):
     return 0.36 * (400 - x) + 4 * np.sin(x / 40) * np.cos(y / 35)
 
 
-def pile(n=1.25, velocity=(1.0, -2.0)):
+def pile(per_side=4, velocity=(1.0, -2.0)):
     def cap(x, y):
         return np.maximum(3.0 - ((x - 150) ** 2 + (y - 100) ** 2) / 300, 0.0)
 
-    return columns_of(cap, 100, 200, 50, 150, n, velocity=velocity)
+    return seeded(cap, 100, 200, 50, 150, 5.0, per_side, velocity=velocity)
 
 
 def rough_solver(law=None, metric=None, curvature=None, **numerics):
@@ -113,7 +113,7 @@ def plain_step(particles, solver, dt, law, curved):
 @pytest.mark.parametrize("law", [Frictionless(), Coulomb(0.3), Voellmy(0.2, 800.0)])
 def test_a_step_equals_the_plain_loop(law, curved):
     terrain = terrain_of(rough, 400, 200, 5)
-    frame = pile(n=5.0)
+    frame = pile(per_side=1)
     solver = solver_on(terrain, frame, 5.0, law, curvature=Curvature() if curved else None, time_step=0.05)
     expected = plain_step(frame.particles, solver, 0.05, law, curved)
     solver.advance(0.05)
@@ -133,7 +133,7 @@ def test_mass_is_constant_and_momentum_is_conserved_without_a_bed_force():
     assert solver.balances()["mass_error_relative"] == 0.0
     for k in (0, 1):
         first, last = ((p.mass * p.velocity[:, k]).sum() for p in (before, after))
-        np.testing.assert_allclose(last, first, rtol=1e-12)
+        np.testing.assert_allclose(last, first, rtol=1e-13)
 
 
 def test_any_number_of_threads_gives_the_same_bits():
@@ -182,7 +182,7 @@ def test_v22_turning_the_scene_turns_the_result():
     """90 degrees to round-off, 30 and 45 degrees within one cell of runout."""
     back, runout = turned(rough_solver, 0.0)
     quarter, _ = turned(rough_solver, np.pi / 2)
-    np.testing.assert_allclose(quarter, back, atol=1e-6)
+    np.testing.assert_allclose(quarter, back, atol=1e-10)
     for degrees in (30, 45):
         _, other = turned(rough_solver, np.radians(degrees))
         assert abs(other - runout) <= 5.0
@@ -345,7 +345,7 @@ def test_water_does_not_heap_in_a_corner(form):
 
 def test_a_clamp_may_be_asked_for_and_keeps_the_exact_answers():
     _, h, exact, solver = dam_break(0.5, metric=WaterMetric(), clamp=2.0)
-    assert relative_l1(h, exact) < 0.02 and solver.balances()["speed_bound_ratio"] < 1.0
+    assert relative_l1(h, exact) <= 0.006 and solver.balances()["speed_limited_share_max"] <= 1e-3
 
 
 def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
