@@ -5,7 +5,7 @@ from pathlib import Path
 
 from . import talk
 from .progress import frame_progress
-from .values import number, positive
+from .values import count, number, positive
 
 EXAMPLE = """
 mpmgis export-raster results/*.h5
@@ -34,7 +34,7 @@ def add_arguments(parser):
 
 def _add_terrain_options(group):
     group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frames name)")
-    group.add_argument("--dem-band", type=_count, metavar="N", help="band of the DTM, where it has several")
+    group.add_argument("--dem-band", type=count, metavar="N", help="band of the DTM, where it has several")
     group.add_argument(
         "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
     )
@@ -133,7 +133,7 @@ def _add_file_options(group):
 def _add_machine_options(group):
     group.add_argument(
         "--workers",
-        type=_count,
+        type=count,
         metavar="N",
         help="frames at a time (default: one per core); the result is the same for any N",
     )
@@ -178,12 +178,6 @@ def _positive_or_auto(text):
 
 def _number_or_auto(text):
     return AUTO if text == AUTO else number(text)
-
-
-def _count(text):
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a whole number above 0")
-    return int(text)
 
 
 def _names(text):

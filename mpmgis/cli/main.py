@@ -14,6 +14,7 @@ from . import talk
 VERBS = {
     "demo": ("demo", "the whole chain on the shipped sample site, in under two minutes"),
     "seed": ("seed", "Algorithm 1: particles from a DTM and release areas"),
+    "convert": ("convert", "Algorithm 2: columns to 3D points, and back"),
     "run": ("run", "simulate a scene"),
     "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),

@@ -21,3 +21,10 @@ def positive(text):
     if value <= 0:
         raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0")
     return value
+
+
+def count(text):
+    """A whole number above 0."""
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted a whole number above 0")
+    return int(text)

@@ -72,6 +72,22 @@ class Grid:
         x, y = self.xy(np.array([0, 0, rows, rows]) - 0.5, np.array([0, columns, columns, 0]) - 0.5)
         return np.stack([x, y], axis=-1)
 
+    def pixel_range(self, bounds, margin=0):
+        """((first row, first column), (row, column after the last)) of the pixels that meet `bounds` [m].
+
+        `bounds` are (west, south, east, north); `margin` pixels more on each side, none beyond the raster; at least
+        two along each axis where the raster has them.
+        """
+        west, south, east, north = bounds
+        row, column = self.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
+        first = [max(int(np.floor(v.min() + 0.5)) - margin, 0) for v in (row, column)]
+        last = [min(int(np.ceil(v.max() + 0.5)) + margin, n) for v, n in zip((row, column), self.shape, strict=True)]
+        return tuple(first), tuple(np.maximum(last, np.minimum(np.array(first) + 2, self.shape)).tolist())
+
+    def part(self, row, column, shape):
+        """The grid of `shape` whose first pixel is pixel (row, column) of this one."""
+        return Grid(self.crs, self.transform * Affine.translation(int(column), int(row)), tuple(shape))
+
     @cached_property
     def bounds(self):
         """(west, south, east, north) [m] of the outer corners."""

@@ -86,7 +86,7 @@ def _record(frame):
     """What a table's reader should know besides the rows: plain numbers, strings and lists."""
     crs = frame.crs.to_wkt() if frame.crs is not None else ""
     place = {"crs": crs, "dem": frame.dem, "dem_sha256": frame.dem_sha256}
-    header = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in frame.header.items()}
+    header = {k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in frame.header.items()}
     return {"format": "mpmgis-columns", "time": frame.time, **place, **header}
 
 

@@ -68,7 +68,7 @@ def seed_file(
     seed = plan_seed(terrain, area, say=say, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
     tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
-    frame = replace(seed.empty_frame(), dem=_relative(terrain.path, path.parent))
+    frame = replace(seed.empty_frame(), dem=relative_path(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
@@ -81,7 +81,7 @@ def _refuse_inputs(path, inputs):
             raise OutputError(f"{path} is what the seed is made from and would be replaced; give another -o")
 
 
-def _relative(path, folder):
+def relative_path(path, folder):
     """`path` as seen from `folder`; absolute where they share no root (another drive)."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()

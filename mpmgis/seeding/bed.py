@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from affine import Affine
 
 from ..errors import InputError
-from ..geo.grid import Grid
 from ..geo.release import NORMAL, ThicknessRaster
-from ..geo.terrain import Terrain, bilinear
+from ..geo.terrain import bilinear
 from ..kernels import sampling
 from .cover import Lattice, Outline
 
@@ -18,20 +16,7 @@ _SAME_CELL = 1 + 1e-9
 
 def cropped_terrain(terrain, bounds):
     """The Terrain around `bounds` (west, south, east, north) [m], with a margin of three cells where there is one."""
-    first, last = _pixel_range(terrain.grid, bounds, _MARGIN)
-    (i0, j0), (i1, j1) = np.minimum(first, np.array(terrain.grid.shape) - 2), last
-    transform = terrain.grid.transform * Affine.translation(int(j0), int(i0))
-    elevation = terrain.elevation[i0:i1, j0:j1]
-    return Terrain(Grid(terrain.grid.crs, transform, elevation.shape), elevation, terrain.path, terrain.sha256)
-
-
-def _pixel_range(grid, bounds, margin):
-    """((first row, first column), (row, column after the last)) of the pixels that meet `bounds`."""
-    west, south, east, north = bounds
-    row, column = grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
-    first = [max(int(np.floor(v.min() + 0.5)) - margin, 0) for v in (row, column)]
-    last = [min(int(np.ceil(v.max() + 0.5)) + margin, n) for v, n in zip((row, column), grid.shape, strict=True)]
-    return np.array(first), np.maximum(np.array(last), np.minimum(np.array(first) + 2, grid.shape))
+    return terrain.cropped(bounds, _MARGIN)
 
 
 def require_bed(part, terrain):
@@ -150,11 +135,10 @@ def _vertical_raster(part, mode, terrain):
 
 
 def _cropped_raster(raster, bounds):
-    (i0, j0), (i1, j1) = _pixel_range(raster.grid, bounds, 1)
+    (i0, j0), (i1, j1) = raster.grid.pixel_range(bounds, 1)
     i0, j0 = max(min(i0, i1 - 1), 0), max(min(j0, j1 - 1), 0)
-    transform = raster.grid.transform * Affine.translation(int(j0), int(i0))
     values = np.ascontiguousarray(raster.values[i0:i1, j0:j1])
-    return ThicknessRaster(values, Grid(raster.grid.crs, transform, values.shape))
+    return ThicknessRaster(values, raster.grid.part(i0, j0, values.shape))
 
 
 def _valid_bilinear(values, row, column):

@@ -1,0 +1,139 @@
+"""`mpmgis convert`: columns to 3D points, and back."""
+
+from pathlib import Path
+
+from . import talk
+from .values import count, positive
+
+EXAMPLE = """
+mpmgis convert area_particles.h5 --cell 1
+mpmgis convert results/frame_000015.h5 --spacing 0.5 -o impact.h5
+mpmgis convert impact.h5 --to columns --cell 5
+"""
+_POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
+_COLUMNS_ONLY = ("by", "detached")
+
+
+def add_arguments(parser):
+    """Declare the verb's options."""
+    parser.add_argument("source", type=Path, metavar="FRAME", help="frame of columns or points (.h5)")
+    parser.add_argument(
+        "--to", choices=("points", "columns"), help="what to make of it (default: points of columns and the reverse)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp (default: <name>_points.h5 or "
+        "<name>_columns.h5)",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file of that name")
+    parser.add_argument(
+        "--cell",
+        type=positive,
+        metavar="M",
+        help="to points: grid spacing of the 3D code to be filled; columns wider than half of it are split sideways "
+        "(default: never split). To columns: side of the cells that points are binned on where they do not know their "
+        "column (default: the DTM's cells)",
+    )
+    _add_point_options(parser.add_argument_group("to points"))
+    _add_column_options(parser.add_argument_group("to columns"))
+    _add_terrain_options(parser.add_argument_group("terrain"))
+
+
+def _add_point_options(group):
+    group.add_argument(
+        "--spacing",
+        type=positive,
+        metavar="R",
+        help="vertical distance of points [m] (default: half of --cell; without it the median column's side)",
+    )
+    group.add_argument(
+        "--vertical-velocity",
+        choices=("tangent", "paper", "linear"),
+        help="along the bed; 0; or along the bed and linear above it, as an incompressible column moves, for which the "
+        "frame must keep its state (default: tangent)",
+    )
+    group.add_argument(
+        "--relevel",
+        action="store_true",
+        help="with --cell: raise columns that lie over each other to what their mass fills",
+    )
+    group.add_argument(
+        "--paper", action="store_true", help="every choice as MOX report 15/2025 prints it; its defects are named"
+    )
+
+
+def _add_column_options(group):
+    group.add_argument(
+        "--by",
+        choices=("parent", "cell"),
+        help="gather points by the column that they came from, or by cell (default: by parent where points know theirs "
+        "and still stand together)",
+    )
+    group.add_argument(
+        "--detached",
+        choices=("refuse", "keep"),
+        help="mass that is clear of the bed or leaves it: refuse, or keep as points in <output>_points.h5 "
+        "(default: refuse)",
+    )
+
+
+def _add_terrain_options(group):
+    group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frame names)")
+    group.add_argument("--dem-band", type=count, metavar="N", help="band of the DTM, where it has several")
+    group.add_argument(
+        "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
+    )
+
+
+def run(arguments):
+    """Convert and write; prints the paths of the files, one a line."""
+    from ..pipeline.convert import ConvertRequest, convert_to_columns, convert_to_points, dimension_of
+
+    asked = {name: getattr(arguments, name) for name in ConvertRequest.__dataclass_fields__}
+    request = ConvertRequest(**asked)
+    to = arguments.to or ("points" if dimension_of(request.source) == 2 else "columns")
+    notes = []  # told when all went well, so that a refusal stands alone
+    say = talk.say if talk.volume > 0 else notes.append
+    if to == "points":
+        written = convert_to_points(request, _point_options(arguments), say)
+    else:
+        written = convert_to_columns(request, _column_options(arguments), say)
+    for note in notes:
+        talk.say(note)
+    for path in (written.path, written.rest):
+        if path is not None:
+            print(path)
+    return 0
+
+
+def _point_options(arguments):
+    from ..conversion.options import PointOptions
+
+    _refuse_given(arguments, _COLUMNS_ONLY, "belongs to --to columns")
+    if arguments.paper:
+        _refuse_given(arguments, ("vertical_velocity", "relevel", "cell"), "contradicts --paper, which has its own way")
+        return PointOptions.as_printed(arguments.spacing)
+    return PointOptions(
+        spacing=arguments.spacing,
+        vertical_velocity=arguments.vertical_velocity or "tangent",
+        cell=arguments.cell,
+        relevel=arguments.relevel,
+    )
+
+
+def _column_options(arguments):
+    from ..conversion.options import REFUSE, ColumnOptions
+
+    _refuse_given(arguments, _POINTS_ONLY, "belongs to --to points")
+    return ColumnOptions(by=arguments.by, cell=arguments.cell, detached=arguments.detached or REFUSE)
+
+
+def _refuse_given(arguments, names, why):
+    from ..errors import InputError
+
+    for name in names:
+        if getattr(arguments, name):
+            raise InputError(f"--{name.replace('_', '-')} {why}; leave it out")

@@ -1,0 +1,141 @@
+"""What may be asked of a conversion, checked once."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..fields import GRAVITY
+
+VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
+PLACEMENTS = ("centred", "paper")
+COUNTS = ("round", "paper")
+GROUPINGS = ("parent", "cell")
+REFUSE, KEEP = "refuse", "keep"
+MOST = 2_000_000_000  # points
+
+
+@dataclass(frozen=True)
+class PointOptions:
+    """How columns become points.
+
+    Parameters
+    ----------
+    spacing : float, optional [m]
+        Vertical distance r of a column's points; default half the `cell`, or without one the median column's side.
+    vertical_velocity : {"tangent", "paper", "linear"}
+        w = u . grad b; 0 as printed (Eq 3); or u . grad b - (z - b) div u, which needs to know div u (E5).
+    placement : {"centred", "paper"}
+        Points in the middle of equal slices (E1, E2), or from bed to surface as printed (Eq 2), which deletes columns
+        of a single point: 0/0 is "eliminated".
+    counting : {"round", "paper"}
+        Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1, E3).
+    cell : float, optional [m]
+        Grid spacing of the 3D solver to be filled: wider columns are split sideways (E8).
+    relevel : bool
+        Where columns lie over each other raise them to what their mass fills (E10); needs `cell`.
+    gravity : float [m s-2]
+        Of the geostatic stress (E7).
+
+    Raises
+    ------
+    InputError
+    """
+
+    spacing: float | None = None
+    vertical_velocity: str = "tangent"
+    placement: str = "centred"
+    counting: str = "round"
+    cell: float | None = None
+    relevel: bool = False
+    gravity: float = GRAVITY
+
+    def __post_init__(self):
+        for name, choices in (
+            ("vertical_velocity", VERTICAL_VELOCITIES),
+            ("placement", PLACEMENTS),
+            ("counting", COUNTS),
+        ):
+            _require_choice(name, getattr(self, name), choices)
+        for name in ("spacing", "cell", "gravity"):
+            _require_positive(name, getattr(self, name))
+        if self.relevel and self.cell is None:
+            raise InputError("relevel needs the grid spacing of the 3D solver; give it with cell (--cell)")
+
+    @classmethod
+    def as_printed(cls, spacing=None):
+        """Every choice as MOX report 15/2025 prints it."""
+        return cls(spacing=spacing, vertical_velocity="paper", placement="paper", counting="paper")
+
+    @property
+    def deletes_single_points(self):
+        """Eq (2) is 0/0 for a column of one point, which the printed algorithm then deletes (E1)."""
+        return self.placement == "paper"
+
+    def spacing_for(self, particles):
+        """The vertical spacing [m]: as asked, else half a cell, else the median column's side."""
+        if self.spacing is not None:
+            return self.spacing
+        return 0.5 * self.cell if self.cell is not None else float(np.median(np.sqrt(particles.area)))
+
+    def pieces_along(self, side):
+        """int64[n]: pieces that columns of `side` [m] are cut into along each side, n_s (E8)."""
+        if self.cell is None:
+            return np.ones(len(side), np.int64)
+        return np.maximum(np.ceil(side / (0.5 * self.cell) - 1e-9), 1.0).astype(np.int64)
+
+    def points_in(self, thickness, spacing):
+        """float64[n]: whole number of points in columns of `thickness` [m] (Eq 1), at least 1."""
+        ratio = thickness / spacing
+        whole = np.floor(ratio) if self.counting == "paper" else np.rint(ratio)
+        return np.maximum(whole, 1.0)
+
+    def predicted_points(self, particles):
+        """How many points the columns `particles` will become (a real number), releveling apart."""
+        pieces = self.pieces_along(np.sqrt(particles.area)).astype(float) ** 2
+        return float((pieces * self.points_in(particles.thickness, self.spacing_for(particles))).sum())
+
+
+@dataclass(frozen=True)
+class ColumnOptions:
+    """How points become columns.
+
+    Parameters
+    ----------
+    by : {"parent", "cell"}, optional
+        Points of one parent make a column, or those of one cell. Default: by parent where points know theirs and
+        still stand together, else by cell.
+    cell : float, optional [m]
+        Side of the cells, counted from the terrain's upper left corner; default the terrain's own pixels.
+    point_cell : float, optional [m]
+        Grid spacing of the 3D code; default as the frame says, else twice the mean point's side.
+    detached : {"refuse", "keep"}
+        What leaves the bed or is clear of it is refused, or stays points (design note 2.4).
+
+    Raises
+    ------
+    InputError
+    """
+
+    by: str | None = None
+    cell: float | None = None
+    point_cell: float | None = None
+    detached: str = REFUSE
+
+    def __post_init__(self):
+        if self.by is not None:
+            _require_choice("by", self.by, GROUPINGS)
+        _require_choice("detached", self.detached, (REFUSE, KEEP))
+        for name in ("cell", "point_cell"):
+            _require_positive(name, getattr(self, name))
+
+
+def _require_choice(name, value, choices):
+    if value not in choices:
+        raise InputError(f"{name.replace('_', ' ')} {value!r} is unknown, wanted {', '.join(choices)}")
+
+
+def _require_positive(name, value):
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise InputError(f"{name.replace('_', ' ')} is {value:g}, wanted a finite number above 0")

@@ -1,0 +1,167 @@
+"""Columns cut sideways into pieces, so that no curtains of points with gaps between them appear (design note E8)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+_WELL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What stacks of points are set on: a whole column each, or one of the squares that it is cut into.
+
+    Parameters
+    ----------
+    column : int64[k]
+        Row of the column in its frame.
+    east, north : float64[k] [m]
+        Middle of the piece, from the column's.
+    side : float64[k] [m]
+        Of the square.
+    share : float64[k]
+        Of the column's mass, volume and area.
+    bed : float64[k] [m]
+        Elevation of the ground under the middle.
+    gradient_east, gradient_north : float64[k]
+    """
+
+    column: np.ndarray
+    east: np.ndarray
+    north: np.ndarray
+    side: np.ndarray
+    share: np.ndarray
+    bed: np.ndarray
+    gradient_east: np.ndarray
+    gradient_north: np.ndarray
+
+    def __len__(self):
+        return len(self.column)
+
+    def take(self, index):
+        """The pieces that `index` (bool or int) picks."""
+        return Pieces(**{name: values[index] for name, values in vars(self).items()})
+
+
+def cut(x, y, area, pieces_along, ground):
+    """Cut columns that stand at map points `x`, `y` [m] on `ground` into squares side by side.
+
+    A piece without ground under its middle stands in the middle of its column instead, so that no mass is lost at the
+    rim of the terrain; columns that have none there themselves make no piece.
+
+    Parameters
+    ----------
+    x, y : float64[n] [m]
+    area : float64[n] [m2]
+    pieces_along : int64[n]
+        Pieces along each side.
+    ground : Ground
+
+    Returns
+    -------
+    Pieces
+    """
+    bed, on_ground = _bed(ground, x, y)
+    columns = np.flatnonzero(on_ground)
+    along, side = pieces_along[columns], np.sqrt(area[columns])
+    if (along == 1).all():
+        zero = np.zeros(len(columns))
+        slopes = ground.gradient(x[columns], y[columns])
+        return Pieces(columns, zero, zero.copy(), side, np.ones(len(columns)), bed[columns], *slopes)
+    of, number = runs(along**2)
+    n, whole = along[of], side[of]
+    east = ((number % n + 0.5) / n - 0.5) * whole
+    north = ((number // n + 0.5) / n - 0.5) * whole
+    column = columns[of]
+    height, there = _bed(ground, x[column] + east, y[column] + north)
+    east, north = np.where(there, east, 0.0), np.where(there, north, 0.0)
+    height = np.where(there, height, bed[column])
+    slopes = ground.gradient(x[column] + east, y[column] + north)
+    return Pieces(column, east, north, whole / n, 1.0 / (n * n), height, *slopes)
+
+
+def _bed(ground, x, y):
+    height = ground.height(x, y)
+    return height, np.isfinite(height)
+
+
+def runs(counts):
+    """(int64[k], int64[k]) for k = sum of `counts`: the run that each of the k belongs to, and its number in it."""
+    of = np.repeat(np.arange(len(counts)), counts)
+    starts = np.cumsum(counts) - counts
+    return of, np.arange(len(of)) - starts[of]
+
+
+def within(pieces, x, y, window):
+    """bool[k]: pieces whose middle lies in the polygon `window` (None: everywhere)."""
+    if window is None:
+        return np.ones(len(pieces), bool)
+    shapely.prepare(window)
+    return shapely.contains_xy(window, x[pieces.column] + pieces.east, y[pieces.column] + pieces.north)
+
+
+def piece_velocity(pieces, velocity, gradient):
+    """(u, v) float64[k] each: horizontal velocity of the pieces, of columns that move at `velocity` [n, 3] [m s-1].
+
+    Where a column knows its velocity `gradient` [n, 2, 2] [s-1] (None: unknown) its pieces move by it, about a mean
+    that stays the column's.
+    """
+    u, v = velocity[pieces.column, 0], velocity[pieces.column, 1]
+    if gradient is None or not (pieces.east.any() or pieces.north.any()):
+        return u, v
+    size = len(velocity)
+    count = np.maximum(np.bincount(pieces.column, minlength=size), 1)
+    east = pieces.east - (np.bincount(pieces.column, pieces.east, size) / count)[pieces.column]
+    north = pieces.north - (np.bincount(pieces.column, pieces.north, size) / count)[pieces.column]
+    c = gradient[pieces.column]
+    return u + c[:, 0, 0] * east + c[:, 0, 1] * north, v + c[:, 1, 0] * east + c[:, 1, 1] * north
+
+
+@dataclass(frozen=True)
+class Cover:
+    """How pieces cover the cells of a square lattice.
+
+    `covered` float64[k] [1] is the area of all pieces in a piece's cell over the cell's area, and `thickness`
+    float64[k] [m] what their mass amounts to there, over the whole cell.
+    """
+
+    covered: np.ndarray
+    thickness: np.ndarray
+
+
+def cover(pieces, x, y, volume, cell):
+    """The Cover of `pieces` with `volume` float64[k] [m3] on a lattice of `cell` [m]: exact shares of their squares.
+
+    Pieces must be narrower than a cell.
+    """
+    west, south = (at - 0.5 * pieces.side for at in (x[pieces.column] + pieces.east, y[pieces.column] + pieces.north))
+    column, right = _first_cell(west - west.min(), pieces.side, cell)
+    row, upper = _first_cell(south - south.min(), pieces.side, cell)
+    width = int(column.max()) + 2
+    keys, shares = [], []
+    for j, by_row in ((0, 1.0 - upper), (1, upper)):
+        for i, by_column in ((0, 1.0 - right), (1, right)):
+            keys.append((row + j) * width + column + i)
+            shares.append(by_row * by_column)
+    cells, cell_of = np.unique(np.concatenate(keys), return_inverse=True)
+    share = np.concatenate(shares)
+    area = np.bincount(cell_of, share * np.tile(pieces.side**2, 4), len(cells)) / cell**2
+    thickness = np.bincount(cell_of, share * np.tile(volume, 4), len(cells)) / cell**2
+    own = cell_of.reshape(4, -1)[2 * (upper > 0.5) + (right > 0.5), np.arange(len(pieces))]
+    return Cover(area[own], thickness[own])
+
+
+def _first_cell(start, side, cell):
+    """Cell in which a piece starts, and the share of it that lies in the next one."""
+    first = np.floor(start / cell)
+    beyond = np.clip((start + side - (first + 1.0) * cell) / side, 0.0, 1.0)
+    return first.astype(np.int64), np.where(beyond < _WELL, 0.0, beyond)
+
+
+def count_by_cell(x, y, z, cell):
+    """int64[m]: points in each cube of `cell` [m] that holds any."""
+    rank = [np.floor((at - at.min()) / cell).astype(np.int64) for at in (x, y, z)]
+    size = [int(r.max()) + 1 for r in rank]
+    key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]
+    return np.unique(key, return_counts=True)[1]

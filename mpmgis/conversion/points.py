@@ -1,0 +1,407 @@
+"""Columns to points: Algorithm 2 of MOX report 15/2025, its defects resolved (design notes 2.2, E1 to E13)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels import column_rows
+from ..particles import Frame, Particles
+from . import geostatic
+from .ground import Ground, slope_cosine
+from .options import MOST, PointOptions
+from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, runs, within
+from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
+
+OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)
+COVER_SIDES = 4  # sides of the median column along a cell on which cover is looked at: 16 columns in a row tile it
+
+
+@dataclass(frozen=True)
+class PointsReport:
+    """What a conversion to points did.
+
+    Parameters
+    ----------
+    before, after, outside, deleted : Sums
+        Of all columns; of the points; of columns left as they are, off the terrain or outside the window; of columns
+        that the printed algorithm deletes. `before` is the sum of the others.
+    spacing : float [m]
+    points_per_column : (int, float, int)
+        Least, median and most points in a column, or in a piece of one.
+    pieces_per_column : int
+        Most pieces that a column was cut into.
+    widest : float [m]
+        Side of the widest column or piece, which is the widest gap between stacks of points.
+    bed_shift : float [m]
+        Largest difference of the columns' beds from the terrain's.
+    second_moment : float [1]
+        Of the columns' mass about their middle, over h^2/12 (E2).
+    overlap : float [1]
+        Largest area of columns over the ground that they stand on, above 1: the relative error of density there;
+        NaN where no cell was given.
+    largest_gap : float [m]
+        Widest distance of two points above each other.
+    launch : float [m s-1]
+        Largest speed at which points start off the slope, normal to it (E5).
+    mass_scatter, momentum_scatter : float [kg, kg m s-1]
+        Eq (4) of the report over the points, and its like for momentum to the east (`particle_mass_scatter`).
+    raised : int
+        Pieces whose thickness was set to what the mass fills.
+    points_per_cell : (int, float, int) or None
+        Least, median and most points in a cell of the 3D grid; None where no cell was given.
+    """
+
+    before: Sums
+    after: Sums
+    outside: Sums
+    deleted: Sums
+    spacing: float
+    points_per_column: tuple
+    pieces_per_column: int
+    widest: float
+    bed_shift: float
+    second_moment: float
+    overlap: float
+    largest_gap: float
+    launch: float
+    mass_scatter: float
+    momentum_scatter: float
+    raised: int
+    points_per_cell: tuple | None
+
+
+@dataclass(frozen=True)
+class Points:
+    """`frame` of points, `rest` a frame of the columns that were left as they are (None: there are none), `report`."""
+
+    frame: Frame
+    rest: Frame | None
+    report: PointsReport
+
+
+def columns_to_points(frame, terrain, options=None, window=None):
+    """Turn the columns of `frame` into points that stand on `terrain`.
+
+    Mass, volume and horizontal momentum are the columns', to rounding. Points are in the order of their columns, from
+    the bed upwards; `parent` is a column's id. `state` of the answer has a row a point: `depth` [m] under the surface
+    and `vertical_stress` [Pa] (see `geostatic`), and `affine` [n, 3, 3] [s-1], the velocity gradient, where the frame
+    tells the columns'.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 2, in the terrain's CRS.
+    terrain : Terrain
+        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not (E9).
+    options : PointOptions
+    window : shapely.Polygon, optional
+        Only what lies in it becomes points; columns on its edge are cut if they are split at all (E11).
+
+    Returns
+    -------
+    Points
+
+    Raises
+    ------
+    InputError
+        No columns, values that are not finite, thickness below 0, nothing on the terrain, too many points.
+    """
+    options = options or PointOptions()
+    _require_columns(frame)
+    particles, (x, y) = frame.particles, frame.map_xy()
+    spacing = options.spacing_for(particles)
+    _require_few_enough(options.predicted_points(particles), spacing)
+    side = np.sqrt(particles.area)
+    ground = Ground.under(terrain, x, y, 0.5 * float(side.max()))
+    pieces = cut(x, y, particles.area, options.pieces_along(side), ground)
+    inside = within(pieces, x, y, window)
+    _require_some(inside, len(particles), terrain, window)
+    gradient = velocity_gradient(frame)
+    u, v = piece_velocity(pieces, particles.velocity, gradient)
+    rest = _rest(frame, pieces, inside, u, v, ground, gradient)
+    here, u, v = pieces.take(inside), u[inside], v[inside]
+    thickness, overlap, raised = _thickness(here, x, y, particles, options)
+    count = options.points_in(thickness, spacing)
+    _require_few_enough(count.sum(), spacing)
+    stacks = _Stacks(here, thickness, count.astype(np.int64), u, v)
+    kept, deleted = _without_deleted(stacks, particles, options)
+    points = _frame_of(frame, kept, gradient, spacing, options)
+    bed_shift = np.abs(particles.position[here.column, 2] + frame.origin[2] - ground.height(x, y)[here.column])
+    numbers = {"spacing": spacing, "overlap": overlap, "raised": raised, "bed_shift": float(bed_shift.max())}
+    return Points(points, rest, _report(frame, points, rest, kept, deleted, options, ground, numbers))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stacks:
+    """`pieces` with their `thickness` [m], their number of points `count`, and their horizontal velocity `u`, `v`."""
+
+    pieces: Pieces
+    thickness: np.ndarray
+    count: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+    def take(self, index):
+        return _Stacks(self.pieces.take(index), self.thickness[index], self.count[index], self.u[index], self.v[index])
+
+
+def _require_columns(frame):
+    particles = frame.particles
+    if frame.dimension != 2 or particles.area is None or particles.thickness is None:
+        raise InputError("wanted columns (dimension 2), got points; to columns is the inverse (--to columns)")
+    if len(particles) == 0:
+        raise InputError("the frame holds no column")
+    for name, values in particles.arrays().items():
+        bad = ~np.isfinite(values).reshape(len(particles), -1).all(axis=1)
+        if name in ("mass", "area", "volume"):
+            bad |= values <= 0
+        elif name == "thickness":
+            bad |= values < 0
+        if bad.any():
+            row = int(np.argmax(bad))
+            wanted = {"thickness": "0 or more"}.get(name, "above 0" if name in ("mass", "area", "volume") else "finite")
+            raise InputError(f"{name} of column {_id(particles, row)} is {values[row]}, wanted {wanted}")
+
+
+def _id(particles, row):
+    return int(particles.id[row]) if particles.id is not None else row
+
+
+def _require_few_enough(count, spacing):
+    if count > MOST:
+        raise InputError(f"{count:.3g} points at a spacing of {spacing:g} m, wanted at most {MOST}; take a wider one")
+
+
+def _require_some(inside, columns, terrain, window):
+    if not len(inside):
+        raise InputError(f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; give theirs")
+    if not inside.any():
+        west, south, east, north = window.bounds
+        raise InputError(
+            f"none of the {columns} columns lies in the window, E {west:.0f} to {east:.0f}, N {south:.0f} to "
+            f"{north:.0f}; move it, or convert later"
+        )
+
+
+def velocity_gradient(frame):
+    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not tell.
+
+    The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
+    """
+    velocity, state = frame.particles.velocity, frame.state
+    if "velocity_gradient" in state:
+        return np.asarray(state["velocity_gradient"], float)
+    if "rows" in state and len(state["rows"]) == len(velocity):
+        first = column_rows.CXX
+        return np.ascontiguousarray(state["rows"][:, first : first + 4]).reshape(-1, 2, 2)
+    if (velocity[:, :2] == velocity[0, :2]).all():
+        return np.zeros((len(velocity), 2, 2))
+    return None
+
+
+def _rest(frame, pieces, inside, u, v, ground, gradient):
+    """The columns, or what is left of them, that do not become points; None where there are none.
+
+    What is left of a column has the share, the middle and the momentum of its pieces outside.
+    """
+    particles, n = frame.particles, len(frame.particles)
+    out = pieces.take(~inside)
+    share = np.bincount(out.column, out.share, n)
+    whole = np.bincount(pieces.column[inside], minlength=n) == 0
+    share[whole] = 1.0
+    left = np.flatnonzero(share > 0)
+    if not len(left):
+        return None
+    some = particles.take(left)
+    for name in ("mass", "volume", "area"):
+        setattr(some, name, getattr(some, name) * share[left])
+    cut_off = np.flatnonzero(~whole[left])
+    if len(cut_off):
+        of = left[cut_off]
+        east, north, u, v = (
+            np.bincount(out.column, out.share * values, n)[of] / share[of]
+            for values in (out.east, out.north, u[~inside], v[~inside])
+        )
+        some.position[cut_off, 0] += east
+        some.position[cut_off, 1] += north
+        x, y = (some.position[cut_off, axis] + frame.origin[axis] for axis in (0, 1))
+        slope_east, slope_north = ground.gradient(x, y)
+        motion = np.column_stack([u, v, u * slope_east + v * slope_north])
+        bed = ground.height(x, y) - frame.origin[2]
+        known = np.isfinite(bed)
+        some.position[cut_off[known], 2], some.velocity[cut_off[known]] = bed[known], motion[known]
+        some.velocity[cut_off, :2] = motion[:, :2]
+    state = {} if gradient is None else {"velocity_gradient": gradient[left]}
+    return replace(frame, particles=some, state=state, maxima={})
+
+
+def _thickness(pieces, x, y, particles, options):
+    """(float64[k] [m] thickness of the pieces, largest overlap, number of pieces raised) (E10)."""
+    thickness = particles.thickness[pieces.column]
+    if options.cell is None:
+        return thickness, float("nan"), 0
+    volume = particles.volume[pieces.column] * pieces.share
+    cell = max(options.cell, COVER_SIDES * float(np.median(np.sqrt(particles.area))), float(pieces.side.max()))
+    found = cover(pieces, x, y, volume, cell)
+    over = found.covered > OVERLAP
+    overlap = max(float(found.covered.max()) - 1.0, 0.0)
+    if not options.relevel:
+        return thickness, overlap, 0
+    return np.where(over, found.thickness, thickness), overlap, int(over.sum())
+
+
+def _without_deleted(stacks, particles, options):
+    """(the stacks that become points, the mask of those that Eq (2) deletes)."""
+    if not options.deletes_single_points:
+        return stacks, None
+    single = stacks.count == 1
+    if single.all():
+        raise InputError(
+            "every column is thinner than two spacings, and the printed algorithm deletes columns of one point (Eq 2 "
+            "is 0/0); take a smaller spacing, or leave out paper"
+        )
+    gone = np.bincount(stacks.pieces.column[single], minlength=len(particles)) > 0
+    return stacks.take(~single), gone
+
+
+def _frame_of(frame, stacks, gradient, spacing, options):
+    """The points of `stacks` as a Frame."""
+    particles, pieces = frame.particles, stacks.pieces
+    of, number = runs(stacks.count)
+    if options.placement == "paper":
+        level = number / (stacks.count - 1)[of]
+    else:
+        level = (number + 0.5) / stacks.count[of]
+    height = level * stacks.thickness[of]
+    east, north = (
+        particles.position[pieces.column, axis] + shift for axis, shift in ((0, pieces.east), (1, pieces.north))
+    )
+    origin, shift = _origin(frame, east, north, pieces.bed)
+    position = np.empty((len(of), 3))
+    position[:, 0], position[:, 1] = (east + shift[0])[of], (north + shift[1])[of]
+    position[:, 2] = (pieces.bed - origin[2])[of] + height
+    velocity = np.empty((len(of), 3))
+    velocity[:, 0], velocity[:, 1] = stacks.u[of], stacks.v[of]
+    velocity[:, 2] = _climb(stacks, gradient, of, height, options)
+    each = pieces.share / stacks.count
+    ids = particles.id if particles.id is not None else np.arange(len(particles), dtype=np.uint64)
+    points = Particles(
+        position,
+        velocity,
+        (particles.mass[pieces.column] * each)[of],
+        (particles.volume[pieces.column] * each)[of],
+        id=np.arange(len(of), dtype=np.uint64),
+        parent=ids[pieces.column][of],
+    )
+    header = {name: value for name, value in frame.header.items() if name != "cell_size"}
+    header |= {"converted_spacing": spacing, "converted_vertical_velocity": options.vertical_velocity}
+    header |= {"cell_size": options.cell} if options.cell is not None else {}
+    header.setdefault("density", float(particles.mass.sum() / particles.volume.sum()))
+    return replace(
+        frame, particles=points, dimension=3, solver="convert", origin=origin, header=header, maxima={},
+        state=_state(particles, stacks, gradient, of, height, options),
+    )  # fmt: skip
+
+
+def _origin(frame, east, north, bed):
+    """(origin of the points in whole metres amid them, so that float32 files are exact; what moves x and y there)."""
+    old = np.asarray(frame.origin, float)
+    middle = [0.5 * (at.min() + at.max()) for at in (east + old[0], north + old[1], bed)]
+    origin = tuple(float(np.rint(value)) for value in middle)
+    return origin, (old[0] - origin[0], old[1] - origin[1])
+
+
+def _climb(stacks, gradient, of, height, options):
+    """float64[n] [m s-1]: vertical velocity of the points (E5)."""
+    pieces = stacks.pieces
+    if options.vertical_velocity == "paper":
+        return np.zeros(len(of))
+    tangent = (stacks.u * pieces.gradient_east + stacks.v * pieces.gradient_north)[of]
+    if options.vertical_velocity == "tangent":
+        return tangent
+    if gradient is None:
+        raise InputError(
+            "vertical velocity 'linear' needs the columns' velocity gradient, which only the newest two frames of a "
+            "run keep; take 'tangent'"
+        )
+    divergence = (gradient[:, 0, 0] + gradient[:, 1, 1])[pieces.column]
+    return tangent - height * divergence[of]
+
+
+def _state(particles, stacks, gradient, of, height, options):
+    """What a 3D solver starts from besides the particles; nothing where everything is as printed."""
+    if options.placement == "paper":
+        return {}
+    pieces = stacks.pieces
+    depth = stacks.thickness[of] - height
+    density = (particles.mass / particles.volume)[pieces.column]
+    load = geostatic.vertical_stress(
+        density, options.gravity, 1.0, slope_cosine(pieces.gradient_east, pieces.gradient_north)
+    )
+    state = {"depth": depth, "vertical_stress": load[of] * depth}
+    if gradient is not None and gradient.any():
+        state["affine"] = _affine(gradient[pieces.column], pieces, options)[of]
+    return state
+
+
+def _affine(gradient, pieces, options):
+    """float64[k, 3, 3] [s-1]: the velocity gradient that the points of a piece start with (E5)."""
+    affine = np.zeros((len(pieces), 3, 3))
+    affine[:, :2, :2] = gradient
+    if options.vertical_velocity != "paper":
+        slope = np.stack([pieces.gradient_east, pieces.gradient_north], axis=1)
+        affine[:, 2, :2] = np.einsum("kij,ki->kj", gradient, slope)
+    if options.vertical_velocity == "linear":
+        affine[:, 2, 2] = -(gradient[:, 0, 0] + gradient[:, 1, 1])
+    return affine
+
+
+def _report(frame, points, rest, stacks, gone, options, ground, numbers):
+    particles, after, pieces = frame.particles, points.particles, stacks.pieces
+    bed = ground.height(*frame.map_xy())
+    middle = np.where(np.isfinite(bed), bed, particles.position[:, 2] + frame.origin[2]) + 0.5 * particles.thickness
+    gravity = options.gravity
+    deleted = outside = NOTHING
+    if gone is not None and gone.any():
+        deleted = sums_of(particles.mass[gone], particles.velocity[gone], middle[gone], gravity)
+    if rest is not None:
+        left = rest.particles
+        surface = left.position[:, 2] + rest.origin[2] + left.thickness
+        outside = sums_of(left.mass, left.velocity, surface - 0.5 * left.thickness, gravity)
+    return PointsReport(
+        before=sums_of(particles.mass, particles.velocity, middle, gravity),
+        after=sums_of(after.mass, after.velocity, after.position[:, 2] + points.origin[2], gravity),
+        outside=outside,
+        deleted=deleted,
+        pieces_per_column=int(np.bincount(pieces.column).max()),
+        widest=float(pieces.side.max()),
+        points_per_cell=None if options.cell is None else _spread(count_by_cell(*after.position.T, options.cell)),
+        **_stack_facts(particles, stacks, options),
+        **numbers,
+    )
+
+
+def _spread(counts):
+    """(least, median, most)."""
+    return int(counts.min()), float(np.median(counts)), int(counts.max())
+
+
+def _stack_facts(particles, stacks, options):
+    """What a report tells of the stacks, by its names."""
+    pieces, count = stacks.pieces, stacks.count.astype(float)
+    mass, volume = (values[pieces.column] * pieces.share for values in (particles.mass, particles.volume))
+    printed = options.placement == "paper"
+    second_moment = (count + 1) / (count - 1) if printed else 1.0 - 1.0 / count**2
+    across = np.zeros(len(pieces))
+    if options.vertical_velocity == "paper":
+        cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
+        across = -(stacks.u * pieces.gradient_east + stacks.v * pieces.gradient_north) * cosine
+    return {
+        "points_per_column": _spread(stacks.count),
+        "second_moment": float((mass * second_moment).sum() / mass.sum()),
+        "largest_gap": float((stacks.thickness / (count - 1 if printed else count)).max()),
+        "launch": max(0.0, float(across.max())),
+        "mass_scatter": particle_mass_scatter(count, mass, volume, mass.sum()),
+        "momentum_scatter": particle_mass_scatter(count, mass, volume, (mass * stacks.u).sum(), stacks.u),
+    }

@@ -1,0 +1,155 @@
+"""`mpmgis convert`: a frame of columns to one of points, and back."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..conversion.account import account_of_columns, account_of_points
+from ..conversion.columns import points_to_columns
+from ..conversion.options import ColumnOptions, PointOptions
+from ..conversion.points import columns_to_points
+from ..errors import InputError, OutputError
+from ..io.atomic import refuse_existing
+from ..io.frame_list import FrameEntry
+from ..io.frames import read_frame, write_frame
+from ..io.particle_files import require_format, write_columns
+from ..solvers.cost import available_memory
+from .export_inputs import run_terrain
+from .seed import relative_path
+
+BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's file
+
+
+@dataclass(frozen=True)
+class ConvertRequest:
+    """What is to be converted: a frame's file, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the
+    current folder), and the terrain: `dem` (None: the one that the frame names), `crs` and `dem_band` as for
+    `read_terrain`."""
+
+    source: Path
+    output: Path | None = None
+    overwrite: bool = False
+    dem: Path | None = None
+    crs: str | None = None
+    dem_band: int | None = None
+
+
+@dataclass(frozen=True)
+class Written:
+    """The file of the converted frame, that of points that stay points (None: there are none), and the report."""
+
+    path: Path
+    rest: Path | None
+    report: object
+
+
+def convert_to_points(request, options=None, say=lambda text: None):
+    """Turn the columns in `request.source` into points, as PointOptions `options` ask.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    options = options or PointOptions()
+    path = _output(request, "points")
+    if path.suffix.lower() != ".h5":
+        raise OutputError(f"{path}: points are written as frames, wanted a name that ends in .h5")
+    frame, terrain = _inputs(request, path, 2, say)
+    _require_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
+    points = columns_to_points(frame, terrain, options)
+    header = points.frame.header | {
+        "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
+    }  # fmt: skip
+    write_frame(path, _placed(replace(points.frame, header=header), terrain, path))
+    for line in account_of_points(points.report, options):
+        say(line)
+    return Written(path, None, points.report)
+
+
+def convert_to_columns(request, options=None, say=lambda text: None):
+    """Gather the points in `request.source` into columns, as ColumnOptions `options` ask.
+
+    Points that stay points go to `<output>_points.h5` beside the output.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    path = _output(request, "columns")
+    require_format(path)
+    rest = path.with_name(f"{path.stem}_points.h5")
+    refuse_existing(rest, request.overwrite)
+    frame, terrain = _inputs(request, path, 3, say)
+    _refuse_replacing(rest, request, terrain)
+    options = options or ColumnOptions()
+    columns = points_to_columns(frame, terrain, options)
+    _write_both(columns, path, rest, terrain)
+    for line in account_of_columns(columns.report, options):
+        say(line)
+    return Written(path, rest if columns.rest is not None else None, columns.report)
+
+
+def _write_both(columns, path, rest, terrain):
+    """The columns to `path` and the points that are left to `rest`; neither without the other."""
+    if columns.rest is not None:
+        write_frame(rest, _placed(columns.rest, terrain, rest))
+    particles = columns.frame.particles
+    try:
+        write_columns(path, _placed(columns.frame, terrain, path), len(particles), [particles])
+    except BaseException:
+        rest.unlink(missing_ok=True)
+        raise
+
+
+def dimension_of(path):
+    """2 where the frame at `path` holds columns, 3 where it holds points."""
+    return read_frame(path, with_state=False, with_particles=False).dimension
+
+
+def _output(request, kind):
+    path = Path(request.output) if request.output is not None else Path(f"{Path(request.source).stem}_{kind}.h5")
+    refuse_existing(path, request.overwrite)
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder, wanted the name of a file; give another -o")
+    return path
+
+
+def _inputs(request, path, dimension, say):
+    """(the frame, its terrain); both are refused as what the output would replace."""
+    source = Path(request.source)
+    header = read_frame(source, with_state=False, with_particles=False)
+    if header.dimension != dimension:
+        kinds = {2: "columns", 3: "points"}
+        raise InputError(
+            f"{source} holds {kinds[header.dimension]} already; --to {kinds[header.dimension]} makes them of "
+            f"{kinds[dimension]}"
+        )
+    terrain = run_terrain(request, [FrameEntry(source, header)], path, say)
+    _refuse_replacing(path, request, terrain)
+    frame = read_frame(source)
+    if "assumed_density" in frame.header:
+        say(f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3")
+    return frame, terrain
+
+
+def _refuse_replacing(path, request, terrain):
+    """No conversion takes the place of what it is made from, --overwrite or not."""
+    for given in (request.source, terrain.path):
+        if given and path.exists() and Path(given).exists() and path.samefile(given):
+            raise OutputError(f"{path} is what the frame is made from and would be replaced; give another -o")
+
+
+def _require_memory(count, spacing):
+    """Refuse before the work what this machine cannot hold (H25)."""
+    needed, free = count * BYTES_PER_POINT, available_memory()
+    if needed > free:
+        raise InputError(
+            f"{count:.3g} points at a spacing of {spacing:g} m need about {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB "
+            "are free; take a wider --spacing, or larger cells"
+        )
+
+
+def _placed(frame, terrain, path):
+    """The frame with its terrain's path as seen from its own file."""
+    return replace(frame, dem=relative_path(terrain.path, path.parent), dem_sha256=terrain.sha256)
