@@ -19,6 +19,7 @@ FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 BARRIER_FILE = "barriers.csv"
+FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE)
 
 
 class RunFolder:
@@ -80,15 +81,20 @@ class RunFolder:
         return None
 
     def open(self):
-        """Make the folder, or clear it of an earlier run's files."""
+        """Make the folder, clear it of an earlier run's files, or of what a kill left half done."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if self._overwrite:
-                for name in (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE):
-                    for old in self.path.glob(name):
-                        old.unlink()
+                self._remove(*FILES)
+            self._remove(*(f".{Path(name).stem}.part[0-9]*" for name in FILES))  # never got their names, for a kill
+            self._drop_older_state()
         except OSError as error:
             raise output_error(self.path, error) from error
+
+    def _remove(self, *patterns):
+        for pattern in patterns:
+            for old in self.path.glob(pattern):
+                old.unlink()
 
     def write_scene(self, text):
         """The resolved scene, as TOML text."""
@@ -115,6 +121,10 @@ class RunFolder:
         """The next frame, numbered in the order of writing; only the newest two keep what a restart needs."""
         write_frame(self._frame_path(self.frames), frame)
         self.frames += 1
+        self._drop_older_state()
+
+    def _drop_older_state(self):
+        """Take the state out of the newest frame that need not keep it any more."""
         if self.frames > FRAMES_WITH_STATE:
             drop_state(self._frame_path(self.frames - 1 - FRAMES_WITH_STATE))
 

@@ -4,15 +4,15 @@ from .decisions import as_asked, not_called_for
 
 
 def decide_hydrograph(scene, facts, slots):
-    """Inflow wherever the scene has some."""
+    """Inflow wherever the scene has some; the number is its volume [m3]."""
     table = scene.hydrograph
     if table is None:
         return not_called_for("hydrograph", "no [hydrograph] in the scene")
     if not facts.inflow:
         return as_asked("hydrograph", table.use, "")
     volume, begins, ends, batches = facts.inflow
-    reason = f"{volume:.6g} m3 from {begins:g} to {ends:g} s, in {batches} batches"
-    return as_asked("hydrograph", table.use, reason)
+    reason = f"{volume:.6g} m3, which is the number, from {begins:g} to {ends:g} s, in {batches} batches"
+    return as_asked("hydrograph", table.use, reason, volume)
 
 
 def decide_secondary_release(scene, facts, slots):
