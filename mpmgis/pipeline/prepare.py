@@ -18,6 +18,7 @@ from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.identity import start_digest
 from ..solvers.places import Places
+from ..solvers.placing import levelled
 from .places import read_places, trial_parameters
 from .sources import read_sources
 
@@ -68,6 +69,8 @@ def _prepare(scene, say):
     _tell_of_release(frame.particles, frame.header["density"], say)
     tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
     known = read_places(scene, terrain, grid, frame, sources.everything, say)
+    if known.lake_level is not None:
+        frame = levelled(frame, known.lake_level, grid, say)
     facts, deciding = _facts(scene, terrain, sources.everything, known)
     facts = facts._replace(**sources.facts)
     effects, decisions = resolve(deciding, facts)

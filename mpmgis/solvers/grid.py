@@ -115,6 +115,11 @@ class ColumnGrid:
         inner[1:-1, 1:-1] = True
         return inner
 
+    def beds_at(self, frame):
+        """float64[n] [m]: the spline bed under the columns of `frame`."""
+        x, y = frame.map_xy()
+        return beds_at(self.bed, x - self.x0, y - self.y0, self.cell_size)[0]
+
     def gradients_at(self, frame):
         """float64[n, 2]: gradient of the bed under the columns of `frame`."""
         x, y = frame.map_xy()

@@ -1,7 +1,7 @@
 """What files tell by place, put on the solver's grid: zones painted, walls named and checked, bed laid out, lakes."""
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,9 @@ from ..geo.barriers import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_no
 from ..geo.lakes import lake_cells, water_depth
 from ..geo.zones import cell_values, within
 from .places import NO_LAKE
+
+DRY = 1e-6  # [m] thinner water at a lake's shore is none
+TOLD = 1e-3  # share of a release by which it may change without a word
 
 
 @dataclass(frozen=True)
@@ -249,3 +252,32 @@ def _still_levels(table, files, grid):
         if not touched.any():
             raise InputError(f"{feature.path}: '{feature.name}' covers no cell of the terrain; check its CRS")
         yield level, touched
+
+
+def levelled(frame, levels, grid, say):
+    """`frame` with its columns in lakes filled to their still level over the solver's own bed.
+
+    That bed is smoother than the DTM that the release was measured on; water laid on the one and standing on the other
+    would rise and sink by the difference. Columns on ground above the level are left out.
+
+    Parameters
+    ----------
+    frame : Frame
+        The columns at the start.
+    levels : float64[ny, nx] [m]
+        As of `lake_levels`.
+    """
+    p, density = frame.particles, frame.header["density"]
+    x, y = frame.map_xy()
+    ny, nx = levels.shape
+    j = np.clip(((y - grid.y0) / grid.cell_size).astype(int), 0, ny - 1)
+    i = np.clip(((x - grid.x0) / grid.cell_size).astype(int), 0, nx - 1)
+    level = levels[j, i]
+    thickness = np.where(level != NO_LAKE, level - grid.beds_at(frame), p.thickness)
+    kept = thickness > DRY
+    volume = (thickness * p.area)[kept]
+    change = volume.sum() / p.volume.sum() - 1.0
+    if abs(change) > TOLD:
+        say(f"[still_water]: the release is filled to the still level, its volume by {100 * change:+.2g} %")
+    particles = replace(p, thickness=thickness, id=None).take(kept)
+    return replace(frame, particles=replace(particles, volume=volume, mass=density * volume))
