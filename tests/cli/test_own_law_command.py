@@ -1,0 +1,57 @@
+"""A law of the user's own through `mpmgis run --law`: the flow of the shipped law that it says, restarts, refusals."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from slope_site import SCENE, contents, record, write_site
+
+from mpmgis.cli.main import main
+from mpmgis.io.frames import read_frame
+
+LAW = """from typing import NamedTuple
+
+
+class Mine(NamedTuple):
+    mu: float
+    xi: float
+
+    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):
+        return self.mu * normal_stress + density * gravity * speed * speed / self.xi
+"""
+TEXT = SCENE.replace('"Voellmy"', '"my_law.py:Mine"').replace("end_time = 30", "end_time = 15")
+
+
+def own(site, *options):
+    """A run with the law, in a process of its own: kernels with such a law have a cache of their own."""
+    command = [sys.executable, "-m", "mpmgis", "run", "own.toml", "-q", "--law", "my_law.py", *options]
+    return subprocess.run(command, cwd=site, capture_output=True, text=True, timeout=900)
+
+
+@pytest.mark.slow
+def test_a_law_of_ones_own_moves_the_flow_as_it_says(tmp_path):
+    """Voellmy written anew, whose parts the solver finds by chord: Voellmy's flow to 2 cm after 150 m."""
+    site = write_site(tmp_path)
+    (site / "my_law.py").write_text(LAW)
+    (site / "own.toml").write_text(TEXT)
+    (site / "scene.toml").write_text(TEXT.replace("my_law.py:Mine", "Voellmy"))
+    assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "shipped")]) == 0
+    done = own(site, "-o", "own")
+    assert done.returncode == 0, done.stderr
+    for k in range(4):
+        mine, shipped = (read_frame(site / name / f"frame_{k:06d}.h5").particles for name in ("own", "shipped"))
+        np.testing.assert_allclose(mine.position, shipped.position, rtol=0, atol=0.05)
+    friction = {d["effect"]: d for d in record(site, "own")["effects"]}["friction"]
+    assert friction["state"] == "on" and "my_law.py:Mine: mu = 0.2, xi = 1000" in friction["reason"]
+    whole = contents(site / "own")
+    (site / "own" / "frame_000003.h5").unlink()  # as if it had been stopped before its last frame
+    record_file = site / "own" / "run.json"
+    record_file.write_text(record_file.read_text().replace('"state": "finished"', '"state": "running"'))
+    (site / "my_law.py").write_text(LAW.replace("self.mu *", "1.1 * self.mu *"))
+    done = own(site, "-o", "own", "--resume")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "another scene" in done.stderr
+    (site / "my_law.py").write_text(LAW)
+    done = own(site, "-o", "own", "--resume")
+    assert done.returncode == 0, done.stderr
+    assert contents(site / "own") == whole
