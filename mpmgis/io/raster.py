@@ -69,19 +69,20 @@ def read_terrain(path, crs=None, band=None, say=None):
     return terrain
 
 
-def read_raster(path, band=None):
+def read_raster(path, band=None, may_be_empty=False):
     """(values float64[rows, columns] with NaN for nodata, Grid) of any raster; the grid's crs may be None.
 
     Raises
     ------
     FormatError, InputError
-        Missing, unreadable, without a georeference, or with several bands where none is named.
+        Missing, unreadable, without a georeference, with several bands where none is named, or nodata everywhere
+        unless it `may_be_empty`.
     """
     path = Path(path)
     with open_raster(path) as source:
         band = _band(source, path, band, option="a file with one band")
         grid = Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)
-        return _values(source, path, band), grid
+        return _values(source, path, band, may_be_empty), grid
 
 
 @contextmanager
@@ -135,7 +136,7 @@ def _band(source, path, band, option="--dem-band N"):
     return band
 
 
-def _values(source, path, band):
+def _values(source, path, band, may_be_empty=False):
     """float64[rows, columns]: band values with scale and offset applied, NaN for nodata, mask and infinities."""
     try:
         data = source.read(band, out_dtype="float64")
@@ -148,7 +149,7 @@ def _values(source, path, band):
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     if (scale, offset) != (1.0, 0.0):
         data = data * scale + offset
-    if not np.isfinite(data).any():
+    if not may_be_empty and not np.isfinite(data).any():
         raise InputError(f"{path}: every cell is nodata")
     return data
 

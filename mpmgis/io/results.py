@@ -29,8 +29,11 @@ class BandSource:
     factor: float = 1.0
 
     def read(self):
-        """(float64[rows, columns] with NaN for nodata, Grid). Refuses degrees and what else is no map in metres."""
-        values, grid = read_raster(self.path, self.number)
+        """(float64[rows, columns] with NaN for nodata, Grid). Refuses degrees and what else is no map in metres.
+
+        All of it may be nodata: nothing flowed, or never as deep as the velocities want it.
+        """
+        values, grid = read_raster(self.path, self.number, may_be_empty=True)
         if grid.crs is not None:
             require_metric(grid.crs, grid.bounds, str(self.path), lambda text: None)
         return values * self.factor, grid

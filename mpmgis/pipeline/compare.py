@@ -65,7 +65,7 @@ def compare(request, say=lambda text: None):
     with ExitStack() as stack:  # runs are exported to a folder that is gone at its end
         sources = [_source(path, request.dem, stack, say) for path in (request.first, request.second)]
         footprints, pairs, joint = _footprints(request, sources, say)
-        bands = tuple(_band_facts(pair, sources, footprints, joint) for pair in pairs)
+        bands = tuple(_band_facts(pair, sources, footprints, joint, say) for pair in pairs)
         terrain = _terrain(request, sources, joint, say)
     masks = [footprint.on_joint for footprint in footprints]
     line, line_source = _line(request, footprints, terrain, joint, say)
@@ -169,6 +169,7 @@ def _read_layers(request, sources, chosen, say):
     for k, source in enumerate(sources):
         if not isinstance(source, _Outline):
             layers[k] = source.read(chosen[k], known)
+            _tell_if_empty(source, chosen[k], layers[k][0], say)
             known = known or layers[k][1]
     own = [layer[1].crs for layer in layers if layer is not None]
     crs = next((crs for crs in own if crs is not None), None)
@@ -180,6 +181,11 @@ def _read_layers(request, sources, chosen, say):
             layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
     _require_meeting(request, [_bounds(layer) for layer in layers], None not in own, say)
     return layers
+
+
+def _tell_if_empty(source, band, values, say):
+    if not np.isfinite(values).any():
+        say(f"{source.name}: every cell of {band} is nodata; taken as empty")
 
 
 def _bounds(layer):
@@ -249,7 +255,7 @@ def _side(footprint, line):
 # --------------------------------------------------------------------------------------------------------------- bands
 
 
-def _band_facts(pair, sources, footprints, joint):
+def _band_facts(pair, sources, footprints, joint, say):
     """Peaks of one quantity on each side's own cells, the difference where both flowed."""
     units = [source.bands[name].quantity.unit for source, name in zip(sources, pair, strict=True) if name]
     if len(set(units) - {""}) > 1:
@@ -258,12 +264,14 @@ def _band_facts(pair, sources, footprints, joint):
             "convert one of them (gdal_calc)"
         )
     peaks, percentiles, values = [], [], []
-    for source, name in zip(sources, pair, strict=True):
+    for source, name, footprint in zip(sources, pair, footprints, strict=True):
         if name is None:
             peaks.append(math.nan)
             percentiles.append(math.nan)
             continue
         own, grid = source.read(name, joint)
+        if name != footprint.band:  # of that it was said
+            _tell_if_empty(source, name, own, say)
         peaks.append(comparison.peak(own, name))
         percentiles.append(comparison.high_percentile(own, name))
         values.append(comparison.nearest(own, grid, joint) if None not in pair else None)

@@ -192,6 +192,25 @@ def test_the_threshold_and_the_band(capsys, tmp_path):
     assert [(band["a"], band["b"]) for band in fast["bands"]] == [("h_max", "pft"), ("Ut_max", "pfv")]
 
 
+def test_a_band_without_a_value_is_empty_and_stops_nothing(discs, capsys, tmp_path):
+    """A footprint that is nodata everywhere has no area and overlaps with nothing; so has one band among others."""
+    nothing = write_peak(tmp_path / "nothing.tif", np.full((200, 200), np.nan), grid_of())
+    for sides in ((discs[0], nothing), (nothing, discs[0])):
+        found, said = compared(capsys, *sides, "--dem", dtm(tmp_path / "dtm.tif"))
+        lines = [line for line in said.splitlines() if "taken as empty" in line]
+        assert lines == ["nothing: every cell of h_max is nodata; taken as empty"]
+        empty, flowed = (found["a"], found["b"])[:: 1 if sides[0] is nothing else -1]
+        assert empty["area_m2"] == 0 and flowed["area_m2"] == pytest.approx(math.pi * 60**2, rel=0.01)
+        assert found["iou"] == 0 and found["both_m2"] == 0
+    assert main(["compare", str(discs[0]), str(nothing), "-o", str(tmp_path / "out")]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.*") if path.suffix) == [
+        "classes.tif", "map.png", "table.csv"
+    ]  # fmt: skip
+    capsys.readouterr()
+    assert main(["compare", str(nothing), str(nothing)]) == 2
+    assert "no cell of either is above --threshold" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_iseesnow_names_in_a_folder_and_kilopascals(capsys, tmp_path):
     grid, folder = grid_of(5.0), tmp_path / "peaks"
     folder.mkdir()
