@@ -1,8 +1,9 @@
-"""The benchmark table: `python tests/bench/run.py [NAME...]`, or `make bench`.
+"""The benchmark table: `python tests/bench/run.py [NAME...] [--markdown]`, or `make bench`.
 
 Every `bench_NAME.py` beside this file offers `rows()`, which yields (case, value, unit, reference, ratio): what was
 measured, its number and unit, the named reference measured in the same run (or published), and value over reference.
 `value` may be None with the reason as `reference`: a case that this machine cannot run, said and not left out.
+With `--markdown` it is a table for README; a file may offer a shorter one of its own, `summary()`: headings and rows.
 """
 
 import argparse
@@ -53,17 +54,33 @@ def machine():
     )
 
 
-def run(names):
+def markdown(headings, rows):
+    """Lines of a table in Markdown."""
+    return [f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)]
+
+
+def summary(module):
+    """Lines in Markdown of what a benchmark measured: its own short table, or all its rows."""
+    if hasattr(module, "summary"):
+        return markdown(*module.summary())
+    found = module.rows()
+    return markdown(HEADINGS, [(str(c), number(v), str(u), str(r or "-"), number(q, 3)) for c, v, u, r, q in found])
+
+
+def run(names, as_markdown=False):
     """Print the table of the benchmarks `names`; returns how many of them failed."""
     header = [h.rjust(w) if h in ("value", "ratio") else h.ljust(w) for h, w in zip(HEADINGS, WIDTHS, strict=True)]
-    print(machine(), "  ".join(header).rstrip(), "-" * (sum(WIDTHS) + 2 * len(WIDTHS) - 2), sep="\n", flush=True)
+    print(machine(), flush=True)
+    if not as_markdown:
+        print("  ".join(header).rstrip(), "-" * (sum(WIDTHS) + 2 * len(WIDTHS) - 2), sep="\n", flush=True)
     sys.path.insert(0, str(HERE))
     failed = 0
     for name, module in names.items():
         began = time.perf_counter()
         try:
-            for row in importlib.import_module(module).rows():
-                print(line(*row), flush=True)
+            module = importlib.import_module(module)
+            for text in summary(module) if as_markdown else (line(*row) for row in module.rows()):
+                print(text, flush=True)
         except Exception:
             failed += 1
             print(f"{name}: failed", flush=True)
@@ -77,11 +94,13 @@ def main():
     there = benchmarks()
     parser = argparse.ArgumentParser(description="Print the benchmark table.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(there)} (default: all)")
-    asked = parser.parse_args().names
+    parser.add_argument("--markdown", action="store_true", help="print tables for README")
+    options = parser.parse_args()
+    asked = options.names
     unknown = [name for name in asked if name not in there]
     if unknown:
         parser.error(f"no benchmark named {unknown[0]!r}; there are: {', '.join(there)}")
-    raise SystemExit(1 if run({name: there[name] for name in asked or there}) else 0)
+    raise SystemExit(1 if run({name: there[name] for name in asked or there}, options.markdown) else 0)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,20 @@ def test_one_failing_benchmark_fails_the_run_and_the_others_are_shown(monkeypatc
     assert "bad_one: failed" in out and "reference" in out.splitlines()[-1]
 
 
+def test_a_benchmark_prints_as_markdown_all_its_rows_or_its_own_summary(monkeypatch, capsys, tmp_path):
+    table = load("run", monkeypatch)
+    rows = "def rows():\n    yield 'case', 2.0, 's', 'reference', None\n"
+    (tmp_path / "bench_all_rows.py").write_text(rows)
+    (tmp_path / "bench_shorter.py").write_text(
+        rows + "def summary():\n    return ('what', 'error'), [('dam', '1 %')]\n"
+    )
+    monkeypatch.setattr(table, "HERE", tmp_path)
+    assert table.run({"all_rows": "bench_all_rows", "shorter": "bench_shorter"}, as_markdown=True) == 0
+    printed = capsys.readouterr().out.splitlines()[1:]
+    assert printed[0] == "| case | value | unit | reference | ratio |" and printed[1] == "|" + " --- |" * 5
+    assert printed[2:] == ["| case | 2 | s | reference | - |", "| what | error |", "| --- | --- |", "| dam | 1 % |"]
+
+
 def test_an_unknown_benchmark_is_named():
     done = subprocess.run([sys.executable, HERE / "run.py", "nonsense"], capture_output=True, text=True, check=False)
     assert done.returncode == 2

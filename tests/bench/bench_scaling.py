@@ -1,0 +1,93 @@
+"""Cost of a step and memory of the depth-averaged solver from 1e4 to 1e7 columns, and README's plot of it.
+
+Writes `sample_data/solver_cost.png`. Every scene is the sliding sheet of the benchmark `solver`, larger or smaller; the
+reference is the memory floor: the bytes that a step must move at the rate of a large copy on this machine.
+"""
+
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from bench_solver import BYTES, copy_rate, scene
+
+from mpmgis.kernels.jit import set_threads
+
+PICTURE = Path(__file__).parents[2] / "sample_data" / "solver_cost.png"
+SIDES = (100, 316, 1000, 3162)  # columns along a side of the sheet: 1e4 to 1e7
+STEPS = 40  # timed in each repeat: as many as two rounds of putting rows into order
+MEMORY_OF_THE_LARGEST = 8e9  # [bytes]
+
+
+def nanoseconds(side):
+    """Least ns per column and step over the repeats, after a warm-up that compiles and puts rows in order.
+
+    A small sheet is started again for each repeat, before it slides off its terrain.
+    """
+    columns, best = side * side, np.inf
+    repeats = 3 if columns > 2e6 else 8
+    for k in range(repeats):
+        if k == 0 or columns < 2e6:
+            solver = scene(side)
+            solver.advance(1e9, 5)
+        began = time.perf_counter()
+        solver.advance(1e9, STEPS)
+        best = min(best, time.perf_counter() - began)
+    if len(solver.frame().particles) != columns:
+        raise RuntimeError(f"{columns - len(solver.frame().particles)} columns left the terrain; the figure is too low")
+    return best / (STEPS * columns) * 1e9
+
+
+def free_memory():
+    """Bytes that are free on this machine, or infinite where it does not tell."""
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return np.inf
+
+
+def draw(measured, floor, path):
+    """Plot the cost of a column and step [ns] against the number of columns, for each number of threads."""
+    os.environ.setdefault("MPLCONFIGDIR", tempfile.gettempdir())
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6.4, 3.2), layout="constrained")
+    for (threads, points), marker in zip(measured.items(), "os", strict=True):
+        axes.plot(*zip(*points, strict=True), marker=marker, label=f"{threads} thread{'s' * (threads > 1)}")
+    axes.axhline(floor, color="0.5", linestyle=":", label="bytes of a step through memory")
+    axes.set(xscale="log", xlabel="columns", ylabel="ns per column and step")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=110, metadata={"Software": None})
+    pyplot.close(figure)
+
+
+def rows():
+    """Rows of the table: cost at each size, its ratio to that of 1e4 columns with as many threads."""
+    floor = BYTES / copy_rate() * 1e9
+    measured = {1: [], 2: []}
+    for side in SIDES:
+        columns = side * side
+        if columns == max(SIDES) ** 2 and free_memory() < MEMORY_OF_THE_LARGEST:
+            yield f"{columns:,} columns", None, "ns/column/step", f"skipped: wants {MEMORY_OF_THE_LARGEST:.0e} B", None
+            continue
+        for threads, points in measured.items():
+            if set_threads(threads) == threads:
+                points.append((columns, nanoseconds(side)))
+                case = f"{columns:,} columns, {threads} thread{'s' * (threads > 1)}"
+                least = points[0][1]
+                reference = f"{points[0][0]:,} columns, {least:.1f} ns"
+                yield case, points[-1][1], "ns/column/step", reference, points[-1][1] / least
+    yield "memory floor of a step", floor, "ns/column/step", f"{BYTES} bytes at this machine's copy rate", None
+    unit = 1 if sys.platform == "darwin" else 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    yield "whole process at the largest size", peak / columns, "bytes/column", "300 bytes of the solver (issue 3)", None
+    draw({threads: points for threads, points in measured.items() if points}, floor, PICTURE)
+    yield "picture written", None, "", str(PICTURE.name), None
