@@ -128,8 +128,6 @@ def _summary(folder, reason, solver, wall, column_steps):
 def _march(folder, prepared, solver, watch, resumed):
     """March and write; the record says at any moment how far the run is."""
     scene = prepared.scene
-    folder.write_scene(scene_text(_beside(scene, folder.path), "resolved by mpmgis run"))
-    sha256 = folder.write_terrain(prepared.terrain)
     end = scene.output.end_time
     march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), resumed, prepared.events)
     barriers = _barrier_table(folder, prepared, solver.time if resumed else None)
@@ -146,7 +144,9 @@ def _march(folder, prepared, solver, watch, resumed):
         )  # fmt: skip
         return wall
 
-    record("running")
+    record("running")  # first of all files: what holds a record is gone on with
+    folder.write_scene(scene_text(_beside(scene, folder.path), "resolved by mpmgis run"))
+    sha256 = folder.write_terrain(prepared.terrain)
     try:
         for frame in march:
             if barriers is not None:  # before its frame: what is too late for a run that goes on is dropped then

@@ -242,7 +242,7 @@ BAD_SCENES = {
     "thickness zero": (swap("density = 2000", "thickness = 0"), "above 0"),
     "velocity of three": (swap("density = 2000", "velocity = [1, 2, 3]"), "two numbers"),
     "velocity of words": (swap("density = 2000", 'velocity = ["a", "b"]'), "two numbers"),
-    "unknown point set": (swap("density = 2000", 'points = "hexagon"'), "wanted lattice"),
+    "unknown point set": (swap("density = 2000", 'points = "hexagon"'), "wanted staggered, lattice"),
     "points solver": (lambda t: 'solver = "points"\n' + t, "this version has columns"),
     "unknown form": (lambda t: t + '[numerics]\nform = "steep"\n', "slope, swe"),
     "float32": (lambda t: t + '[numerics]\nprecision = "float32"\n', "float64"),
