@@ -15,7 +15,7 @@ from ..products.frame_values import Averaging
 from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
 from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
 from ..products.solver_maxima import BANDS as SOLVER_BANDS
-from ..products.solver_maxima import SolverPeaks
+from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
 from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
@@ -247,6 +247,9 @@ def _word_on_peaks(plan):
     bands = peaks.bands(plan.averaging.min_depth)
     word = f"maxima: {', '.join(bands)} take in the solver's own peaks, of every step up to t = {peaks.time:g} s"
     others = [name for name in SOLVER_BANDS if name not in bands]
+    if not others:
+        word += f"; {', '.join(name for name in bands if name not in WITHOUT_THRESHOLD)} are of flow over "
+        word += f"{peaks.arrival_thickness:g} m"
     if others:
         word += (
             f"; its {', '.join(others)} are of flow over {peaks.arrival_thickness:g} m and are not mixed with "

@@ -174,7 +174,11 @@ def _maxima_tags(plan, peaks):
     """Where the maxima come from, and which of them the solver kept."""
     if peaks is None:
         return {"maxima": "frames"}
-    return {"maxima": "solver, every step", "maxima_solver": ", ".join(peaks.bands(plan.averaging.min_depth))}
+    return {
+        "maxima": "solver, every step",
+        "maxima_solver": ", ".join(peaks.bands(plan.averaging.min_depth)),
+        "maxima_arrival_thickness": f"{peaks.arrival_thickness:g}",
+    }
 
 
 def _step_writer(request, plan, rasters, pool):

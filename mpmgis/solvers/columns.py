@@ -382,7 +382,8 @@ class ColumnSolver:
     def maxima(self):
         """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
 
-        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never); empty where not asked for.
+        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that
+        all but the thickness are of; empty where not asked for.
         """
         if not self.numerics.maxima:
             return {}
@@ -394,7 +395,7 @@ class ColumnSolver:
         peaks = {name: inner[(*window, k)].astype(np.float32) for k, name in enumerate(names)}
         west, south = self.grid.x0 + (window[1].start - 0.5) * dx, self.grid.y0 + (window[0].start - 0.5) * dx
         peaks["transform"] = np.array([dx, 0.0, west, 0.0, dx, south])
-        return peaks
+        return peaks | {"arrival_thickness": float(self.numerics.arrival_thickness)}
 
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""

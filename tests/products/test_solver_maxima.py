@@ -1,5 +1,6 @@
 """Peaks that the solver kept of every step, in the maxima of an export: exact fields, thresholds, the whole chain."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from affine import Affine
 from exporting import AFFINES, NORTH, WEST, terrain, write_run
 
 from mpmgis.cli.main import main
+from mpmgis.errors import SceneError
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
 from mpmgis.io.frame_list import list_frames
@@ -24,6 +26,7 @@ from mpmgis.products.frame_values import Averaging, average_frame
 from mpmgis.products.maxima import MAXIMA_BANDS, PRODUCTS_NEEDED, RunningMaxima
 from mpmgis.products.sampling import export_grid
 from mpmgis.products.solver_maxima import SolverPeaks
+from mpmgis.scene import read_scene
 
 SOLVER_BANDS = ("h_max", "t_max", "Ut_max", "p_max", "t_arrival")
 DENSITY = 1200.0
@@ -419,6 +422,38 @@ def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
         assert relative(few, dense, name) < bound, name
         assert relative(off, dense, name) > 0.4, name
     assert np.nanmax(few["Ut_max"]) == pytest.approx(np.nanmax(dense["Ut_max"]), rel=0.02)
+
+
+def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
+    """From [output] through solver, frames and run.json to what the export says, tags and takes."""
+    scene = SCENE.format(end=4, interval=2, maxima="true") + "arrival_thickness = 0.5\n"
+    (site / "thick.toml").write_text(scene)
+    assert main(["run", str(site / "thick.toml"), "-q", "-o", str(site / "thick")]) == 0
+    assert json.loads((site / "thick" / "run.json").read_text())["scene"]["output"]["arrival_thickness"] == 0.5
+    assert json.loads((site / "few" / "run.json").read_text())["scene"]["output"]["arrival_thickness"] == 0.05
+    assert "arrival_thickness" not in json.loads((site / "off" / "run.json").read_text())["scene"]["output"]
+    peaks, tags, said = commanded(site, "thick", capsys, "--min-depth", "0.5")
+    assert tags["maxima_arrival_thickness"] == "0.5" and tags["maxima_solver"].endswith("t_arrival")
+    assert any("Ut_max, p_max, t_arrival are of flow over 0.5 m" in line for line in said)
+    thick = peaks["h_max"] >= 0.5
+    assert np.isfinite(peaks["t_arrival"])[thick].mean() > 0.95 and np.isnan(peaks["t_arrival"])[~thick].mean() > 0.9
+    _, tags, said = commanded(site, "thick", capsys)
+    assert tags["maxima_solver"] == "h_max, t_max"
+    assert any("give --min-depth 0.5 to have them" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("maxima", "value", "words"),
+    [("true", "0", "wanted above 0"), ("true", "-0.1", "wanted above 0"), ("true", '"thin"', "wanted a number"),
+     ("true", "2000", "wanted at most 1000"), ("false", "0.2", "kept only with maxima = true")],
+)  # fmt: skip
+def test_an_arrival_thickness_that_cannot_be_is_refused(tmp_path, maxima, value, words):
+    (tmp_path / "scene.toml").write_text(
+        SCENE.format(end=4, interval=2, maxima=maxima) + f"arrival_thickness = {value}"
+    )
+    with pytest.raises(SceneError, match=words) as error:
+        read_scene(tmp_path / "scene.toml")
+    assert "arrival_thickness" in str(error.value) and "\n" not in str(error.value)
 
 
 def test_peak_flow_thickness_for_the_intercomparison_is_that_of_sixty_frames(site, capsys):

@@ -280,7 +280,29 @@ def test_peaks_of_every_step_are_kept_only_if_asked():
     assert 0.5 * fastest < peaks["speed"].max() < 1.5 * fastest
     assert peaks["thickness"].max() >= 2.5
     assert (peaks["arrival_time"] >= 0).sum() == (peaks["speed"] > 0).sum()
+    assert peaks["arrival_thickness"] == 0.05
     assert rough_solver().frame().maxima == {}
+
+
+def test_arrival_speed_and_pressure_are_of_flow_as_thick_as_asked():
+    """The thickness peaks do not know the threshold; all else is there exactly where the flow was as thick."""
+    kept = {}
+    for thickness in (0.02, 1.5):
+        solver = rough_solver(maxima=True, arrival_thickness=thickness)
+        solver.advance(1e9, 200)
+        kept[thickness] = solver.maxima()
+        peaks = kept[thickness]
+        thick = peaks["thickness"] >= thickness
+        assert peaks["arrival_thickness"] == thickness
+        assert 0 < thick.sum() < thick.size
+        np.testing.assert_array_equal(peaks["arrival_time"] >= 0, thick)
+        np.testing.assert_array_equal(peaks["speed"] > 0, thick)
+        np.testing.assert_array_equal(peaks["pressure"] > 0, thick)
+    thin, thick = kept[0.02], kept[1.5]
+    np.testing.assert_array_equal(thin["thickness"], thick["thickness"])
+    both = thick["arrival_time"] >= 0
+    assert (thin["arrival_time"] <= thick["arrival_time"])[both].all()
+    assert (thin["arrival_time"] < thick["arrival_time"])[both].any()
 
 
 def test_a_run_that_becomes_unphysical_says_where_and_stops():
