@@ -79,11 +79,10 @@ class PointOptions:
             return self.spacing
         return 0.5 * self.cell if self.cell is not None else float(np.median(np.sqrt(particles.area)))
 
-    def pieces_along(self, side):
-        """int64[n]: pieces that columns of `side` [m] are cut into along each side, n_s (E8)."""
-        if self.cell is None:
-            return np.ones(len(side), np.int64)
-        return np.maximum(np.ceil(side / (0.5 * self.cell) - 1e-9), 1.0).astype(np.int64)
+    @property
+    def piece_size(self):
+        """Longest piece [m] that columns are cut into: half a cell (E8); None where they stay whole."""
+        return None if self.cell is None else 0.5 * self.cell
 
     def points_in(self, thickness, spacing):
         """float64[n]: whole number of points in columns of `thickness` [m] (Eq 1), at least 1."""
@@ -92,9 +91,10 @@ class PointOptions:
         return np.maximum(whole, 1.0)
 
     def predicted_points(self, particles):
-        """How many points the columns `particles` will become (a real number), releveling apart."""
-        pieces = self.pieces_along(np.sqrt(particles.area)).astype(float) ** 2
-        return float((pieces * self.points_in(particles.thickness, self.spacing_for(particles))).sum())
+        """How many points the columns `particles` will become (a real number), for estimates."""
+        whole = np.sqrt(particles.area)
+        along = np.ones(len(whole)) if self.cell is None else np.maximum(np.ceil(whole / self.piece_size), 1.0)
+        return float((along**2 * self.points_in(particles.thickness, self.spacing_for(particles))).sum())
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ _WELL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """What stacks of points are set on: a whole column each, or one of the squares that it is cut into.
+    """What stacks of points are set on: a whole column each, or one of the rectangles that it is cut into.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ class Pieces:
     east, north : float64[k] [m]
         Middle of the piece, from the column's.
     side : float64[k] [m]
-        Of the square.
+        Of the square of its area.
     share : float64[k]
         Of the column's mass, volume and area.
     bed : float64[k] [m]
@@ -44,8 +44,8 @@ class Pieces:
         return Pieces(**{name: values[index] for name, values in vars(self).items()})
 
 
-def cut(x, y, area, pieces_along, ground):
-    """Cut columns that stand at map points `x`, `y` [m] on `ground` into squares side by side.
+def cut(x, y, footprints, size, ground):
+    """Cut columns that stand at map points `x`, `y` [m] on `ground` into rectangles side by side.
 
     A piece without ground under its middle stands in the middle of its column instead, so that no mass is lost at the
     rim of the terrain; columns that have none there themselves make no piece.
@@ -53,9 +53,10 @@ def cut(x, y, area, pieces_along, ground):
     Parameters
     ----------
     x, y : float64[n] [m]
-    area : float64[n] [m2]
-    pieces_along : int64[n]
-        Pieces along each side.
+    footprints : Footprints
+        Of the columns.
+    size : float or None [m]
+        No piece is longer than that (None: columns stay whole).
     ground : Ground
 
     Returns
@@ -64,21 +65,32 @@ def cut(x, y, area, pieces_along, ground):
     """
     bed, on_ground = _bed(ground, x, y)
     columns = np.flatnonzero(on_ground)
-    along, side = pieces_along[columns], np.sqrt(area[columns])
-    if (along == 1).all():
+    length, width, along_east, along_north = (values[columns] for values in footprints)
+    lengthwise, across = pieces_along(length, size), pieces_along(width, size)
+    if (lengthwise * across == 1).all():
         zero = np.zeros(len(columns))
         slopes = ground.gradient(x[columns], y[columns])
+        side = np.sqrt(length * width)
         return Pieces(columns, zero, zero.copy(), side, np.ones(len(columns)), bed[columns], *slopes)
-    of, number = runs(along**2)
-    n, whole = along[of], side[of]
-    east = ((number % n + 0.5) / n - 0.5) * whole
-    north = ((number // n + 0.5) / n - 0.5) * whole
+    of, number = runs(lengthwise * across)
+    m, n = lengthwise[of], across[of]
+    s = ((number % m + 0.5) / m - 0.5) * length[of]
+    t = ((number // m + 0.5) / n - 0.5) * width[of]
+    east, north = s * along_east[of] - t * along_north[of], s * along_north[of] + t * along_east[of]
     column = columns[of]
     height, there = _bed(ground, x[column] + east, y[column] + north)
     east, north = np.where(there, east, 0.0), np.where(there, north, 0.0)
     height = np.where(there, height, bed[column])
     slopes = ground.gradient(x[column] + east, y[column] + north)
-    return Pieces(column, east, north, whole / n, 1.0 / (n * n), height, *slopes)
+    side = np.sqrt((length * width)[of] / (m * n))
+    return Pieces(column, east, north, side, 1.0 / (m * n), height, *slopes)
+
+
+def pieces_along(side, size):
+    """int64[n]: pieces that `side` [m] is cut into, none longer than `size` [m] (None: one)."""
+    if size is None:
+        return np.ones(len(side), np.int64)
+    return np.maximum(np.ceil(side / size - 1e-9), 1.0).astype(np.int64)
 
 
 def _bed(ground, x, y):

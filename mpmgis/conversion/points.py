@@ -8,6 +8,7 @@ from ..errors import InputError
 from ..kernels import column_rows
 from ..particles import Frame, Particles
 from . import geostatic
+from .footprints import squares, stretched
 from .ground import Ground, slope_cosine
 from .options import MOST, PointOptions
 from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, runs, within
@@ -112,9 +113,9 @@ def columns_to_points(frame, terrain, options=None, window=None):
     particles, (x, y) = frame.particles, frame.map_xy()
     spacing = options.spacing_for(particles)
     _require_few_enough(options.predicted_points(particles), spacing)
-    side = np.sqrt(particles.area)
-    ground = Ground.under(terrain, x, y, 0.5 * float(side.max()))
-    pieces = cut(x, y, particles.area, options.pieces_along(side), ground)
+    footprints = _footprints(x, y, particles.area, options.piece_size)
+    ground = Ground.under(terrain, x, y, float(footprints.length.max()))
+    pieces = cut(x, y, footprints, options.piece_size, ground)
     inside = within(pieces, x, y, window)
     _require_some(inside, len(particles), terrain, window)
     gradient = velocity_gradient(frame)
@@ -198,6 +199,13 @@ def velocity_gradient(frame):
     if (velocity[:, :2] == velocity[0, :2]).all():
         return np.zeros((len(velocity), 2, 2))
     return None
+
+
+def _footprints(x, y, area, size):
+    """Footprints of columns: stretched as their neighbours lie where some are to be cut, else squares."""
+    if size is None or not (area > size**2).any():
+        return squares(area)
+    return stretched(x, y, area)
 
 
 def _rest(frame, pieces, inside, u, v, ground, gradient):

@@ -1,0 +1,193 @@
+"""Points back to columns: the round trip, cells, what has left the bed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from converting import DENSITY, ORIGIN, columns_on, hills, slope, terrain_of
+
+from mpmgis.conversion.columns import points_to_columns
+from mpmgis.conversion.options import ColumnOptions, PointOptions
+from mpmgis.conversion.points import columns_to_points
+from mpmgis.conversion.sums import conservation_error
+from mpmgis.errors import InputError
+
+
+def moving(ground, **more):
+    rate = np.array([[0.2, 0.05], [-0.1, -0.15]])
+    frame = columns_on(
+        ground,
+        lambda x, y: 2 + np.sin(x / 5),
+        lambda x, y: (3 + 0.2 * (x - 40) + 0.05 * (y - 35), -0.1 * (x - 40) - 0.15 * (y - 35)),
+        **more,
+    )
+    return dataclasses.replace(frame, state={"velocity_gradient": np.tile(rate, (len(frame.particles), 1, 1))})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        PointOptions(spacing=0.2),
+        PointOptions(spacing=50.0),
+        PointOptions(cell=0.5),
+        PointOptions(spacing=0.3, vertical_velocity="linear"),
+        PointOptions(spacing=0.1, placement="paper", counting="paper"),
+    ],
+    ids=str,
+)
+def test_there_and_back(options):
+    """Design note 2.4: mass, centre, momentum to 1e-12; thickness and area too, because nothing was relevelled."""
+    ground = terrain_of(hills)
+    frame = moving(ground)
+    points = columns_to_points(frame, ground, options)
+    back = points_to_columns(points.frame, ground)
+    before, after = frame.particles, back.frame.particles
+    assert back.report.by == "parent" and (after.id == before.id).all() and back.rest is None
+    assert np.abs(after.mass / before.mass - 1).max() < 1e-12
+    for axis in (0, 1):
+        there = after.position[:, axis] + back.frame.origin[axis]
+        assert np.abs(there / (before.position[:, axis] + frame.origin[axis]) - 1).max() < 1e-12
+        scale = np.abs(before.velocity[:, :2]).max()
+        assert np.abs(after.velocity[:, axis] - before.velocity[:, axis]).max() < 1e-12 * scale
+    assert np.abs(after.thickness / before.thickness - 1).max() < 1e-9
+    assert np.abs(after.area / before.area - 1).max() < 1e-9
+    assert after.position[:, 2] + back.frame.origin[2] == pytest.approx(before.position[:, 2], abs=1e-9)
+    assert max(conservation_error(back.report.before, back.report.after)) < 1e-12
+    if options.placement != "paper":
+        assert back.frame.state["velocity_gradient"] == pytest.approx(frame.state["velocity_gradient"], abs=1e-9)
+    assert back.frame.dimension == 2
+
+
+def test_twice_there_and_back_is_once():
+    ground = terrain_of(hills)
+    once = points_to_columns(columns_to_points(moving(ground), ground, PointOptions(cell=1.0)).frame, ground).frame
+    twice = points_to_columns(columns_to_points(once, ground, PointOptions(cell=1.0)).frame, ground).frame
+    for name, values in once.particles.arrays().items():
+        assert values == pytest.approx(getattr(twice.particles, name), rel=1e-9, abs=1e-9), name
+
+
+@pytest.mark.parametrize("cell", [None, 5.0])
+def test_by_cell(cell):
+    """Thickness is what the mass fills of the cell, area the cell's; momentum and centre are the points'."""
+    ground = terrain_of(slope(), pixel=2.0)
+    points = columns_to_points(columns_on(ground, 2.0, spacing=1.0), ground, PointOptions(cell=1.0)).frame
+    points.header["density"] = DENSITY
+    result = points_to_columns(points, ground, ColumnOptions(by="cell", cell=cell))
+    columns, side = result.frame.particles, cell or 2.0
+    assert result.report.by == "cell" and result.report.cell_area == side**2
+    assert (columns.area == side**2).all()
+    assert len(columns) == 40 * 30 / side**2
+    assert columns.thickness == pytest.approx(2.0, rel=1e-9)
+    assert columns.mass == pytest.approx(DENSITY * 2.0 * side**2)
+    assert max(conservation_error(result.report.before, result.report.after)) < 1e-12
+    x = result.frame.map_xy()[0]
+    assert ((x - ORIGIN[0]) / side) % 1 == pytest.approx(0.5)
+    assert columns.velocity[:, 2] == pytest.approx(-0.5 * columns.velocity[:, 0] + 0.2 * columns.velocity[:, 1])
+
+
+def test_gradient_of_a_cell():
+    """The velocity field of the points, by least squares: exact where it is linear."""
+    ground = terrain_of(slope())
+    frame = moving(ground)
+    points = columns_to_points(frame, ground, PointOptions(cell=0.5)).frame
+    result = points_to_columns(points, ground, ColumnOptions(by="cell", cell=5.0))
+    wanted = np.tile(frame.state["velocity_gradient"][0], (len(result.frame.particles), 1, 1))
+    assert result.frame.state["velocity_gradient"] == pytest.approx(wanted, abs=1e-9)
+    assert result.report.kinetic_lost > 0
+
+
+def lifted(points, height=0.0, speed=0.0, east=40.0):
+    """Points with those east of `east` [m from ORIGIN] raised by `height` and given an upward `speed`."""
+    position, velocity = points.particles.position.copy(), points.particles.velocity.copy()
+    up = position[:, 0] + points.origin[0] - ORIGIN[0] > east
+    position[up, 2] += height
+    velocity[up, 2] += speed
+    particles = dataclasses.replace(points.particles, position=position, velocity=velocity)
+    return dataclasses.replace(points, particles=particles), up
+
+
+@pytest.mark.parametrize(("height", "speed"), [(3.0, 0.0), (0.0, 4.0)])
+@pytest.mark.parametrize("by", ["parent", "cell"])
+def test_what_has_left_the_bed(height, speed, by):
+    """Refused by name and place, or kept as points; the rest becomes columns and nothing is lost."""
+    ground = terrain_of(slope())
+    points = columns_to_points(columns_on(ground, 2.0), ground, PointOptions(cell=1.0)).frame
+    points, up = lifted(points, height, speed)
+    with pytest.raises(InputError, match=r"clear of the bed or moving across it.*--detached keep"):
+        points_to_columns(points, ground, ColumnOptions(by=by, cell=5.0))
+    result = points_to_columns(points, ground, ColumnOptions(by=by, cell=5.0, detached="keep"))
+    report = result.report
+    assert max(conservation_error(report.before, report.after, report.detached)) < 1e-12
+    assert report.detached.mass == pytest.approx(points.particles.mass[up].sum(), rel=1e-12)
+    assert set(result.rest.particles.id) == set(points.particles.id[up])
+    assert len(result.rest.state["depth"]) == up.sum()
+    everything = lifted(points, height, speed, east=-1.0)[0]
+    with pytest.raises(InputError, match="all of the flow"):
+        points_to_columns(everything, ground, ColumnOptions(by=by, cell=5.0, detached="keep"))
+
+
+def test_the_launch_of_the_printed_velocity_is_refused():
+    """Points with vertical velocity 0 on a slope are leaving it (E5)."""
+    ground = terrain_of(slope())
+    frame = columns_on(ground, 2.0, (15.0, 0.0))
+    points = columns_to_points(frame, ground, PointOptions.as_printed(0.2)).frame
+    with pytest.raises(InputError, match="768 of 768 columns"):
+        points_to_columns(points, ground)
+
+
+def test_a_slow_settling_is_no_flight():
+    ground = terrain_of(slope())
+    points = columns_to_points(columns_on(ground, 2.0, (0.0, 0.0)), ground, PointOptions(cell=1.0)).frame
+    points, _ = lifted(points, speed=-0.3)
+    assert points_to_columns(points, ground).report.detached.count == 0
+
+
+def test_points_that_moved_apart_are_binned():
+    """A column whose points were strewn is none any more; --by parent insists."""
+    ground = terrain_of(slope())
+    points = columns_to_points(columns_on(ground, 2.0), ground, PointOptions(cell=1.0)).frame
+    position = points.particles.position.copy()
+    shift = np.random.default_rng(1).uniform(-4, 4, len(position))
+    position[:, 1] += shift
+    position[:, 2] += 0.2 * shift
+    points = dataclasses.replace(points, particles=dataclasses.replace(points.particles, position=position))
+    result = points_to_columns(points, ground, ColumnOptions(cell=5.0))
+    assert result.report.by == "cell" and result.report.apart > 0.5
+    assert points_to_columns(points, ground, ColumnOptions(by="parent")).report.by == "parent"
+
+
+def test_points_off_the_terrain_stay_points():
+    ground = terrain_of(slope())
+    points = columns_to_points(columns_on(ground, 2.0), ground, PointOptions(cell=1.0)).frame
+    position = points.particles.position.copy()
+    position[:50, 0] += 500.0
+    points = dataclasses.replace(points, particles=dataclasses.replace(points.particles, position=position))
+    result = points_to_columns(points, ground, ColumnOptions(by="cell"))
+    assert result.report.outside.count == 50 and len(result.rest.particles) == 50
+    assert max(conservation_error(result.report.before, result.report.after, result.report.outside)) < 1e-12
+
+
+def test_bad_points():
+    ground = terrain_of(slope())
+    frame = columns_on(ground, 2.0)
+    points = columns_to_points(frame, ground, PointOptions(cell=1.0)).frame
+    with pytest.raises(InputError, match="wanted points"):
+        points_to_columns(frame, ground)
+    with pytest.raises(InputError, match="none of the"):
+        points_to_columns(dataclasses.replace(points, origin=(0.0, 0.0, 0.0)), ground)
+    orphans = dataclasses.replace(points, particles=dataclasses.replace(points.particles, parent=None))
+    with pytest.raises(InputError, match="know no parents"):
+        points_to_columns(orphans, ground, ColumnOptions(by="parent"))
+    assert points_to_columns(orphans, ground).report.by == "cell"
+    sunk, _ = lifted(points, -5.0, east=-1.0)
+    with pytest.raises(InputError, match="lie under the bed"):
+        points_to_columns(sunk, ground, ColumnOptions(by="parent"))
+    bad = points.particles.velocity.copy()
+    bad[7] = np.nan
+    with pytest.raises(InputError, match="velocity of point 7"):
+        points_to_columns(
+            dataclasses.replace(points, particles=dataclasses.replace(points.particles, velocity=bad)), ground
+        )
+    for options in ({"by": "name"}, {"detached": "drop"}, {"cell": 0.0}, {"point_cell": np.inf}):
+        with pytest.raises(InputError):
+            ColumnOptions(**options)
