@@ -27,14 +27,15 @@ def run(arguments):
 
     refuse_existing(arguments.output, arguments.overwrite)
     talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 20 seconds)")
-    with run_progress() as shown, interruptible(shown) as watch:
+    # what comes after the last frame, project and picture, has no watch: asked to stop then, it stops at the end
+    with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
         summary, project, picture = demo(
             arguments.output,
             overwrite=arguments.overwrite,
             threads=arguments.threads,
             say=talk.detail,
             watch=watch,
-            progress=frame_progress,
+            progress=progress,
         )
     tell(summary)
     talk.say("open the project in QGIS (double-click), then press play in the Temporal Controller")

@@ -21,9 +21,9 @@ class Interrupted(KeyboardInterrupt):
 
 
 @contextmanager
-def interruptible(watch):
-    """Gives `watch` with Ctrl+C and SIGTERM in it: the first is kept until `watch` is next called, the second stops at
-    once. One that comes after the last call changes nothing: all is done.
+def interruptible(*watches, done=True):
+    """Gives `watches` with Ctrl+C and SIGTERM in them: the first is kept until one of them is next called, the second
+    stops at once. One that comes after the last call changes nothing if all is `done` then, else it stops at the end.
 
     A KeyboardInterrupt that Python raises inside a library's callback is lost; one that waits for us is not.
     """
@@ -35,20 +35,28 @@ def interruptible(watch):
         asked.append(number)
         talk.say(STOPPING)
 
-    def watching(*state):
-        if asked:
-            raise Interrupted(asked[0])
-        watch(*state)
+    def stopping(watch):
+        def watching(*state):
+            if asked:
+                raise Interrupted(asked[0])
+            return watch(*state)
+
+        return watching
+
+    def given(made):
+        return made[0] if len(made) == 1 else made
 
     before = {}
     try:
         for number in SIGNALS:
             before[number] = signal.signal(number, remember)
     except ValueError:  # not the main thread: signals are somebody else's
-        yield watch
+        yield given(watches)
         return
     try:
-        yield watching
+        yield given([stopping(watch) for watch in watches])
+        if asked and not done:
+            raise Interrupted(asked[0])
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
