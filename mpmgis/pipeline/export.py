@@ -260,7 +260,7 @@ def _word_on_peaks(plan):
 
 def _tell_of_time(request, plan, tally, say):
     times = [entry.time for entry in plan.entries]
-    if plan.time_step is None or len(times) < 2:
+    if plan.time_step is None or np.isinf(plan.time_step) or len(times) < 2:  # infinite: maxima alone were asked for
         return
     last = times[plan.steps[-1]]
     if last < times[-1]:
