@@ -10,7 +10,7 @@ from mpmgis.effects.metric import WaterMetric
 from mpmgis.kernels import column_rows as row
 
 BOWL = ThackerBowl(1.0, 10.0)
-CAP = {"slope": np.radians(35), "delta": np.radians(25), "half_length": 80.0, "half_width": 80.0, "depth": 4.0}
+CAP = {"slope": np.radians(35), "half_length": 80.0, "half_width": 80.0, "depth": 4.0}
 
 
 def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=True, **numerics):
@@ -31,14 +31,18 @@ def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=True, **numerics):
     return relative_l1(h, exact), solver
 
 
-def cap_on_slope(dx, time, per_side=4, staggered=True, **numerics):
-    """V8: (relative L2 error of the thickness, relative error of the largest speed, solver) of Hutter's cap."""
-    cap, cos = SimilarityCap(**CAP, end=time), np.cos(CAP["slope"])
-    half, across = round(90 * cos / dx) * dx, round((100 + 8 * time) / dx) * dx
+def cap_on_slope(dx, time, friction_degrees=25.0, per_side=4, **numerics):
+    """V8: (relative L2 error of the thickness, relative error of the largest speed, solver) of Hutter's cap.
+
+    Its answer is exact without friction. With it the friction acts along the mean motion and not along each column's.
+    """
+    delta = np.radians(friction_degrees)
+    cap, cos = SimilarityCap(**CAP, delta=delta, end=time), np.cos(CAP["slope"])
+    half, wide, across = (round(length / dx) * dx for length in (90 * cos, 90, 100 + 8 * time))
     east = round((150 + cap.acceleration * time**2 / 2 + 12 * time) * cos / dx) * dx
     terrain = terrain_of(lambda x, y: -np.tan(CAP["slope"]) * x, east + half, 2 * across, dx, -half, -across)
-    start = seeded(lambda x, y: cap(x / cos, y, 0.0)[0] / cos, -half, half, -half, half, dx, per_side, staggered)
-    solver = solver_on(terrain, start, dx, Coulomb(float(np.tan(CAP["delta"]))), **numerics)
+    start = seeded(lambda x, y: cap(x / cos, y, 0.0)[0] / cos, -half, half, -wide, wide, dx, per_side)
+    solver = solver_on(terrain, start, dx, Coulomb(float(np.tan(delta))), **numerics)
     solver.advance(time)
     x, y, h = node_thickness(solver, walls=False)
     exact, u, v = cap(*np.meshgrid(x / cos, y), time)

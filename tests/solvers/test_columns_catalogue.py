@@ -34,21 +34,24 @@ def sound(solver):
     return True
 
 
-def test_v8_similarity_cap():
-    """Hutter's cap after 5 s: L2 of 3.1, 2.2, 1.3 % at 8, 4 and 2 m (asked: 5 % at 4 m), speed within 0.5 % (3 %)."""
+def test_v8_similarity_cap_without_friction_is_first_order():
+    """Where Hutter's cap is an exact answer, after 5 s: L2 of 4.6, 2.2, 1.1 % at 8, 4 and 2 m."""
     errors = []
     for dx in (8.0, 4.0, 2.0):
-        error, speed, solver = cap_on_slope(dx, 5.0)
+        error, speed, solver = cap_on_slope(dx, 5.0, friction_degrees=0.0)
         errors.append(error)
-        assert abs(speed) <= 0.006 and sound(solver)
-    assert np.all(np.array(errors) <= [0.035, 0.025, 0.015])
-    assert all(order > 0.45 for order in orders(errors))
+        assert abs(speed) <= 0.01 and sound(solver)
+    assert np.all(np.array(errors) <= [0.05, 0.025, 0.0125])
+    assert all(0.9 < order < 2.2 for order in orders(errors))
 
 
-def test_v8_similarity_cap_late():
-    """The same at 10 s, when it is half again as long: 2.6 % at 4 m."""
-    error, speed, solver = cap_on_slope(4.0, 10.0)
-    assert error <= 0.03 and abs(speed) <= 0.006 and sound(solver)
+@pytest.mark.parametrize(("time", "most"), [(5.0, [0.033, 0.017, 0.011]), (10.0, [0.039, 0.026, 0.022])])
+def test_v8_similarity_cap(time, most):
+    """With friction, at 8, 4 and 2 m: L2 of 3.0, 1.5, 0.93 % after 5 s (asked: 5 % at 4 m), 3.5, 2.3, 1.9 % after 10 s,
+    where the answer itself, whose friction acts along the mean motion, is no better; speed within 0.5 % (3 %)."""
+    for dx, largest in zip((8.0, 4.0, 2.0), most, strict=True):
+        error, speed, solver = cap_on_slope(dx, time)
+        assert error <= largest and abs(speed) <= 0.006 and sound(solver)
 
 
 @pytest.mark.parametrize(("kind", "most"), [("slosh", [0.013, 0.0035, 0.001]), ("breathe", [0.02, 0.0055, 0.002])])
