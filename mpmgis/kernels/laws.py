@@ -1,6 +1,7 @@
 """The methods that kernels call on laws, by slot. Kernels know these names, never a law."""
 
-from .jit import law_method
+from ..effects import hencky, softening
+from .jit import law_function, law_method
 
 METHODS = (
     "dry_stress",  # friction
@@ -29,7 +30,43 @@ METHODS = (
     "barrier_active",  # barriers
     "weir_discharge",
     "deflected",
+    "stress_step_far",  # material
+    "stored_energy",
+    "wave_speed",
+    "state_count",
 )
+
+# of every point in every step, and so written into the kernels' loops
+INLINED_METHODS = (
+    "stress_step",  # material
+    "returned_strain",
+    "pressure",
+    "viscosity",
+    "softened_cone",  # softening
+)
+
+INLINED_FUNCTIONS = (
+    hencky.determinant_of_step,
+    hencky.pushed_forward,
+    hencky.squared,
+    hencky.determinant,
+    hencky.squared_norm,
+    hencky.cayley,
+    hencky.hencky_strain,
+    hencky.times_square,
+    hencky.exponential,
+    softening.decay,
+    softening.sine_cosine,
+    softening.faded,
+    softening.matched_cone,
+)
+FUNCTIONS = (hencky.rotation, hencky.turned, hencky.principal, hencky.assembled, hencky.principal_strain)
 
 for _name in METHODS:
     law_method(_name)
+for _name in INLINED_METHODS:
+    law_method(_name, inlined=True)
+for _function in INLINED_FUNCTIONS:
+    law_function(_function)
+for _function in FUNCTIONS:
+    law_function(_function, inlined=False)

@@ -1,0 +1,205 @@
+"""Symmetric tensors and their logarithms: what solids of the 3D solver are made of (design notes 4.3, kernels 6.8).
+
+A symmetric tensor is six numbers xx, yy, zz, xy, xz, yz; any other nine, row by row. Small strains take straight lines
+of + - * / that a compiler runs for several points at once: no tensor is taken apart into principal values, because
+every power of a 3 x 3 tensor is a combination of itself, its square and the unit tensor (Cayley and Hamilton), so that
+a series costs three numbers a term. Large strains take Jacobi's rotations, a point at a time.
+"""
+
+from math import log, sqrt
+
+# Largest |b - I| (Frobenius) of the series, squared. There |Z| <= 1/7, and what the series leaves out is below 2e-14.
+SERIES_REACH = 0.0625
+SMALLEST_STRETCH, LARGEST_STRETCH = 1e-4, 1e4  # singular values of the deformation are held between them
+
+
+def determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz):
+    """det(I + g) [1]: how a step changes volumes; at or below 0 it turns the point inside out."""
+    axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
+    return axx * (ayy * azz - gyz * gzy) - gxy * (gyx * azz - gyz * gzx) + gxz * (gyx * gzy - ayy * gzx)
+
+
+def pushed_forward(bxx, byy, bzz, bxy, bxz, byz, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz):
+    """(I + g) b (I + g)^T: the left Cauchy-Green tensor b after a step of gradient g = dt grad v [1]."""
+    axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
+    cxx = axx * bxx + gxy * bxy + gxz * bxz
+    cxy = axx * bxy + gxy * byy + gxz * byz
+    cxz = axx * bxz + gxy * byz + gxz * bzz
+    cyx = gyx * bxx + ayy * bxy + gyz * bxz
+    cyy = gyx * bxy + ayy * byy + gyz * byz
+    cyz = gyx * bxz + ayy * byz + gyz * bzz
+    czx = gzx * bxx + gzy * bxy + azz * bxz
+    czy = gzx * bxy + gzy * byy + azz * byz
+    czz = gzx * bxz + gzy * byz + azz * bzz
+    return (
+        cxx * axx + cxy * gxy + cxz * gxz,
+        cyx * gyx + cyy * ayy + cyz * gyz,
+        czx * gzx + czy * gzy + czz * azz,
+        cxx * gyx + cxy * ayy + cxz * gyz,
+        cxx * gzx + cxy * gzy + cxz * azz,
+        cyx * gzx + cyy * gzy + cyz * azz,
+    )
+
+
+def squared(xx, yy, zz, xy, xz, yz):
+    """a a of a symmetric tensor a."""
+    return (
+        xx * xx + xy * xy + xz * xz,
+        xy * xy + yy * yy + yz * yz,
+        xz * xz + yz * yz + zz * zz,
+        xx * xy + xy * yy + xz * yz,
+        xx * xz + xy * yz + xz * zz,
+        xy * xz + yy * yz + yz * zz,
+    )
+
+
+def determinant(xx, yy, zz, xy, xz, yz):
+    """det a of a symmetric tensor a."""
+    return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+
+
+def squared_norm(xx, yy, zz, xy, xz, yz):
+    """a : a of a symmetric tensor a."""
+    return xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + xz * xz + yz * yz)
+
+
+def cayley(bxx, byy, bzz, bxy, bxz, byz):
+    """Z = (b - I)(b + I)^-1, between -I and I for a positive definite b; log(b) = 2 artanh(Z)."""
+    xx, yy, zz = bxx + 1.0, byy + 1.0, bzz + 1.0
+    axx, ayy, azz = yy * zz - byz * byz, xx * zz - bxz * bxz, xx * yy - bxy * bxy
+    axy, axz, ayz = bxz * byz - bxy * zz, bxy * byz - yy * bxz, bxy * bxz - xx * byz
+    twice = 2.0 / (xx * axx + bxy * axy + bxz * axz)
+    return 1.0 - twice * axx, 1.0 - twice * ayy, 1.0 - twice * azz, -twice * axy, -twice * axz, -twice * ayz
+
+
+def hencky_strain(bxx, byy, bzz, bxy, bxz, byz):
+    """e = log(b) / 2 within the reach of the series: its trace and its deviator xx, yy, zz, xy, xz, yz [1].
+
+    e = Z + Z^3/3 + Z^5/5 + ... + Z^13/13 with Z of `cayley`, evaluated by Horner on p Z^2 + q Z + r I.
+    """
+    zxx, zyy, zzz, zxy, zxz, zyz = cayley(bxx, byy, bzz, bxy, bxz, byz)
+    yxx, yyy, yzz, yxy, yxz, yyz = squared(zxx, zyy, zzz, zxy, zxz, zyz)
+    first = zxx + zyy + zzz  # invariants of Z
+    trace_of_square = yxx + yyy + yzz
+    second = 0.5 * (first * first - trace_of_square)
+    third = determinant(zxx, zyy, zzz, zxy, zxz, zyz)
+    p, q, r = first * (1.0 / 13.0), 1.0 / 11.0 - second * (1.0 / 13.0), third * (1.0 / 13.0)
+    p, q, r = times_square(p, q, r, first, second, third)
+    q = q + 1.0 / 9.0
+    p, q, r = times_square(p, q, r, first, second, third)
+    q = q + 1.0 / 7.0
+    p, q, r = times_square(p, q, r, first, second, third)
+    q = q + 1.0 / 5.0
+    p, q, r = times_square(p, q, r, first, second, third)
+    q = q + 1.0 / 3.0
+    p, q, r = times_square(p, q, r, first, second, third)
+    q = q + 1.0
+    trace = p * trace_of_square + q * first + 3.0 * r
+    mean = trace * (1.0 / 3.0) - r
+    return (
+        trace,
+        p * yxx + q * zxx - mean,
+        p * yyy + q * zyy - mean,
+        p * yzz + q * zzz - mean,
+        p * yxy + q * zxy,
+        p * yxz + q * zxz,
+        p * yyz + q * zyz,
+    )
+
+
+def times_square(p, q, r, first, second, third):
+    """(p a^2 + q a + r I) a^2 as p, q, r again, for a tensor a of these three invariants."""
+    lead = first * p + q
+    return first * lead + r - second * p, third * p - second * lead, third * lead
+
+
+def exponential(trace, xx, yy, zz, xy, xz, yz):
+    """exp of a symmetric tensor given by its trace and its deviator; to 1e-15 while its norm is below 0.3.
+
+    exp(trace / 3) times exp(deviator), Taylor to the 11th power; the deviator's by Horner on p s^2 + q s + r I, where
+    s^3 = (s : s / 2) s + det(s) I.
+    """
+    sxx, syy, szz, sxy, sxz, syz = squared(xx, yy, zz, xy, xz, yz)
+    half, third = 0.5 * (sxx + syy + szz), determinant(xx, yy, zz, xy, xz, yz)
+    m = trace * (1.0 / 3.0)
+    # 1/11! to 1/9! of s: p s^2 + q s + r I
+    p, q, r, scale = 1.0 / 39916800.0, 1.0 / 3628800.0, 1.0 / 362880.0, m * (1.0 / 39916800.0) + 1.0 / 3628800.0
+    scale = scale * m + 1.0 / 362880.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 40320.0, scale * m + 1.0 / 40320.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 5040.0, scale * m + 1.0 / 5040.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 720.0, scale * m + 1.0 / 720.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 120.0, scale * m + 1.0 / 120.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 24.0, scale * m + 1.0 / 24.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0 / 6.0, scale * m + 1.0 / 6.0
+    p, q, r, scale = q, r + half * p, third * p + 0.5, scale * m + 0.5
+    p, q, r, scale = q, r + half * p, third * p + 1.0, scale * m + 1.0
+    p, q, r, scale = q, r + half * p, third * p + 1.0, scale * m + 1.0
+    p, q, r = scale * p, scale * q, scale * r
+    return (
+        p * sxx + q * xx + r,
+        p * syy + q * yy + r,
+        p * szz + q * zz + r,
+        p * sxy + q * xy,
+        p * sxz + q * xz,
+        p * syz + q * yz,
+    )
+
+
+def exponential_by_squaring(trace, xx, yy, zz, xy, xz, yz):
+    """`exponential` up to a norm of 4, of numbers or of arrays of them: that of a 16th, squared four times."""
+    part = 1.0 / 16.0
+    power = exponential(trace * part, xx * part, yy * part, zz * part, xy * part, xz * part, yz * part)
+    for _ in range(4):
+        power = squared(power[0], power[1], power[2], power[3], power[4], power[5])
+    return power
+
+
+def rotation(app, aqq, apq):
+    """Cosine, sine and tangent of Jacobi's rotation that clears the entry apq between the diagonal app and aqq."""
+    tangent = 0.0
+    if apq != 0.0:
+        turn = (aqq - app) / (2.0 * apq)
+        tangent = (1.0 if turn >= 0.0 else -1.0) / (abs(turn) + sqrt(turn * turn + 1.0))
+    cosine = 1.0 / sqrt(tangent * tangent + 1.0)
+    return cosine, tangent * cosine, tangent
+
+
+def turned(c, s, ax, ay, az, bx, by, bz):
+    """Directions a and b after a rotation of cosine c and sine s."""
+    return c * ax - s * bx, c * ay - s * by, c * az - s * bz, s * ax + c * bx, s * ay + c * by, s * az + c * bz
+
+
+def principal(xx, yy, zz, xy, xz, yz):
+    """Principal values of a symmetric tensor, then their directions: (a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz)."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    for _ in range(12):  # sweeps; 5 or 6 are enough, for what is left is squared each time
+        if xy * xy + xz * xz + yz * yz <= 1e-36 * (xx * xx + yy * yy + zz * zz):
+            break
+        c, s, t = rotation(xx, yy, xy)
+        xx, yy, xy, xz, yz = xx - t * xy, yy + t * xy, 0.0, c * xz - s * yz, s * xz + c * yz
+        ax, ay, az, bx, by, bz = turned(c, s, ax, ay, az, bx, by, bz)
+        c, s, t = rotation(xx, zz, xz)
+        xx, zz, xz, xy, yz = xx - t * xz, zz + t * xz, 0.0, c * xy - s * yz, s * xy + c * yz
+        ax, ay, az, cx, cy, cz = turned(c, s, ax, ay, az, cx, cy, cz)
+        c, s, t = rotation(yy, zz, yz)
+        yy, zz, yz, xy, xz = yy - t * yz, zz + t * yz, 0.0, c * xy - s * xz, s * xy + c * xz
+        bx, by, bz, cx, cy, cz = turned(c, s, bx, by, bz, cx, cy, cz)
+    return xx, yy, zz, ax, ay, az, bx, by, bz, cx, cy, cz
+
+
+def assembled(a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz):
+    """The symmetric tensor of these principal values and directions."""
+    return (
+        a * ax * ax + b * bx * bx + c * cx * cx,
+        a * ay * ay + b * by * by + c * cy * cy,
+        a * az * az + b * bz * bz + c * cz * cz,
+        a * ax * ay + b * bx * by + c * cx * cy,
+        a * ax * az + b * bx * bz + c * cx * cz,
+        a * ay * az + b * by * bz + c * cy * cz,
+    )
+
+
+def principal_strain(value):
+    """log(value) / 2 [1] of a principal value of b, held to the stretches that are allowed."""
+    smallest, largest = SMALLEST_STRETCH * SMALLEST_STRETCH, LARGEST_STRETCH * LARGEST_STRETCH
+    return 0.5 * log(min(max(value, smallest), largest))

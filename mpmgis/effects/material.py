@@ -1,0 +1,269 @@
+"""What solids of the 3D solver are made of: stress from the deformation of a step (design notes 4.3 to 4.5).
+
+A material is a NamedTuple of its parameters whose methods run as plain Python and, unchanged, inside the compiled
+solver, for several points at once. A point carries eight numbers: the elastic left Cauchy-Green tensor b = F F^T (xx,
+yy, zz, xy, xz, yz), the accumulated deviatoric plastic strain e_d = sum of sqrt(2/3) |de_p| [1], and the volume v_c [1]
+by which it has been pulled apart and must be pushed back before it bears load.
+
+A step's gradient g = dt grad v [1] makes b_trial = (I + g) b (I + g)^T with the Hencky strain e = log(b_trial) / 2;
+Kirchhoff stress tau = J sigma = 2 G dev e + K tr(e) I [Pa], per volume free of stress. Invariants p = -K tr e (pressure
+is positive) and q = sqrt(6) G |dev e|. A material's `returned_strain` says what of trace and norm is elastic. Because
+all materials here flow without change of volume, the deviator keeps its direction: no principal values are needed.
+
+Codes of a step: ORDINARY, NO_TENSION (at the cone's tip), FAR (call `stress_step_far`; from that: a stretch was held
+to 1e-4..1e4, or the step turned the point inside out).
+"""
+
+from math import exp, sqrt
+from typing import NamedTuple
+
+from .hencky import (
+    LARGEST_STRETCH,
+    SERIES_REACH,
+    SMALLEST_STRETCH,
+    assembled,
+    determinant_of_step,
+    exponential,
+    exponential_by_squaring,
+    hencky_strain,
+    principal,
+    principal_strain,
+    pushed_forward,
+    squared_norm,
+)
+from .softening import cone
+
+ORDINARY, NO_TENSION, FAR = 0.0, 1.0, 2.0
+TINY = 1e-30  # keeps quotients finite, in float32 too
+
+
+def stress_step(
+    material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
+):  # fmt: skip
+    """State and Kirchhoff stress after a step of gradient g: (s0..s7, txx, tyy, tzz, txy, txz, tyz [Pa], code)."""
+    bxx, byy, bzz, bxy, bxz, byz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
+    near = squared_norm(bxx - 1.0, byy - 1.0, bzz - 1.0, bxy, bxz, byz) <= SERIES_REACH
+    upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
+    trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(bxx, byy, bzz, bxy, bxz, byz)
+    norm = sqrt(squared_norm(dxx, dyy, dzz, dxy, dxz, dyz))
+    trace, kept, s6, s7, code, yields = material.returned_strain(trace, norm, s6, s7, time_step, softening)
+    dxx, dyy, dzz, dxy, dxz, dyz = kept * dxx, kept * dyy, kept * dzz, kept * dxy, kept * dxz, kept * dyz
+    fxx, fyy, fzz, fxy, fxz, fyz = exponential(
+        2.0 * trace, 2.0 * dxx, 2.0 * dyy, 2.0 * dzz, 2.0 * dxy, 2.0 * dxz, 2.0 * dyz
+    )
+    twice, pull = 2.0 * material.shear_modulus, material.bulk_modulus * trace
+    return (
+        fxx if yields else bxx,
+        fyy if yields else byy,
+        fzz if yields else bzz,
+        fxy if yields else bxy,
+        fxz if yields else bxz,
+        fyz if yields else byz,
+        s6,
+        s7,
+        twice * dxx + pull,
+        twice * dyy + pull,
+        twice * dzz + pull,
+        twice * dxy,
+        twice * dxz,
+        twice * dyz,
+        code if near and upright else FAR,
+    )
+
+
+def stress_step_far(
+    material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
+):  # fmt: skip
+    """`stress_step` of one point for strains of any size, by principal values."""
+    bxx, byy, bzz, bxy, bxz, byz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
+    upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
+    a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz = principal(bxx, byy, bzz, bxy, bxz, byz)
+    held = min(a, b, c) >= SMALLEST_STRETCH * SMALLEST_STRETCH and max(a, b, c) <= LARGEST_STRETCH * LARGEST_STRETCH
+    ea, eb, ec = principal_strain(a), principal_strain(b), principal_strain(c)
+    trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
+    da, db, dc = ea - mean, eb - mean, ec - mean
+    norm = sqrt(da * da + db * db + dc * dc)
+    trace, kept, s6, s7, code, yields = material.returned_strain(trace, norm, s6, s7, time_step, softening)
+    da, db, dc, mean = kept * da, kept * db, kept * dc, trace / 3.0
+    if yields or not held:
+        fa, fb, fc = exp(2.0 * (mean + da)), exp(2.0 * (mean + db)), exp(2.0 * (mean + dc))
+        bxx, byy, bzz, bxy, bxz, byz = assembled(fa, fb, fc, ax, ay, az, bx, by, bz, cx, cy, cz)
+    twice, pull = 2.0 * material.shear_modulus, material.bulk_modulus * trace
+    txx, tyy, tzz, txy, txz, tyz = assembled(
+        twice * da + pull, twice * db + pull, twice * dc + pull, ax, ay, az, bx, by, bz, cx, cy, cz
+    )
+    code = code if upright and held else FAR
+    return bxx, byy, bzz, bxy, bxz, byz, s6, s7, txx, tyy, tzz, txy, txz, tyz, code
+
+
+def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
+    """State s0..s7 that bears this Kirchhoff stress [Pa], not yet plastic; of numbers or of arrays of them.
+
+    The first step returns what the material cannot bear. Strains up to a norm of 2.
+    """
+    trace, bearing = (txx + tyy + tzz) / (3.0 * material.bulk_modulus), 1.0 / material.shear_modulus
+    mean = (txx + tyy + tzz) / 3.0
+    b = exponential_by_squaring(
+        2.0 * trace,
+        bearing * (txx - mean),
+        bearing * (tyy - mean),
+        bearing * (tzz - mean),
+        bearing * txy,
+        bearing * txz,
+        bearing * tyz,
+    )
+    nothing = 0.0 * trace
+    return b[0], b[1], b[2], b[3], b[4], b[5], nothing, nothing
+
+
+def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
+    """Elastic energy [J m-3] per volume free of stress: K tr(e)^2 / 2 + G |dev e|^2."""
+    parts = principal(s0, s1, s2, s3, s4, s5)
+    ea, eb, ec = principal_strain(parts[0]), principal_strain(parts[1]), principal_strain(parts[2])
+    trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
+    da, db, dc = ea - mean, eb - mean, ec - mean
+    return 0.5 * material.bulk_modulus * trace * trace + material.shear_modulus * (da * da + db * db + dc * dc)
+
+
+def wave_speed(material, density):
+    """Speed [m s-1] of pressure waves at `density` [kg m-3], sqrt((K + 4 G / 3) / rho): what the time step resolves."""
+    return sqrt((material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus) / density)
+
+
+def no_viscosity(material):
+    """0 Pa s: nothing viscous limits the time step."""
+    return 0.0
+
+
+def eight(material):
+    """Numbers that a point carries as its state."""
+    return 8
+
+
+class Elastic(NamedTuple):
+    """Hencky elasticity: exact for any rotation, and for stretches of some tens of percent realistic.
+
+    Neff (2016) on its range; here for solid blocks and for what is verified against textbooks.
+    """
+
+    bulk_modulus: float  # K [Pa]
+    shear_modulus: float  # G [Pa]
+
+    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
+        return trace, 1.0, plastic_strain, opening, ORDINARY, False
+
+    stress_step = stress_step
+    stress_step_far = stress_step_far
+    state_at_stress = state_at_stress
+    stored_energy = stored_energy
+    wave_speed = wave_speed
+    viscosity = no_viscosity
+    state_count = eight
+
+
+class DruckerPrager(NamedTuple):
+    """Frictional, cohesive: q <= slope (p - K v_c) + strength; what is pulled further than the cone's tip falls apart.
+
+    Flow keeps volumes (no dilatancy). Made from phi and c by `drucker_prager`. `volume_correction` 1 remembers what has
+    been pulled apart, so that falling freely makes no lasting volume (Tampubolon et al. 2017; design note 4.4); 0
+    forgets it. Vicari et al. (2025), glacier ice: K 6.7 MPa, G 4 MPa, 40 degrees, 1 kPa. Sands: 25 to 45 degrees,
+    cohesion 0 to 5 kPa, K and G often scaled down to 1 to 10 MPa for longer time steps.
+    """
+
+    bulk_modulus: float  # K [Pa]
+    shear_modulus: float  # G [Pa]
+    slope: float  # gamma [1]
+    strength: float  # q_c [Pa], q that is borne without pressure
+    tension_limit: float  # largest tension -p [Pa], where the cone's tip is further (always where slope is 0)
+    volume_correction: float  # 1 or 0
+
+    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
+        """Elastic trace, share of the deviator that is elastic, new e_d, new v_c, code, whether it yields."""
+        slope, strength = softening.softened_cone(self.slope, self.strength, plastic_strain)
+        tension = min(strength / max(slope, TINY), self.tension_limit)
+        pull = self.bulk_modulus * (trace + opening)  # -p, v_c included
+        borne = max(strength - slope * pull, 0.0)
+        q = sqrt(6.0) * self.shear_modulus * norm
+        torn, sheared = pull >= tension, q > borne
+        kept = 0.0 if torn else (borne / max(q, TINY) if sheared else 1.0)
+        elastic = tension / self.bulk_modulus if torn else trace
+        gained = self.volume_correction * (opening + trace - elastic) if torn else 0.0
+        plastic_strain = plastic_strain + sqrt(2.0 / 3.0) * (1.0 - kept) * norm
+        return elastic, kept, plastic_strain, gained, NO_TENSION if torn else ORDINARY, torn or sheared
+
+    stress_step = stress_step
+    stress_step_far = stress_step_far
+    state_at_stress = state_at_stress
+    stored_energy = stored_energy
+    wave_speed = wave_speed
+    viscosity = no_viscosity
+    state_count = eight
+
+
+class MuI(NamedTuple):
+    """Dense granular flow: |s| / sqrt(2) = mu(I) p, mu = mu1 + (mu2 - mu1) / (1 + I0 / I), I = rate d sqrt(rho_s / p).
+
+    Jop et al. (2006), solved for the shear rate at the end of the step (design note 4.5). Glass beads: mu1 = tan 20.9,
+    mu2 = tan 32.8 degrees, I0 = 0.279; sands mu1 0.4 to 0.65. Bears no tension. Softening does not act on it.
+    """
+
+    bulk_modulus: float  # K [Pa]
+    shear_modulus: float  # G [Pa]
+    mu1: float  # [1] at rest
+    mu2: float  # [1] fast, above mu1
+    inertial_number: float  # I0 [1]
+    grain_diameter: float  # d [m]
+    grain_density: float  # rho_s [kg m-3]
+    volume_correction: float  # 1 or 0
+
+    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
+        """As that of `DruckerPrager`."""
+        pressure = max(-self.bulk_modulus * (trace + opening), 0.0)
+        shear = sqrt(2.0) * self.shear_modulus * norm  # |s| / sqrt(2)
+        excess = max(shear - self.mu1 * pressure, 0.0)
+        crossover = self.inertial_number * sqrt(pressure / self.grain_density) / self.grain_diameter  # rate [s-1] of I0
+        slowing = self.shear_modulus * time_step
+        linear = slowing * crossover + (self.mu2 - self.mu1) * pressure - excess
+        root = sqrt(linear * linear + 4.0 * slowing * excess * crossover)
+        # positive root of slowing rate^2 + linear rate - excess crossover = 0, times slowing
+        fast = 0.5 * (root - linear)
+        slow = 2.0 * slowing * excess * crossover / max(root + linear, TINY)
+        torn, sheared = pressure <= 0.0, excess > 0.0
+        kept = 0.0 if torn else 1.0 - (slow if linear > 0.0 else fast) / max(shear, TINY)
+        elastic = 0.0 if torn else trace
+        gained = self.volume_correction * (opening + trace) if torn else 0.0
+        plastic_strain = plastic_strain + sqrt(2.0 / 3.0) * (1.0 - kept) * norm
+        return elastic, kept, plastic_strain, gained, NO_TENSION if torn else ORDINARY, torn or sheared
+
+    stress_step = stress_step
+    stress_step_far = stress_step_far
+    state_at_stress = state_at_stress
+    stored_energy = stored_energy
+    wave_speed = wave_speed
+    viscosity = no_viscosity
+    state_count = eight
+
+
+def drucker_prager(
+    bulk_modulus,
+    shear_modulus,
+    friction_angle,
+    cohesion,
+    match="triaxial",
+    tension_limit=None,
+    volume_correction=True,
+):  # fmt: skip
+    """`DruckerPrager` of moduli [Pa], friction angle phi [deg] and cohesion c [Pa].
+
+    `match` is where the cone meets Mohr-Coulomb: `triaxial` compression, or `plane_strain`, where a cone matched at
+    triaxial compression is too strong (30 degrees: slope 1.2 in place of 0.866). Tension [Pa] is borne up to the cone's
+    tip c / tan(phi), and nowhere above `tension_limit` (default 10 c, which cuts no cone steeper than 5.7 degrees).
+
+    Raises
+    ------
+    InputError
+        No such match.
+    """
+    slope, strength = cone(friction_angle, cohesion, match)
+    limit = 10.0 * cohesion if tension_limit is None else tension_limit
+    return DruckerPrager(bulk_modulus, shear_modulus, slope, strength, limit, 1.0 if volume_correction else 0.0)
