@@ -16,6 +16,7 @@ NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
 LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
 SPREAD = 2.0  # times its own footprint over which the points of a column may be strewn and still stand together
 APART = 0.01  # share of the mass in columns that do not, at which the parents are no longer used
+_DENSE = 16  # times as many numbers as points, up to which columns are found in a table of all numbers
 _FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be told
 
 
@@ -151,7 +152,15 @@ class _Groups:
     """Points by column: `key` int64[m] names the columns, `of` int64[n] is each point's."""
 
     def __init__(self, labels):
-        self.key, self.of = np.unique(labels, return_inverse=True)
+        low = labels.min()
+        number = (labels - low).astype(np.int64)
+        if number.max() > _DENSE * len(labels):
+            self.key, self.of = np.unique(labels, return_inverse=True)
+            return
+        there = np.zeros(int(number.max()) + 1, bool)  # a table instead of a sort
+        there[number] = True
+        self.key = np.flatnonzero(there).astype(labels.dtype) + low
+        self.of = (np.cumsum(there) - 1)[number]
 
     def __len__(self):
         return len(self.key)

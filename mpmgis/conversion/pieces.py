@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 _WELL = 1e-12
+_DENSE = 16  # times as many cells as points, up to which points are counted in a table of all cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,4 +177,7 @@ def count_by_cell(x, y, z, cell):
     rank = [np.floor((at - at.min()) / cell).astype(np.int64) for at in (x, y, z)]
     size = [int(r.max()) + 1 for r in rank]
     key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]
-    return np.unique(key, return_counts=True)[1]
+    if size[0] * size[1] * size[2] > _DENSE * len(x):
+        return np.unique(key, return_counts=True)[1]
+    counts = np.bincount(key)  # a table instead of a sort
+    return counts[counts > 0]

@@ -6,12 +6,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels import column_rows
+from ..kernels import columns_to_points as stack_kernel
 from ..particles import Frame, Particles
 from . import geostatic
 from .footprints import squares, stretched
 from .ground import Ground, slope_cosine
 from .options import MOST, PointOptions
-from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, runs, within
+from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, within
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
 OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)
@@ -113,7 +114,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
     particles, (x, y) = frame.particles, frame.map_xy()
     spacing = options.spacing_for(particles)
     _require_few_enough(options.predicted_points(particles), spacing)
-    footprints = _footprints(x, y, particles.area, options.piece_size)
+    footprints = _footprints(frame, x, y, options.piece_size)
     ground = Ground.under(terrain, x, y, float(footprints.length.max()))
     pieces = cut(x, y, footprints, options.piece_size, ground)
     inside = within(pieces, x, y, window)
@@ -201,9 +202,10 @@ def velocity_gradient(frame):
     return None
 
 
-def _footprints(x, y, area, size):
-    """Footprints of columns: stretched as their neighbours lie where some are to be cut, else squares."""
-    if size is None or not (area > size**2).any():
+def _footprints(frame, x, y, size):
+    """Footprints of columns: stretched as their neighbours lie where some are to be cut; a seed has not moved yet."""
+    area = frame.particles.area
+    if size is None or frame.solver == "seed" or not (area > size**2).any():
         return squares(area)
     return stretched(x, y, area)
 
@@ -276,40 +278,50 @@ def _without_deleted(stacks, particles, options):
 def _frame_of(frame, stacks, gradient, spacing, options):
     """The points of `stacks` as a Frame."""
     particles, pieces = frame.particles, stacks.pieces
-    of, number = runs(stacks.count)
-    if options.placement == "paper":
-        level = number / (stacks.count - 1)[of]
-    else:
-        level = (number + 0.5) / stacks.count[of]
-    height = level * stacks.thickness[of]
     east, north = (
         particles.position[pieces.column, axis] + shift for axis, shift in ((0, pieces.east), (1, pieces.north))
     )
     origin, shift = _origin(frame, east, north, pieces.bed)
-    position = np.empty((len(of), 3))
-    position[:, 0], position[:, 1] = (east + shift[0])[of], (north + shift[1])[of]
-    position[:, 2] = (pieces.bed - origin[2])[of] + height
-    velocity = np.empty((len(of), 3))
-    velocity[:, 0], velocity[:, 1] = stacks.u[of], stacks.v[of]
-    velocity[:, 2] = _climb(stacks, gradient, of, height, options)
     each = pieces.share / stacks.count
     ids = particles.id if particles.id is not None else np.arange(len(particles), dtype=np.uint64)
-    points = Particles(
-        position,
-        velocity,
-        (particles.mass[pieces.column] * each)[of],
-        (particles.volume[pieces.column] * each)[of],
-        id=np.arange(len(of), dtype=np.uint64),
-        parent=ids[pieces.column][of],
+    points, depth, stress = _filled(
+        stacks.count,
+        options.placement == "paper",
+        np.column_stack([east + shift[0], north + shift[1], pieces.bed - origin[2]]),
+        stacks.thickness,
+        np.column_stack([stacks.u, stacks.v, _climb(stacks, options)]),
+        _divergence(pieces, gradient, options),
+        np.column_stack([particles.mass[pieces.column] * each, particles.volume[pieces.column] * each]),
+        _load(particles, pieces, options),
+        ids[pieces.column],
     )
+    state = {}
+    if options.placement != "paper":
+        state = {"depth": depth, "vertical_stress": stress}
+        if gradient is not None and gradient.any():
+            state["affine"] = np.repeat(_affine(gradient[pieces.column], pieces, options), stacks.count, axis=0)
     header = {name: value for name, value in frame.header.items() if name != "cell_size"}
     header |= {"converted_spacing": spacing, "converted_vertical_velocity": options.vertical_velocity}
     header |= {"cell_size": options.cell} if options.cell is not None else {}
     header.setdefault("density", float(particles.mass.sum() / particles.volume.sum()))
     return replace(
-        frame, particles=points, dimension=3, solver="convert", origin=origin, header=header, maxima={},
-        state=_state(particles, stacks, gradient, of, height, options),
+        frame, particles=points, dimension=3, solver="convert", origin=origin, header=header, maxima={}, state=state
+    )
+
+
+def _filled(count, printed, place, thickness, motion, divergence, shares, load, parent):
+    """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, with no stress to start."""
+    n = int(count.sum())
+    points = Particles(
+        np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), id=np.arange(n, dtype=np.uint64),
+        parent=np.empty(n, np.uint64),
     )  # fmt: skip
+    depth, stress = np.empty((2, 0 if printed else n))
+    stack_kernel.fill_stacks(
+        count, printed, place, thickness, motion, divergence, shares, load, parent,
+        points.position, points.velocity, points.mass, points.volume, points.parent, depth, stress,
+    )  # fmt: skip
+    return points, depth, stress
 
 
 def _origin(frame, east, north, bed):
@@ -320,37 +332,30 @@ def _origin(frame, east, north, bed):
     return origin, (old[0] - origin[0], old[1] - origin[1])
 
 
-def _climb(stacks, gradient, of, height, options):
-    """float64[n] [m s-1]: vertical velocity of the points (E5)."""
-    pieces = stacks.pieces
+def _climb(stacks, options):
+    """float64[k] [m s-1]: vertical velocity at the foot of the stacks (E5)."""
     if options.vertical_velocity == "paper":
-        return np.zeros(len(of))
-    tangent = (stacks.u * pieces.gradient_east + stacks.v * pieces.gradient_north)[of]
-    if options.vertical_velocity == "tangent":
-        return tangent
+        return np.zeros(len(stacks.pieces))
+    return stacks.u * stacks.pieces.gradient_east + stacks.v * stacks.pieces.gradient_north
+
+
+def _divergence(pieces, gradient, options):
+    """float64[k] [s-1]: div u, by which the vertical velocity falls with height where that is asked for (E5)."""
+    if options.vertical_velocity != "linear":
+        return np.zeros(len(pieces))
     if gradient is None:
         raise InputError(
             "vertical velocity 'linear' needs the columns' velocity gradient, which only the newest two frames of a "
             "run keep; take 'tangent'"
         )
-    divergence = (gradient[:, 0, 0] + gradient[:, 1, 1])[pieces.column]
-    return tangent - height * divergence[of]
+    return (gradient[:, 0, 0] + gradient[:, 1, 1])[pieces.column]
 
 
-def _state(particles, stacks, gradient, of, height, options):
-    """What a 3D solver starts from besides the particles; nothing where everything is as printed."""
-    if options.placement == "paper":
-        return {}
-    pieces = stacks.pieces
-    depth = stacks.thickness[of] - height
+def _load(particles, pieces, options):
+    """float64[k] [Pa m-1]: vertical stress for each metre under the surface (E7)."""
     density = (particles.mass / particles.volume)[pieces.column]
-    load = geostatic.vertical_stress(
-        density, options.gravity, 1.0, slope_cosine(pieces.gradient_east, pieces.gradient_north)
-    )
-    state = {"depth": depth, "vertical_stress": load[of] * depth}
-    if gradient is not None and gradient.any():
-        state["affine"] = _affine(gradient[pieces.column], pieces, options)[of]
-    return state
+    cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
+    return geostatic.vertical_stress(density, options.gravity, 1.0, cosine)
 
 
 def _affine(gradient, pieces, options):
