@@ -32,8 +32,6 @@ METHODS = (
     "deflected",
     "stress_step_far",  # material
     "stored_energy",
-    "wave_speed",
-    "state_count",
 )
 
 # of every point in every step, and so written into the kernels' loops
@@ -41,7 +39,6 @@ INLINED_METHODS = (
     "stress_step",  # material
     "returned_strain",
     "pressure",
-    "viscosity",
     "softened_cone",  # softening
 )
 
