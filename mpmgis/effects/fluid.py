@@ -97,5 +97,5 @@ class Fluid(NamedTuple):
 
 def _held(volume):
     """J held between SMALLEST_VOLUME and 1, of a number or of an array."""
-    raised = 0.5 * (volume + SMALLEST_VOLUME + abs(volume - SMALLEST_VOLUME))
-    return 0.5 * (raised + 1.0 - abs(raised - 1.0))
+    small, large = volume < SMALLEST_VOLUME, volume > 1.0
+    return small * SMALLEST_VOLUME + large * 1.0 + (1.0 - small - large) * volume
