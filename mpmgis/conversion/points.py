@@ -130,7 +130,13 @@ def columns_to_points(frame, terrain, options=None, window=None):
     kept, deleted = _without_deleted(stacks, particles, options)
     points = _frame_of(frame, kept, gradient, spacing, options)
     bed_shift = np.abs(particles.position[here.column, 2] + frame.origin[2] - ground.height(x, y)[here.column])
-    numbers = {"spacing": spacing, "overlap": overlap, "raised": raised, "bed_shift": float(bed_shift.max())}
+    numbers = {
+        "spacing": spacing,
+        "widest": float(here.side.max()),
+        "overlap": overlap,
+        "raised": raised,
+        "bed_shift": float(bed_shift.max()),
+    }
     return Points(points, rest, _report(frame, points, rest, kept, deleted, options, ground, numbers))
 
 
@@ -388,7 +394,6 @@ def _report(frame, points, rest, stacks, gone, options, ground, numbers):
         outside=outside,
         deleted=deleted,
         pieces_per_column=int(np.bincount(pieces.column).max()),
-        widest=float(pieces.side.max()),
         points_per_cell=None if options.cell is None else _spread(count_by_cell(*after.position.T, options.cell)),
         **_stack_facts(particles, stacks, options),
         **numbers,

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..conversion.account import account_of_columns, account_of_points
 from ..conversion.columns import points_to_columns
 from ..conversion.options import ColumnOptions, PointOptions
@@ -60,7 +62,8 @@ def convert_to_points(request, options=None, say=lambda text: None):
     header = points.frame.header | {
         "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
     }  # fmt: skip
-    write_frame(path, _placed(replace(points.frame, header=header), terrain, path))
+    state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}  # as the points' own
+    write_frame(path, _placed(replace(points.frame, header=header, state=state), terrain, path))
     for line in account_of_points(points.report, options):
         say(line)
     return Written(path, None, points.report)
@@ -151,5 +154,6 @@ def _require_memory(count, spacing):
 
 
 def _placed(frame, terrain, path):
-    """The frame with its terrain's path as seen from its own file."""
-    return replace(frame, dem=relative_path(terrain.path, path.parent), dem_sha256=terrain.sha256)
+    """The frame with its terrain's CRS, and with the terrain's path as seen from its own file."""
+    crs = frame.crs if frame.crs is not None else terrain.grid.crs
+    return replace(frame, crs=crs, dem=relative_path(terrain.path, path.parent), dem_sha256=terrain.sha256)
