@@ -49,9 +49,10 @@ def numpy_nanoseconds(solver):
         "gradient": solver._rows[0][:, 10:12].T.copy(),
     }  # fmt: skip
     times = []
-    for _ in range(3):
+    floor = solver._settings.thickness_floor
+    for kick in (0.5 * dt, dt, 1.5 * dt):  # as the solver does up to a frame
         began = time.perf_counter()
-        numpy_step(state, grid.bed, grid.gradient, 5.0, dt, 1000.0, 0.2, 2000.0, solver._settings.thickness_floor)
+        numpy_step(state, grid.bed, grid.gradient, 5.0, dt, kick, 1000.0, 0.2, 2000.0, floor)
         times.append(time.perf_counter() - began)
     return min(times) / n * 1e9, state
 

@@ -26,9 +26,10 @@ def _bed(bed, x, y, dx):
     return gradient
 
 
-def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, floor):
+def numpy_step(state, bed, node_gradient, dx, dt, kick, density, mu, xi, floor):
     """Advance `state` (dict of x, y, u, v, c float[2, 2, n], mass, area, gradient float[2, n], kappa) by `dt` [s].
 
+    Velocities are driven for `kick` [s], from the middle of the last step to that of this one.
     Slope form, Voellmy, curvature on, open edges; the same arithmetic as the compiled step.
     """
     s = state
@@ -37,8 +38,8 @@ def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, floor):
     j, fy, wy, gy = _axis(s["y"], dx)
     tx, ty = s["gradient"]
     c2 = 1.0 / (1.0 + tx * tx + ty * ty)
-    push = 0.5 * dt * G * c2 * s["mass"] ** 2 / (density * s["area"])
-    pull = dt * s["mass"] * G * c2
+    push = 0.5 * kick * G * c2 * s["mass"] ** 2 / (density * s["area"])
+    pull = kick * s["mass"] * G * c2
     mass, px, py, pk = (np.zeros(size) for _ in range(4))
     for b in range(3):
         for a in range(3):
@@ -58,8 +59,8 @@ def numpy_step(state, bed, node_gradient, dx, dt, density, mu, xi, floor):
     cos = 1.0 / np.sqrt(1.0 + nx * nx + ny * ny)
     speed = np.sqrt(u * u + v * v + (u * nx + v * ny) ** 2)
     thickness = np.maximum(mass / (density * dx * dx), floor)
-    reduced = np.maximum(speed - dt * mu * np.maximum(G + kappa, 0.0) * cos, 0.0)
-    slowed = 2 * reduced / (1.0 + np.sqrt(1.0 + 4.0 * dt * G / (xi * thickness * cos) * reduced))
+    reduced = np.maximum(speed - kick * mu * np.maximum(G + kappa, 0.0) * cos, 0.0)
+    slowed = 2 * reduced / (1.0 + np.sqrt(1.0 + 4.0 * kick * G / (xi * thickness * cos) * reduced))
     factor = np.divide(slowed, speed, out=np.zeros(size), where=speed > 0)
     u, v = u * factor, v * factor
     n = len(s["x"])

@@ -34,20 +34,20 @@ def sound(solver):
     return True
 
 
-def test_v8_similarity_cap_without_friction_is_first_order():
-    """Where Hutter's cap is an exact answer, after 5 s: L2 of 4.6, 2.2, 1.1 % at 8, 4 and 2 m."""
+def test_v8_similarity_cap_without_friction():
+    """Where Hutter's cap is an exact answer, after 5 s: L2 of 1.7, 0.57, 0.21 % at 8, 4 and 2 m."""
     errors = []
     for dx in (8.0, 4.0, 2.0):
         error, speed, solver = cap_on_slope(dx, 5.0, friction_degrees=0.0)
         errors.append(error)
         assert abs(speed) <= 0.01 and sound(solver)
-    assert np.all(np.array(errors) <= [0.05, 0.025, 0.0125])
-    assert all(0.9 < order < 2.2 for order in orders(errors))
+    assert np.all(np.array(errors) <= [0.02, 0.007, 0.003])
+    assert all(1.3 < order < 2.3 for order in orders(errors))
 
 
-@pytest.mark.parametrize(("time", "most"), [(5.0, [0.033, 0.017, 0.011]), (10.0, [0.039, 0.026, 0.022])])
+@pytest.mark.parametrize(("time", "most"), [(5.0, [0.02, 0.01, 0.008]), (10.0, [0.023, 0.019, 0.019])])
 def test_v8_similarity_cap(time, most):
-    """With friction, at 8, 4 and 2 m: L2 of 3.0, 1.5, 0.93 % after 5 s (asked: 5 % at 4 m), 3.5, 2.3, 1.9 % after 10 s,
+    """With friction, at 8, 4 and 2 m: L2 of 1.8, 0.83, 0.64 % after 5 s (asked: 5 % at 4 m), 2.0, 1.7, 1.7 % after 10 s,
     where the answer itself, whose friction acts along the mean motion, is no better; speed within 0.5 % (3 %)."""
     for dx, largest in zip((8.0, 4.0, 2.0), most, strict=True):
         error, speed, solver = cap_on_slope(dx, time)
@@ -73,7 +73,7 @@ def test_v11_angular_momentum():
     """One turn: angular momentum to 1e-12, kinetic energy within 0.3 %, every column back within 1e-3 of the radius."""
     momentum, energy, place, solver = spin_in_bowl(0.2)
     assert abs(momentum - 1.0) <= 1e-12
-    assert 0.0 <= 1.0 - energy <= 0.003
+    assert abs(1.0 - energy) <= 0.003
     assert place <= 1e-3 * 5.0 and sound(solver)
 
 
@@ -111,13 +111,11 @@ def test_v20_a_point_keeps_its_energy_on_a_curved_track():
     assert worst[1] > 0.05
 
 
-def test_v20_through_the_grid_the_energy_lost_falls_with_the_cells():
-    """A body in a valley of 100 m: 6.8 % at 40 cells to the radius (asked: 10 %), 2.0 % at 200; at 100 it is 3.4 %, and
-    within the 3 % asked for with a third of the time step, in which the loss is of first order."""
-    coarse, fine = (energy_drift_in_a_valley(100.0, dx)[0] for dx in (2.5, 0.5))
-    assert -0.10 <= coarse <= 0.0 and -0.03 <= fine <= 0.0
-    careful, solver = energy_drift_in_a_valley(100.0, 1.0, cfl=0.1)
-    assert -0.03 <= careful <= 0.0 and sound(solver)
+def test_v20_through_the_grid_a_body_keeps_its_energy():
+    """A body in a valley of 100 m: within 0.1 % at 40 and at 100 cells to the radius (asked: 10 % and 3 %)."""
+    for dx in (2.5, 1.0):
+        drift, solver = energy_drift_in_a_valley(100.0, dx)
+        assert abs(drift) <= 0.001 and sound(solver)
 
 
 def test_v20_load_in_a_circular_valley():

@@ -98,7 +98,7 @@ def one_column(degrees, law, velocity=(0.0, 0.0), **numerics):
 
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_v3_sliding_block(mu):
-    """Speed g (sin - mu cos) t to 1e-6; distance to first order in the time step."""
+    """Speed g (sin - mu cos) t to 1e-6; distance to 2e-4 at any time step."""
     errors = []
     for cfl in (0.3, 0.15, 0.075):
         solver, slope = one_column(30, Coulomb(mu), cfl=cfl)
@@ -109,8 +109,7 @@ def test_v3_sliding_block(mu):
         np.testing.assert_allclose(np.linalg.norm(p.velocity, axis=1), acceleration * 6.0, rtol=1e-6)
         distance = (p.position[:, 0].mean() - start) / np.cos(slope)
         errors.append(abs(distance / (0.5 * acceleration * 36.0) - 1.0))
-    assert errors[-1] < 0.02
-    assert all(0.6 < order < 1.5 for order in orders(errors))
+    assert max(errors) <= 2e-4
 
 
 def test_v3_stops_on_the_flat_after_v2_over_2_mu_g():
