@@ -62,12 +62,12 @@ def _sideways(report, options):
         )
     if report.raised:
         lines.append(
-            f"{report.raised} stacks where columns lay over each other (density up to {100 * report.overlap:.2g} % too "
+            f"{report.raised} stacks where columns lay over each other (density up to {100 * report.overlap:.3g} % too "
             "high) were raised to what their mass fills"
         )
     elif report.overlap > OVERLAP - 1.0:
         lines.append(
-            f"columns lie over each other: density is up to {100 * report.overlap:.2g} % too high in places "
+            f"columns lie over each other: density is up to {100 * report.overlap:.3g} % too high in places "
             "(--relevel raises them to what their mass fills)"
         )
     return lines
