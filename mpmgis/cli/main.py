@@ -9,6 +9,7 @@ import sys
 from .. import __version__
 from ..errors import MpmgisError, one_line
 from . import talk
+from .progress import ended_by_signals
 
 # verb -> (module, one line of help); a module offers EXAMPLE, add_arguments(parser) and run(arguments) -> exit code
 VERBS = {
@@ -74,10 +75,11 @@ def main(argv=None):
 
 
 def _guarded(arguments):
-    """Run the verb; every error becomes one line on stderr and the contract's exit code."""
+    """Run the verb; every error and every wish to stop becomes one line on stderr and the contract's exit code."""
     name = f"mpmgis {arguments.verb}"
     try:
-        return arguments.run(arguments) or 0
+        with ended_by_signals():
+            return arguments.run(arguments) or 0
     except MpmgisError as error:
         print(f"{name}: {one_line(error)}", file=sys.stderr)
         return error.exit_code

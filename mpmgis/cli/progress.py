@@ -9,6 +9,7 @@ from . import talk
 
 STOPPING = "stopping at the end of this step; once more stops at once"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+REPEAT_SECONDS = 1.0  # `timeout` and shells send a signal to a process and to its group: the same wish twice
 LINE_SECONDS = 10.0  # without a terminal: a line this often
 
 
@@ -18,6 +19,35 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, number):
         super().__init__()
         self.exit_code = 128 + number
+
+
+@contextmanager
+def ended_by_signals():
+    """Within this block Ctrl+C and SIGTERM raise Interrupted, so that what is half-written is removed on the way out.
+
+    The same signal again within REPEAT_SECONDS is the first one's echo, which would stop the tidying up.
+    """
+    last = -REPEAT_SECONDS
+
+    def end(number, frame):
+        nonlocal last
+        echo, last = time.monotonic() - last < REPEAT_SECONDS, time.monotonic()
+        if not echo:
+            raise Interrupted(number)
+
+    before = {}
+    try:
+        for number in SIGNALS:
+            if signal.getsignal(number) != signal.SIG_IGN:  # a job in the background may be deaf to Ctrl+C
+                before[number] = signal.signal(number, end)
+    except ValueError:  # not the main thread: signals are somebody else's
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
