@@ -35,9 +35,14 @@ def run(arguments):
     return 0
 
 
+def _heading(entry):
+    """Table and law of an entry of the catalogue, as the scene writes them."""
+    return f"[{entry['table']}]" + (f" {entry['law']}" if entry["law"] else "")
+
+
 def _entry(entry):
     parameters = ", ".join(f"{name} [{unit}]" for name, unit in entry["parameters"].items()) or "none"
-    return f"[{entry['table']}] {entry['law']}: {entry['what']}\n    parameters: {parameters}"
+    return f"{_heading(entry)}: {entry['what']}\n    parameters: {parameters}"
 
 
 def _table(decisions):

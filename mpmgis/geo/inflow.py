@@ -6,6 +6,15 @@ import numpy as np
 
 from ..fields import GRAVITY
 
+# columns that the table of a hydrograph may have -> unit
+COLUMNS = {
+    "time": "s",
+    "discharge": "m3 s-1",
+    "thickness": "m",
+    "speed": "m s-1",
+    "velocity_east": "m s-1",
+    "velocity_north": "m s-1",
+}
 BATCH_SHARE = 0.125  # of what an inlet holds: what comes in at once
 
 

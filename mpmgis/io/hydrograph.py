@@ -9,16 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FormatError
-from ..geo.inflow import Hydrograph
+from ..geo.inflow import COLUMNS, Hydrograph
 
-COLUMNS = {
-    "time": "s",
-    "discharge": "m3 s-1",
-    "thickness": "m",
-    "speed": "m s-1",
-    "velocity_east": "m s-1",
-    "velocity_north": "m s-1",
-}
 _SIGNED = ("time", "velocity_east", "velocity_north")
 _DELIMITERS = ",;\t"
 _LARGEST = 10_000_000  # [bytes] of a table; more is no hydrograph

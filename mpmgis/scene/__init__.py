@@ -1,8 +1,9 @@
 """What is asked: the scene, its checks, its text, and the effects that it calls for."""
 
+from .catalogue import catalogue
 from .decisions import Decision, TerrainFacts
 from .resistance import mu_least
-from .resolve import catalogue, resolve
+from .resolve import resolve
 from .tables import Scene, read_scene, scene_from_tables
 from .text import scene_text, template
 
