@@ -47,34 +47,34 @@ def test_v8_similarity_cap_without_friction():
 
 @pytest.mark.parametrize(("time", "most"), [(5.0, [0.02, 0.01, 0.008]), (10.0, [0.023, 0.019, 0.019])])
 def test_v8_similarity_cap(time, most):
-    """With friction, at 8, 4 and 2 m: L2 of 1.8, 0.83, 0.64 % after 5 s (asked: 5 % at 4 m), 2.0, 1.7, 1.7 % after 10 s,
-    where the answer itself, whose friction acts along the mean motion, is no better; speed within 0.5 % (3 %)."""
+    """With friction, at 8, 4 and 2 m: L2 of 1.8, 0.83, 0.64 % after 5 s (asked: 5 % at 4 m); 2.0, 1.7, 1.7 % after
+    10 s, where the answer itself, whose friction acts along the mean motion, is no better; speed within 0.5 % (3 %)."""
     for dx, largest in zip((8.0, 4.0, 2.0), most, strict=True):
         error, speed, solver = cap_on_slope(dx, time)
         assert error <= largest and abs(speed) <= 0.006 and sound(solver)
 
 
-@pytest.mark.parametrize(("kind", "most"), [("slosh", [0.013, 0.0035, 0.001]), ("breathe", [0.02, 0.0055, 0.002])])
+@pytest.mark.parametrize(("kind", "most"), [("slosh", [0.013, 0.0035, 0.001]), ("breathe", [0.019, 0.005, 0.0013])])
 def test_v9_swinging_pools_are_second_order(kind, most):
     """Thacker's pools after a period, cells of 0.08, 0.04 and 0.02 radii: the plane surface that circles to 1.15, 0.31,
-    0.08 % (asked: 1 % at 0.02), the round one that breathes to 1.8, 0.47, 0.14 % (3 %); energy within 1 % a period."""
+    0.08 % (asked: 1 % at 0.02), the round one that breathes to 1.7, 0.44, 0.11 % (3 %); energy within 0.02 % (1 %)."""
     errors = []
     for dx in (0.8, 0.4, 0.2):
         error, solver = pool_in_bowl(kind, dx)
         errors.append(error)
         assert sound(solver)
-        assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.01
+        assert abs(sum(solver.energy()) / sum(solver.energy_start) - 1.0) < 0.0003
         assert solver.frame().particles.thickness.min() > 0.0
     assert np.all(np.array(errors) <= most)
     assert all(1.6 < order < 2.3 for order in orders(errors))
 
 
 def test_v11_angular_momentum():
-    """One turn: angular momentum to 1e-12, kinetic energy within 0.3 %, every column back within 1e-3 of the radius."""
+    """One turn: angular momentum to 1e-12, kinetic energy within 4e-5, every column back within 4e-5 of the radius."""
     momentum, energy, place, solver = spin_in_bowl(0.2)
     assert abs(momentum - 1.0) <= 1e-12
-    assert abs(1.0 - energy) <= 0.003
-    assert place <= 1e-3 * 5.0 and sound(solver)
+    assert abs(1.0 - energy) <= 1e-4
+    assert place <= 1e-4 * 5.0 and sound(solver)
 
 
 def test_v19_steady_bingham_speed():
@@ -112,14 +112,14 @@ def test_v20_a_point_keeps_its_energy_on_a_curved_track():
 
 
 def test_v20_through_the_grid_a_body_keeps_its_energy():
-    """A body in a valley of 100 m: within 0.1 % at 40 and at 100 cells to the radius (asked: 10 % and 3 %)."""
+    """A body in a valley of 100 m: within 0.07 % at 40 and at 100 cells to the radius (asked: 10 % and 3 %)."""
     for dx in (2.5, 1.0):
         drift, solver = energy_drift_in_a_valley(100.0, dx)
         assert abs(drift) <= 0.001 and sound(solver)
 
 
 def test_v20_load_in_a_circular_valley():
-    """A body rubs with mu (g cos + U^2 / R): as the exact bead within 1 %, not as if pressed by gravity alone."""
+    """A body rubs with mu (g cos + U^2 / R): 0.1 % from the exact bead, 3 % from one pressed by gravity alone."""
     radius, mu = 200.0, 0.2
 
     def circle(x, y):
@@ -131,48 +131,49 @@ def test_v20_load_in_a_circular_valley():
     def bend(x):
         return radius**2 / (radius**2 - (x - radius) ** 2) ** 1.5
 
-    solver = small_body(circle, 60.0, 16.0, 2.0, 1.0, 2 * radius, 40.0, Coulomb(mu), cfl=0.1)
+    solver = small_body(circle, 60.0, 16.0, 2.0, 1.0, 2 * radius, 40.0, Coulomb(mu))
     start = solver.frame().particles.position[:, 0].mean()
     solver.advance(6.0)
     p = solver.frame().particles
     here = [p.position[:, 0].mean() - start, p.velocity[:, 0].mean()]
     pressed, unpressed = (bead(slope, bend, start, mu, 6.0, load)(6.0) - [start, 0.0] for load in (True, False))
-    np.testing.assert_allclose(here, pressed, rtol=0.01)
+    np.testing.assert_allclose(here, pressed, rtol=0.0015)
     assert abs(here[0] / unpressed[0] - 1.0) > 0.02 and sound(solver)
 
 
 def test_v20_a_body_with_friction_runs_as_the_exact_bead():
-    """Where a body on a parabola is after 3 s with mu = 0.2, against the ordinary differential equation, within 1 %."""
+    """Where a body on a parabola is after 3 s with mu = 0.2, against the ordinary differential equation: 0.07 %."""
     radius, mu = 100.0, 0.2
 
     def valley(x, y):
         return (x - radius) ** 2 / (2 * radius) + 0 * y
 
-    solver = small_body(valley, 50.0, 8.0, 1.0, 0.5, 2 * radius, 20.0, Coulomb(mu), cfl=0.1)
+    solver = small_body(valley, 50.0, 8.0, 1.0, 0.5, 2 * radius, 20.0, Coulomb(mu))
     start = solver.frame().particles.position[:, 0].mean()
     exact = bead(lambda x: (x - radius) / radius, lambda x: 1 / radius, start, mu, 3.0)
     solver.advance(3.0)
     p = solver.frame().particles
     x, u = exact(3.0)
-    np.testing.assert_allclose([p.position[:, 0].mean() - start, p.velocity[:, 0].mean()], [x - start, u], rtol=0.01)
+    np.testing.assert_allclose([p.position[:, 0].mean() - start, p.velocity[:, 0].mean()], [x - start, u], rtol=0.001)
 
 
 @pytest.mark.slow
 def test_v21_energy_line():
-    """Run-out angle within 0.5 degrees of arctan mu with the bend's load left out; with it the body stops earlier."""
+    """Run-out angle within 0.0038, 0.0009, 0.0004 degrees (asked: 0.5) of arctan mu at 4, 2 and 1 m, with the bend's
+    load left out; with it the body stops 0.2 degrees earlier, more so if it is not turned as well."""
     line = np.degrees(np.arctan(0.4))
     angles = []
     for dx in (4.0, 2.0, 1.0):
         angle, solver = runout_angle(CurvatureTurnOnly(), dx)
         angles.append(abs(angle - line))
         assert sound(solver)
-    assert max(angles) <= 0.5 and angles[-1] < angles[0]
+    assert np.all(np.array(angles) <= [0.005, 0.0015, 0.001])
     assert runout_angle(Curvature(), 2.0)[0] > line + 0.1
     assert runout_angle(CurvatureLoadOnly(), 2.0)[0] > runout_angle(Curvature(), 2.0)[0]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "most"), [("slosh", 0.003), ("breathe", 0.005)])
+@pytest.mark.parametrize(("kind", "most"), [("slosh", 0.001), ("breathe", 0.0013)])
 def test_v9_pools_after_three_periods(kind, most):
-    """What repeats does not drift: errors at 0.02 after three periods (asked: 1 % and 3 %)."""
+    """What repeats does not drift: after three periods 0.08 and 0.11 % as after one (asked: 1 % and 3 %)."""
     assert pool_in_bowl(kind, 0.2, periods=3)[0] <= most

@@ -28,7 +28,7 @@ from mpmgis.solvers.places import Places
 
 
 def test_v5_ritter_dry_dam_break():
-    """L1 of 0.86, 0.48, 0.35 % at 1, 0.5 and 0.25 m (asked: 3 % at 1 m) [2.3, 1.95, 1.8 %: a stall at the dry tip]."""
+    """L1 of 0.88, 0.49, 0.35 % at 1, 0.5 and 0.25 m (asked: 3 % at 1 m) [2.3, 1.95, 1.8 %: a stall at the dry tip]."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         _, h, exact, solver = dam_break(dx, metric=WaterMetric())
@@ -59,7 +59,7 @@ def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
 
 
 def test_v6_stoker_wet_dam_break_first_order():
-    """L1 of 1.11, 0.64, 0.31 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
+    """L1 of 1.16, 0.66, 0.32 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
@@ -73,12 +73,12 @@ def test_v6_stoker_wet_dam_break_first_order():
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
 def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
-    """0.83 to 0.97, 0.45 to 0.52, 0.28 to 0.35 % on all slopes (asked: 3 % at 1 m): the proof of the c^2 P metric."""
+    """0.79 to 0.93, 0.43 to 0.50, 0.27 to 0.33 % on all slopes (asked: 3 % at 1 m): the proof of the c^2 P metric."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160)
         errors.append(relative_l1(h, exact, x > -50))
-    assert np.all(np.array(errors) <= [0.011, 0.006, 0.004])
+    assert np.all(np.array(errors) <= [0.010, 0.0055, 0.0037])
     assert all(order > 0.4 for order in orders(errors))
 
 
@@ -113,16 +113,17 @@ def test_v3_sliding_block(mu):
 
 
 def test_v3_stops_on_the_flat_after_v2_over_2_mu_g():
-    solver, _ = one_column(0, Coulomb(0.4), velocity=(20.0, 0.0), cfl=0.02)
+    """Within 0.13 %: only where in its last step the column stops is open."""
+    solver, _ = one_column(0, Coulomb(0.4), velocity=(20.0, 0.0))
     start = solver.frame().particles.position[:, 0].mean()
     solver.advance(10.0)
     p = solver.frame().particles
     assert np.all(p.velocity == 0.0)
-    np.testing.assert_allclose(p.position[:, 0].mean() - start, 20.0**2 / (2 * 0.4 * G), rtol=0.02)
+    np.testing.assert_allclose(p.position[:, 0].mean() - start, 20.0**2 / (2 * 0.4 * G), rtol=0.002)
 
 
 def test_v19_steady_voellmy_speed():
-    """|U| = sqrt(xi h_n (sin - mu cos)) within 1 % for a sheet between walls, where the grid knows its thickness."""
+    """|U| = sqrt(xi h_n (sin - mu cos)) within 0.02 % (asked: 1 %), for a sheet between walls: its depth is known."""
     slope, thickness = np.radians(30), 2.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 4000, 40, 10)
     frame = seeded(thickness, 100, 2000, 0, 40, 10.0)
@@ -132,16 +133,16 @@ def test_v19_steady_voellmy_speed():
     inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 200
     normal = thickness * np.cos(slope)
     steady = np.sqrt(500.0 * normal * (np.sin(slope) - 0.2 * np.cos(slope)))
-    np.testing.assert_allclose(np.linalg.norm(p.velocity[inner], axis=1).mean(), steady, rtol=0.01)
+    np.testing.assert_allclose(np.linalg.norm(p.velocity[inner], axis=1).mean(), steady, rtol=0.0005)
 
 
 @pytest.mark.parametrize("degrees, moves", [(20, False), (24, False), (24.9, False), (25.1, True), (26, True)])
 def test_v4_infinite_slope(degrees, moves):
-    """Friction 25 deg: the inside of a long sheet stays put exactly below it, and above it slides as it must."""
+    """Friction 25 deg: inside a long sheet all stays put exactly below it, and above it slides as it must, to 0.6 %."""
     slope, delta, time = np.radians(degrees), np.radians(25), 4.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 400, 20, 5)
     frame = seeded(0.2, 50, 350, 0, 20, 5.0)
-    solver = solver_on(terrain, frame, 5.0, Coulomb(float(np.tan(delta))), edges="wall", cfl=0.02)
+    solver = solver_on(terrain, frame, 5.0, Coulomb(float(np.tan(delta))), edges="wall")
     solver.advance(time)
     p = solver.frame().particles
     moved = p.position[np.argsort(p.id), 0] - frame.particles.position[:, 0]
@@ -149,7 +150,7 @@ def test_v4_infinite_slope(degrees, moves):
     inside = (start > 120) & (start < 280)
     if moves:
         expected = 0.5 * G * np.cos(slope) ** 2 * (np.tan(slope) - np.tan(delta)) * time**2
-        np.testing.assert_allclose(moved[inside].mean(), expected, rtol=0.03)
+        np.testing.assert_allclose(moved[inside].mean(), expected, rtol=0.008)
     else:
         assert np.all(moved[inside] == 0.0)
 
@@ -198,13 +199,13 @@ def test_v10_lake_at_rest_with_its_level_known():
 
 
 def test_v10_lake_at_rest_without_it():
-    """At most 1e-3 sqrt(g h)."""
+    """At most 1e-3 sqrt(g h); it is 5.4e-4."""
     fastest, wave = lake(0.4, reference=False)
     assert fastest <= 1e-3 * wave
 
 
 def test_curvature_keeps_the_speed_round_a_bend():
-    """A point mass through a slope change of 30 to 0 degrees keeps its energy with curvature, and loses it without."""
+    """A point mass through a slope change of 30 to 0 degrees keeps its energy to 0.02 %; a quarter is lost without."""
 
     def bed(x, y):
         return np.where(x < 300, (300 - x) * np.tan(np.radians(30)), 0.0) + 0 * y
@@ -213,15 +214,15 @@ def test_curvature_keeps_the_speed_round_a_bend():
     loss = []
     for law in (Curvature(), None):
         frame = seeded(1e-7, 100, 101, 20, 21, 2.0)
-        solver = solver_on(terrain, frame, 2.0, curvature=law, cfl=0.05)
+        solver = solver_on(terrain, frame, 2.0, curvature=law)
         start = solver.frame().particles.position[:, 2].mean()
         solver.advance(12.0)
         p = solver.frame().particles
         assert p.position[:, 0].min() > 310
         energy = 0.5 * (p.velocity**2).sum(axis=1).mean()
         loss.append(1.0 - energy / (G * (start - p.position[:, 2].mean())))
-    assert abs(loss[0]) < 0.03
-    assert loss[1] > 0.15
+    assert abs(loss[0]) < 0.0005
+    assert loss[1] > 0.2
 
 
 def test_bed_spline_is_exact_on_planes():
