@@ -8,6 +8,7 @@ from . import talk
 EXAMPLE = """
 mpmgis effects
 mpmgis effects scene.toml
+mpmgis effects scene.toml --measure
 """
 
 
@@ -15,6 +16,12 @@ def add_arguments(parser):
     """Declare the verb's options."""
     parser.add_argument("scene", nargs="?", metavar="scene.toml", help="decide the effects of this scene")
     parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
+    parser.add_argument(
+        "--measure",
+        action="store_true",
+        help="run the scene's first steps, and tell what share of the time goes into "
+        "each effect; compiles a step without each, half a minute each where that is new",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -23,15 +30,24 @@ def run(arguments):
     if arguments.scene is None:
         if arguments.law is not None:
             raise InputError("--law goes with a scene that names the law; give scene.toml")
+        if arguments.measure:
+            raise InputError("--measure wants a scene to measure; give scene.toml")
         from ..scene import catalogue
 
         entries = catalogue()
         print(json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries))
         return 0
-    from ..pipeline.prepare import prepare
+    from ..pipeline.effects import decided, measured
 
-    decisions = prepare(arguments.scene, talk.detail, arguments.law).decisions
-    print(json.dumps([d._asdict() for d in decisions], indent=1) if arguments.json else _table(decisions))
+    if arguments.measure:
+        decisions, costs = measured(arguments.scene, arguments.law, talk.detail, talk.say)
+        talk.say(
+            f"a step of {costs.columns} columns at t = {costs.time:.3g} s takes {1e3 * costs.step_seconds:.3g} ms; "
+            f"timed twice it differs by {100 * costs.noise:.1f} %: smaller costs are noise"
+        )
+    else:
+        decisions, costs = decided(arguments.scene, arguments.law, talk.detail), None
+    print(json.dumps(_facts(decisions, costs), indent=1) if arguments.json else _table(decisions, costs))
     return 0
 
 
@@ -45,6 +61,26 @@ def _entry(entry):
     return f"{_heading(entry)}: {entry['what']}\n    parameters: {parameters}"
 
 
-def _table(decisions):
-    head = f"{'effect':<16} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} {'runout':>8}  because"
-    return "\n".join([head, *(decision.line() for decision in decisions)])
+def _facts(decisions, costs):
+    """Decisions as plain dictionaries, with the share of a step that was measured, null where there is none."""
+    if costs is None:
+        return [decision._asdict() for decision in decisions]
+    return [d._asdict() | {"cost_share": costs.shares.get(d.effect), "cost_noise": costs.noise} for d in decisions]
+
+
+def _table(decisions, costs):
+    """A row for each decision; with `costs` each has the share of a step that goes into the effect."""
+    shares = None if costs is None else costs.shares
+    head = (
+        f"{'effect':<16} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} {'runout':>8}{_cost('cost', shares)}  because"
+    )
+    return "\n".join([head, *(d.line(_cost(_percent(shares, d.effect), shares)) for d in decisions)])
+
+
+def _cost(text, shares):
+    """A cell of the column of costs, nothing where they were not measured."""
+    return "" if shares is None else f" {text:>8}"
+
+
+def _percent(shares, effect):
+    return f"{100 * shares[effect]:.1f} %" if shares and effect in shares else ""

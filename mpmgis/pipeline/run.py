@@ -34,6 +34,14 @@ class RunSummary:
     balances: dict
 
 
+def use_threads(columns, asked=None):
+    """Use the number of threads `asked` for, or what `columns` are worth; answers how many that are.
+
+    A thread for few columns costs more than it brings, above all on a busy machine; the result is the same.
+    """
+    return set_threads(asked or max(1, min(set_threads(None), columns // COLUMNS_PER_THREAD)))
+
+
 def require_affordable(prepared, threads, confirm):
     """Refuse, or ask `confirm(question)`, where a run would take over an hour or most of the memory."""
     west, south, east, north = prepared.terrain.grid.bounds
@@ -75,8 +83,7 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     output = output or Path(scene_path).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene_path, say, laws)
-    # a thread for few columns costs more than it brings, above all on a busy machine; the result is the same
-    used = set_threads(threads or max(1, min(set_threads(None), prepared.columns // COLUMNS_PER_THREAD)))
+    used = use_threads(prepared.columns, threads)
     require_affordable(prepared, used, confirm)
     solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places)
     for decision in prepared.decisions:

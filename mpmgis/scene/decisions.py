@@ -28,13 +28,13 @@ class Decision(NamedTuple):
         """Whether the scene has it or a number speaks about it; else there is nothing to tell."""
         return self.state == "on" or self.decided_by != "scene"
 
-    def line(self):
-        """One line for a table on the terminal."""
+    def line(self, cost=""):
+        """One line for a table on the terminal; `cost` is a further cell before the reason."""
         number = "" if self.indicator is None else f"{self.indicator:.3g}"
         threshold = "" if self.threshold is None else f"> {self.threshold:g}"
         change = "" if self.runout_change is None else f"{100 * self.runout_change:+.0f} %"
         head = f"{self.effect:<16} {self.state:<4} {self.decided_by:<7} {number:>9} {threshold:<8}"
-        return f"{head} {change:>8}  {self.reason}"
+        return f"{head} {change:>8}{cost}  {self.reason}"
 
 
 class TerrainFacts(NamedTuple):

@@ -1,0 +1,23 @@
+"""A scene in, its decisions about effects and what each of them costs out."""
+
+from ..solvers.columns import ColumnSolver
+from ..solvers.effect_costs import effect_costs, under_way
+from .prepare import prepare
+from .run import use_threads
+
+
+def decided(scene_path, laws=None, say=lambda text: None):
+    """Decisions about the effects of the scene at `scene_path`, with the user's own `laws`; nothing is run."""
+    return prepare(scene_path, say, laws).decisions
+
+
+def measured(scene_path, laws=None, say=lambda text: None, tell=lambda text: None):
+    """(decisions, EffectCosts): the scene's first steps are run, with each of its effects and without it.
+
+    `say` gets the small print of the preparation, `tell` what takes long.
+    """
+    prepared = prepare(scene_path, say, laws)
+    use_threads(prepared.columns)
+    solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places)
+    start = under_way(solver, prepared.events, prepared.scene.output.end_time)
+    return prepared.decisions, effect_costs(solver, start, tell)

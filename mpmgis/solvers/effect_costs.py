@@ -1,0 +1,117 @@
+"""What effects cost: how much of a step is saved where one of them gives way to its null form (design notes 8).
+
+Both steps are timed from the same state in turns, a flow under way, so that neither the machine's moods nor the flow's
+own change are taken for the effect. What is left of that is told: the whole scene against itself.
+"""
+
+from time import perf_counter
+from typing import NamedTuple
+
+from ..effects import friction
+from ..effects.slots import ColumnEffects
+from ..errors import SceneError
+
+STEPS = 20  # timed at a time; the quickest of all rounds counts
+LEAST_ROUNDS, MOST_ROUNDS, ROUNDS_SECONDS = 5, 60, 6.0  # as many rounds as fit into that time [s]
+UNTIMED_STEPS = 2  # after each restart: the first ever compiles, the first of each puts the columns in order
+UNDER_WAY_STEPS, UNDER_WAY_SECONDS = 200, 5.0  # until the flow counts as under way
+FIRST, AGAIN = "whole", "whole again"  # no names of effects
+CHOICES = ("metric",)  # slots that hold one of two forms, neither of which is the absence of the other
+
+
+class EffectCosts(NamedTuple):
+    """What was measured, and on what."""
+
+    shares: dict  # effect -> share of a step [1] that goes into it
+    noise: float  # [1] by which two measurements of the whole scene differ
+    step_seconds: float  # [s] of the whole scene
+    columns: int
+    time: float  # [s] simulated, at which it was measured
+
+
+def without_each(effects):
+    """Effect, as decisions name it -> `effects` with its null form in its place.
+
+    Zones go where friction goes; turbulent drag is what Voellmy's laws have more than Coulomb's.
+    """
+    null = ColumnEffects()
+    present = [name for name in effects._fields if type(getattr(effects, name)) is not type(getattr(null, name))]
+    variants = {name: effects._replace(**{name: getattr(null, name)}) for name in present if name not in CHOICES}
+    if "friction" in variants:
+        variants["friction"] = variants["friction"]._replace(zones=null.zones)
+    if isinstance(effects.friction, (friction.Voellmy, friction.ModifiedVoellmy)):
+        variants["turbulent_drag"] = effects._replace(friction=friction.Coulomb(effects.friction.mu))
+    return variants
+
+
+def under_way(solver, events, end_time, clock=perf_counter):
+    """March `solver` a little, with what flows in, to where its effects are at work; the Frame there, with its state.
+
+    Raises
+    ------
+    SceneError
+        Nothing is on the terrain before `end_time` [s].
+    """
+    events.let_in(solver)
+    while not solver.columns:
+        if events.next_time(solver.time) >= end_time:
+            raise SceneError("nothing moves before [output] end_time; there is no step to measure")
+        solver.wait(events.next_time(solver.time))
+        events.let_in(solver)
+    start, began = solver.frame(), clock()
+    while solver.step < UNDER_WAY_STEPS and clock() - began < UNDER_WAY_SECONDS and solver.time < end_time:
+        before = solver.step
+        solver.advance(min(end_time, events.next_time(solver.time)), 10, may_stop=False)
+        events.let_in(solver)
+        if solver.step == before:  # it has stopped itself, or all has left
+            break
+    return solver.frame() if solver.columns else start
+
+
+def effect_costs(solver, start, say=lambda text: None, clock=perf_counter):
+    """`EffectCosts` of the effects of `solver`, whose state is that of the Frame `start` before and after each look.
+
+    Raises
+    ------
+    SceneError
+        The flow ends within the steps that are timed.
+    """
+    whole = solver.effects
+    variants = without_each(whole)
+    for number, (name, effects) in enumerate(variants.items(), 1):
+        say(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
+        _seconds_per_step(solver, effects, start, clock)
+    best = _quickest(solver, {FIRST: whole, **variants, AGAIN: whole}, start, clock)
+    solver.restore(start)
+    with_all = 0.5 * (best[FIRST] + best[AGAIN])
+    shares = {name: 1.0 - best[name] / with_all for name in variants}
+    noise = abs(best[FIRST] - best[AGAIN]) / with_all
+    return EffectCosts(shares, noise, with_all, solver.columns, solver.time)
+
+
+def _quickest(solver, steps, start, clock):
+    """Wall time [s] of the quickest step of each of `steps`, name -> ColumnEffects, timed in turns."""
+    best = dict.fromkeys(steps, float("inf"))
+    began = clock()
+    for done in range(MOST_ROUNDS):
+        if done >= LEAST_ROUNDS and clock() - began > ROUNDS_SECONDS:
+            break
+        for name, effects in steps.items():
+            best[name] = min(best[name], _seconds_per_step(solver, effects, start, clock))
+    return best
+
+
+def _seconds_per_step(solver, effects, start, clock):
+    """Wall time [s] of a step with `effects` from the Frame `start`."""
+    solver.restore(start)
+    whole, solver.effects = solver.effects, effects
+    try:
+        solver.advance(float("inf"), UNTIMED_STEPS, may_stop=False)
+        began, step = clock(), solver.step
+        solver.advance(float("inf"), STEPS, may_stop=False)
+        spent, taken = clock() - began, solver.step - step
+    finally:
+        solver.effects = whole
+    if taken < STEPS:
+        raise SceneError(f"the flow ends within {STEPS} steps at t = {solver.time:.3g} s; there is no cost to measure")
+    return spent / taken
