@@ -76,6 +76,10 @@ class Fluid(NamedTuple):
         nothing = 0.0 * pull
         return volume, nothing, nothing, nothing, nothing, nothing, nothing, nothing
 
+    def volume_ratio(self, s0, s1, s2, s3, s4, s5, s6, s7):
+        """Volume now over that free of stress [1]."""
+        return s0
+
     def stored_energy(self, s0, s1, s2, s3, s4, s5, s6, s7):
         """Energy [J m-3] of compression, the integral of -p over J from 1."""
         if self.tait > 0.5:

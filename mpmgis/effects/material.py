@@ -1,9 +1,10 @@
 """What solids of the 3D solver are made of: stress from the deformation of a step (design notes 4.3 to 4.5).
 
 A material is a NamedTuple of its parameters whose methods run as plain Python and, unchanged, inside the compiled
-solver, for several points at once. A point carries eight numbers: the elastic left Cauchy-Green tensor b = F F^T (xx,
-yy, zz, xy, xz, yz), the accumulated deviatoric plastic strain e_d = sum of sqrt(2/3) |de_p| [1], and the volume v_c [1]
-by which it has been pulled apart and must be pushed back before it bears load.
+solver, for several points at once. A point carries eight numbers, all 0 where it is free of stress: b - I (xx, yy, zz,
+xy, xz, yz) of the elastic left Cauchy-Green tensor b = F F^T, the accumulated deviatoric plastic strain e_d = sum of
+sqrt(2/3) |de_p| [1], and the volume v_c [1] by which it has been pulled apart and must be pushed back before it bears
+load.
 
 A step's gradient g = dt grad v [1] makes b_trial = (I + g) b (I + g)^T with the Hencky strain e = log(b_trial) / 2;
 Kirchhoff stress tau = J sigma = 2 G dev e + K tr(e) I [Pa], per volume free of stress. Invariants p = -K tr e (pressure
@@ -14,7 +15,7 @@ Codes of a step: ORDINARY, NO_TENSION (at the cone's tip), FAR (call `stress_ste
 to 1e-4..1e4, or the step turned the point inside out).
 """
 
-from math import exp, sqrt
+from math import exp, expm1, sqrt
 from typing import NamedTuple
 
 from .hencky import (
@@ -23,9 +24,9 @@ from .hencky import (
     SMALLEST_STRETCH,
     assembled,
     determinant_of_step,
-    exponential,
-    exponential_by_squaring,
+    exponential_less_unit,
     hencky_strain,
+    large_exponential_less_unit,
     principal,
     principal_strain,
     pushed_forward,
@@ -41,24 +42,24 @@ def stress_step(
     material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
 ):  # fmt: skip
     """State and Kirchhoff stress after a step of gradient g: (s0..s7, txx, tyy, tzz, txy, txz, tyz [Pa], code)."""
-    bxx, byy, bzz, bxy, bxz, byz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
-    near = squared_norm(bxx - 1.0, byy - 1.0, bzz - 1.0, bxy, bxz, byz) <= SERIES_REACH
+    xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
+    near = squared_norm(xxx, xyy, xzz, xxy, xxz, xyz) <= SERIES_REACH
     upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
-    trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(bxx, byy, bzz, bxy, bxz, byz)
+    trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(xxx, xyy, xzz, xxy, xxz, xyz)
     norm = sqrt(squared_norm(dxx, dyy, dzz, dxy, dxz, dyz))
     trace, kept, s6, s7, code, yields = material.returned_strain(trace, norm, s6, s7, time_step, softening)
     dxx, dyy, dzz, dxy, dxz, dyz = kept * dxx, kept * dyy, kept * dzz, kept * dxy, kept * dxz, kept * dyz
-    fxx, fyy, fzz, fxy, fxz, fyz = exponential(
+    fxx, fyy, fzz, fxy, fxz, fyz = exponential_less_unit(
         2.0 * trace, 2.0 * dxx, 2.0 * dyy, 2.0 * dzz, 2.0 * dxy, 2.0 * dxz, 2.0 * dyz
     )
     twice, pull = 2.0 * material.shear_modulus, material.bulk_modulus * trace
     return (
-        fxx if yields else bxx,
-        fyy if yields else byy,
-        fzz if yields else bzz,
-        fxy if yields else bxy,
-        fxz if yields else bxz,
-        fyz if yields else byz,
+        fxx if yields else xxx,
+        fyy if yields else xyy,
+        fzz if yields else xzz,
+        fxy if yields else xxy,
+        fxz if yields else xxz,
+        fyz if yields else xyz,
         s6,
         s7,
         twice * dxx + pull,
@@ -75,10 +76,11 @@ def stress_step_far(
     material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
 ):  # fmt: skip
     """`stress_step` of one point for strains of any size, by principal values."""
-    bxx, byy, bzz, bxy, bxz, byz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
+    xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
     upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
-    a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz = principal(bxx, byy, bzz, bxy, bxz, byz)
-    held = min(a, b, c) >= SMALLEST_STRETCH * SMALLEST_STRETCH and max(a, b, c) <= LARGEST_STRETCH * LARGEST_STRETCH
+    a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz = principal(xxx, xyy, xzz, xxy, xxz, xyz)
+    held = 1.0 + min(a, b, c) >= SMALLEST_STRETCH * SMALLEST_STRETCH
+    held = held and 1.0 + max(a, b, c) <= LARGEST_STRETCH * LARGEST_STRETCH
     ea, eb, ec = principal_strain(a), principal_strain(b), principal_strain(c)
     trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
     da, db, dc = ea - mean, eb - mean, ec - mean
@@ -86,14 +88,14 @@ def stress_step_far(
     trace, kept, s6, s7, code, yields = material.returned_strain(trace, norm, s6, s7, time_step, softening)
     da, db, dc, mean = kept * da, kept * db, kept * dc, trace / 3.0
     if yields or not held:
-        fa, fb, fc = exp(2.0 * (mean + da)), exp(2.0 * (mean + db)), exp(2.0 * (mean + dc))
-        bxx, byy, bzz, bxy, bxz, byz = assembled(fa, fb, fc, ax, ay, az, bx, by, bz, cx, cy, cz)
+        fa, fb, fc = expm1(2.0 * (mean + da)), expm1(2.0 * (mean + db)), expm1(2.0 * (mean + dc))
+        xxx, xyy, xzz, xxy, xxz, xyz = assembled(fa, fb, fc, ax, ay, az, bx, by, bz, cx, cy, cz)
     twice, pull = 2.0 * material.shear_modulus, material.bulk_modulus * trace
     txx, tyy, tzz, txy, txz, tyz = assembled(
         twice * da + pull, twice * db + pull, twice * dc + pull, ax, ay, az, bx, by, bz, cx, cy, cz
     )
     code = code if upright and held else FAR
-    return bxx, byy, bzz, bxy, bxz, byz, s6, s7, txx, tyy, tzz, txy, txz, tyz, code
+    return xxx, xyy, xzz, xxy, xxz, xyz, s6, s7, txx, tyy, tzz, txy, txz, tyz, code
 
 
 def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
@@ -103,7 +105,7 @@ def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
     """
     trace, bearing = (txx + tyy + tzz) / (3.0 * material.bulk_modulus), 1.0 / material.shear_modulus
     mean = (txx + tyy + tzz) / 3.0
-    b = exponential_by_squaring(
+    x = large_exponential_less_unit(
         2.0 * trace,
         bearing * (txx - mean),
         bearing * (tyy - mean),
@@ -113,7 +115,7 @@ def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
         bearing * tyz,
     )
     nothing = 0.0 * trace
-    return b[0], b[1], b[2], b[3], b[4], b[5], nothing, nothing
+    return x[0], x[1], x[2], x[3], x[4], x[5], nothing, nothing
 
 
 def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
@@ -123,6 +125,13 @@ def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
     trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
     da, db, dc = ea - mean, eb - mean, ec - mean
     return 0.5 * material.bulk_modulus * trace * trace + material.shear_modulus * (da * da + db * db + dc * dc)
+
+
+def volume_ratio(material, s0, s1, s2, s3, s4, s5, s6, s7):
+    """Volume now over that free of stress [1]: sqrt(det b), and what it has been pulled apart by."""
+    xx, yy, zz = 1.0 + s0, 1.0 + s1, 1.0 + s2
+    determinant = xx * (yy * zz - s5 * s5) - s3 * (s3 * zz - s5 * s4) + s4 * (s3 * s5 - yy * s4)
+    return sqrt(max(determinant, 0.0)) * exp(s7)
 
 
 def wave_speed(material, density):
@@ -157,6 +166,7 @@ class Elastic(NamedTuple):
     stress_step_far = stress_step_far
     state_at_stress = state_at_stress
     stored_energy = stored_energy
+    volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
@@ -196,6 +206,7 @@ class DruckerPrager(NamedTuple):
     stress_step_far = stress_step_far
     state_at_stress = state_at_stress
     stored_energy = stored_energy
+    volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
@@ -240,6 +251,7 @@ class MuI(NamedTuple):
     stress_step_far = stress_step_far
     state_at_stress = state_at_stress
     stored_energy = stored_energy
+    volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight

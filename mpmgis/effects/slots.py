@@ -4,11 +4,13 @@ from typing import Any, NamedTuple
 
 from .barrier import NoBarrier
 from .cohesion import NoCohesion
+from .contact import CoulombContact
 from .curvature import NoCurvature
 from .earth_pressure import NoEarthPressure
 from .entrainment import NoEntrainment
 from .friction import Frictionless
 from .metric import SlopeMetric
+from .softening import NoSoftening
 from .still_water import NoStillWater
 from .viscosity import NoViscosity
 from .zones import NoZones
@@ -27,3 +29,12 @@ class ColumnEffects(NamedTuple):
     viscosity: Any = NoViscosity()
     entrainment: Any = NoEntrainment()
     barrier: Any = NoBarrier()
+
+
+class PointEffects(NamedTuple):
+    """What moves the points of the 3D solver; the material has no null form."""
+
+    material: Any
+    softening: Any = NoSoftening()
+    contact: Any = CoulombContact(0.0)
+    zones: Any = NoZones()

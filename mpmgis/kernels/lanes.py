@@ -78,6 +78,17 @@ def multiply_add(typingctx, factor, value, total):
     return lanes_type(types.float64, lanes_type, lanes_type), codegen
 
 
+@intrinsic
+def without_last(typingctx, value):
+    """The Lanes with a zero in place of the fourth."""
+
+    def codegen(context, builder, signature, arguments):
+        zero = ir.Constant(ir.DoubleType(), 0.0)
+        return builder.insert_element(arguments[0], zero, ir.Constant(ir.IntType(32), 3))
+
+    return lanes_type(lanes_type), codegen
+
+
 def _pointer(context, builder, kind, array, index):
     """Pointer to <4 x double> at flat `index` of a contiguous float64 array."""
     struct = context.make_array(kind)(context, builder, array)

@@ -32,6 +32,9 @@ METHODS = (
     "deflected",
     "stress_step_far",  # material
     "stored_energy",
+    "volume_ratio",
+    "kept_slip",  # contact of points with the ground
+    "sticks",
 )
 
 # of every point in every step, and so written into the kernels' loops
@@ -51,7 +54,7 @@ INLINED_FUNCTIONS = (
     hencky.cayley,
     hencky.hencky_strain,
     hencky.times_square,
-    hencky.exponential,
+    hencky.exponential_less_unit,
     softening.decay,
     softening.sine_cosine,
     softening.faded,

@@ -146,6 +146,14 @@ class ColumnGrid:
         return np.column_stack([along, (along * gradient).sum(axis=1)])
 
 
+def bed_at_nodes(grid):
+    """float64[ny + 3, nx + 3] [m]: elevation of the spline bed at the nodes; the outermost ones continue their line."""
+    x, y = grid.node_axes()
+    inner_x, inner_y = np.meshgrid(x[1:-1] - grid.x0, y[1:-1] - grid.y0)
+    bed = beds_at(grid.bed, inner_x.ravel(), inner_y.ravel(), grid.cell_size)[0].reshape(inner_x.shape)
+    return np.pad(bed, 1, mode="reflect", reflect_type="odd")
+
+
 def spared(array):
     """A copy of `array` with four numbers to spare behind it: kernels load three nodes of a row as four."""
     room = np.zeros(array.size + 4)

@@ -6,7 +6,7 @@ from mpmgis.effects.softening import NoSoftening
 
 UNSOFTENED = NoSoftening()
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-FRESH = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # a solid free of stress
+FRESH = (0.0,) * 8  # a solid free of stress
 
 
 def matrix(six):
@@ -18,6 +18,16 @@ def matrix(six):
 def six(tensor):
     """xx, yy, zz, xy, xz, yz of a symmetric float[3, 3]."""
     return tuple(float(tensor[place]) for place in PLACES)
+
+
+def cauchy_green(state):
+    """b float[3, 3] of a solid's state."""
+    return np.eye(3) + matrix(state[:6])
+
+
+def carried(b):
+    """The first six numbers of the state of a solid with the left Cauchy-Green tensor b float[3, 3]."""
+    return six(b - np.eye(3))
 
 
 def step(law, state, gradient, time_step=1e-3, softening=UNSOFTENED, method="stress_step"):
@@ -51,7 +61,7 @@ def shear(stress):
 
 
 def random_states(rng, count, size):
-    """Steps of random points: b of deformations `size` away from none, gradients a fifth of that."""
+    """Steps of random points: b - I of deformations `size` away from none, gradients a fifth of that."""
     for _ in range(count):
         deformation = np.eye(3) + size * rng.uniform(-1.0, 1.0, (3, 3))
-        yield six(deformation @ deformation.T), 0.2 * size * rng.uniform(-1.0, 1.0, (3, 3))
+        yield carried(deformation @ deformation.T), 0.2 * size * rng.uniform(-1.0, 1.0, (3, 3))

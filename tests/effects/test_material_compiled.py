@@ -102,6 +102,18 @@ def test_in_single_precision_all_of_it_is(name):
     assert "fmul" in body and "double" not in body
 
 
+def test_in_single_precision_small_steps_add_up():
+    """Compressed by 2e-9 a step, far below the 6e-8 that single precision resolves beside 1."""
+    law, soft = in_single(ICE), in_single(NONE)
+    given, found = np.zeros((ASKED, POINTS), np.float32), np.empty((ANSWERED, POINTS), np.float32)
+    given[:6] = np.array(ICE.state_at_stress(-1e5, -1e5, -1e5, 0.0, 0.0, 0.0))[:6, None]
+    given[[8, 12, 16]] = -2e-9
+    for _ in range(20_000):
+        loop(law, soft, np.float32(1e-3), given, found, POINTS)
+        given[:8] = found[:8]
+    np.testing.assert_allclose(found[8:11], -(1e5 + 6.7e6 * 3 * 2e-9 * 20_000), rtol=2e-3)
+
+
 @pytest.mark.parametrize("name", ["elastic", "frictional", "inertial", "fluid"])
 def test_far_path_and_energy_are_the_same_compiled(name):
     law, soft = CASES[name]

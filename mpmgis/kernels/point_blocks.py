@@ -1,0 +1,204 @@
+"""Points sorted by blocks of 4 x 4 x 4 nodes, and which blocks lie beside which.
+
+Blocks are counted upwards from the ground under them, so that a long flow down a mountain needs no tall empty box: the
+window of blocks is as wide as the flow and as high as it stands above the ground, whatever the domain.
+"""
+
+import numpy as np
+
+from .jit import jit, jit_inline, jit_parallel, prange
+from .point_rows import BLOCK, CHUNKS, GHOSTS
+
+SORT_PIECES = 8  # of the sort; fixed, so that the order does not depend on the number of threads
+REORDER_STEPS = 20  # rows are put into block order in memory this often
+GONE = -1  # key of a point that has left
+# int64 window: blocks that hold points, and the largest height above the lowest block that they reach to
+WEST, SOUTH, EAST, NORTH, TALL, WINDOW = range(6)
+
+
+@jit_inline
+def packed(row, column, level):
+    """One number of a block's row, column and level above the ground's lowest block there."""
+    return (row << 42) | (column << 21) | level
+
+
+@jit_inline
+def key_row(key):
+    """Block row of a key."""
+    return key >> 42
+
+
+@jit_inline
+def key_column(key):
+    """Block column of a key."""
+    return (key >> 21) & 0x1FFFFF
+
+
+@jit_inline
+def key_level(key):
+    """Level of a key."""
+    return key & 0x1FFFFF
+
+
+@jit_inline
+def block_of(place, inverse_dx):
+    """Block, along one axis, of the first node that a point at `place` [m] touches."""
+    return int(place * inverse_dx + (GHOSTS - 0.5)) // BLOCK
+
+
+@jit_inline
+def key_at(x, y, z, inverse_dx, lowest):
+    """Key of the block that a point belongs to; `lowest` as from `lowest_blocks`."""
+    row, column = block_of(y, inverse_dx), block_of(x, inverse_dx)
+    return packed(row, column, max(block_of(z, inverse_dx) - lowest[row, column, 0], 0))
+
+
+@jit
+def no_window(window):
+    """Set `window` to that of no points."""
+    window[WEST] = window[SOUTH] = 1 << 40
+    window[EAST] = window[NORTH] = window[TALL] = -1
+
+
+@jit
+def widen(window, key, lowest):
+    """Let `window` include the block of `key`, with its neighbours' heights above their own ground."""
+    window[WEST], window[EAST] = min(window[WEST], key_column(key)), max(window[EAST], key_column(key))
+    window[SOUTH], window[NORTH] = min(window[SOUTH], key_row(key)), max(window[NORTH], key_row(key))
+    window[TALL] = max(window[TALL], key_level(key) + lowest[key_row(key), key_column(key), 1])
+
+
+@jit
+def initial_keys(rows, keys, inverse_dx, lowest, window):
+    """Fill int64 `keys` for all `rows` and `window` from them."""
+    no_window(window)
+    for p in range(rows.shape[0]):
+        keys[p] = key_at(rows[p, 0], rows[p, 1], rows[p, 2], inverse_dx, lowest)
+        widen(window, keys[p], lowest)
+
+
+@jit_inline
+def place_of(key, window, width, depth):
+    """Where a block stands in the arrays over the window, which have room for a neighbour behind, beside and above."""
+    return ((key_row(key) - window[SOUTH]) * width + key_column(key) - window[WEST]) * depth + key_level(key)
+
+
+@jit_parallel
+def _count(keys, n, window, width, depth, size, histogram):
+    for c in prange(SORT_PIECES):
+        histogram[c, :size] = 0
+        for p in range(c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES):
+            if keys[p] != GONE:
+                histogram[c, place_of(keys[p], window, width, depth)] += 1
+
+
+@jit_parallel
+def _scatter(keys, n, window, width, depth, histogram, order):
+    for c in prange(SORT_PIECES):
+        for p in range(c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES):
+            if keys[p] != GONE:
+                b = place_of(keys[p], window, width, depth)
+                order[histogram[c, b]] = p
+                histogram[c, b] += 1
+
+
+@jit
+def sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, block, start):
+    """Stable counting sort of indices by block.
+
+    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to
+    `start[a + 1]` its points. Answers (active blocks, points alive).
+    """
+    _count(keys, n, window, width, depth, size, histogram)
+    total, active = 0, 0
+    for b in range(size):
+        first = total
+        for c in range(SORT_PIECES):
+            count = histogram[c, b]
+            histogram[c, b] = total
+            total += count
+        slot[b] = -1
+        if total > first:
+            slot[b] = active
+            block[active] = b
+            start[active] = first
+            active += 1
+    start[active] = total
+    _scatter(keys, n, window, width, depth, histogram, order)
+    return active, total
+
+
+@jit
+def split_evenly(start, active, bounds):
+    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of points: `bounds[c]` to `bounds[c + 1]`."""
+    total, a = start[active], 0
+    for c in range(CHUNKS):
+        bounds[c] = a
+        while a < active and start[a + 1] * CHUNKS <= total * (c + 1):
+            a += 1
+    bounds[CHUNKS] = active
+
+
+@jit_parallel
+def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
+    """Put rows into block order in memory; points that have left are dropped."""
+    for c in prange(CHUNKS):
+        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
+            q = order[p]
+            ids_out[p] = ids[q]
+            keys_out[p] = keys[q]
+            for k in range(rows.shape[1]):
+                rows_out[p, k] = rows[q, k]
+
+
+@jit
+def link_blocks(block, active, window, width, depth, lowest, touched_slot, size, touched, sources, targets):
+    """Find the node blocks that active blocks reach: themselves and their neighbours behind, beside and above.
+
+    `touched` int32[., 3] are their row, column and level above the domain's lowest; `targets[a, o]` is the number of
+    neighbour o of active block a, `sources[t, o]` the active block whose neighbour o it is, or -1. The bits of o are
+    x, y, z. Answers how many there are.
+    """
+    touched_slot[:size] = -1
+    count = 0
+    for a in range(active):
+        level = block[a] % depth
+        column = (block[a] // depth) % width + window[WEST]
+        row = block[a] // depth // width + window[SOUTH]
+        level += lowest[row, column, 0]
+        for o in range(8):
+            i, j, k = column + (o & 1), row + ((o >> 1) & 1), level + (o >> 2)
+            b = ((j - window[SOUTH]) * width + i - window[WEST]) * depth + k - lowest[j, i, 0]
+            t = touched_slot[b]
+            if t < 0:
+                t = count
+                touched_slot[b] = t
+                touched[t, 0], touched[t, 1], touched[t, 2] = j, i, k
+                for other in range(8):
+                    sources[t, other] = -1
+                count += 1
+            sources[t, o] = a
+            targets[a, o] = t
+    return count
+
+
+def lowest_blocks(ground, dx):
+    """int32[block rows, block columns, 2]: the lowest block over each block column that points can touch, and how many
+    blocks deeper its neighbours behind and beside begin.
+
+    `ground` float64[rows, columns] [m] is the elevation above the domain's lowest level at all nodes. A point is never
+    more than two cells under the ground; columns near by are looked at too, so that what a block reaches is there.
+    """
+    rows, columns = (-(-n // BLOCK) for n in ground.shape)
+    padded = np.pad(ground, ((0, rows * BLOCK - ground.shape[0]), (0, columns * BLOCK - ground.shape[1])), mode="edge")
+    least = _least_around(padded.reshape(rows, BLOCK, columns, BLOCK).min(axis=(1, 3)), (-2, -1, 0, 1, 2))
+    lowest = np.maximum((np.floor(least / dx).astype(np.int64) + GHOSTS - 3) // BLOCK, 0)
+    return np.stack([lowest, lowest - _least_around(lowest, (-1, 0))], axis=2).astype(np.int32)
+
+
+def _least_around(values, shifts):
+    """Smallest of `values` shifted along both axes, rims continued."""
+    around = np.pad(values, 2, mode="edge")
+    for axis in (0, 1):
+        around = np.minimum.reduce([np.roll(around, shift, axis) for shift in shifts])
+    return around[2:-2, 2:-2]

@@ -1,0 +1,33 @@
+"""A point of the 3D MPM as a row of numbers, and the stencil around it.
+
+A row holds four numbers at a time, as they are worked on: place and first number of state; momentum and mass; then the
+three columns of the affine momentum, each with one more number of state; four more numbers of state where the material
+has them. Places are metres from the corner of the domain, at its lowest level.
+"""
+
+from .jit import jit_inline
+
+(X, Y, Z, S0, PX, PY, PZ, MASS, AXX, AYX, AZX, S1, AXY, AYY, AZY, S2, AXZ, AYZ, AZZ, S3, S4, S5, S6, S7) = range(24)
+ROW_SHORT, ROW_LONG = 20, 24  # numbers of a row, for materials with up to 4 and up to 8 numbers of state
+STATE = (S0, S1, S2, S3, S4, S5, S6, S7)
+
+CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
+BLOCK = 4  # nodes along a block
+TILE = BLOCK + 2  # nodes along what the points of a block reach
+TILE_ROW = 4 * TILE
+TILE_LAYER = TILE * TILE_ROW
+TILE_SIZE = TILE * TILE_LAYER
+BLOCK_SIZE = BLOCK * BLOCK * BLOCK * 4
+GHOSTS = BLOCK  # nodes before the domain's corner, in each direction
+
+NODE_X, NODE_Y, NODE_Z, NODE_MASS = range(4)
+INDEX_MASK = 0x7FFFFFFF
+
+
+@jit_inline
+def stencil(place, inverse_dx):
+    """First of three nodes along an axis, offset from it in cells (0.5 to 1.5), weights of the quadratic spline."""
+    s = place * inverse_dx + GHOSTS
+    base = int(s - 0.5)
+    f = s - base
+    return base, f, 0.5 * (1.5 - f) * (1.5 - f), 0.75 - (f - 1.0) * (f - 1.0), 0.5 * (f - 0.5) * (f - 0.5)

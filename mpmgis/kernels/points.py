@@ -1,0 +1,369 @@
+"""Compiled loops of the 3D MPM (design notes 4; blocks as in design notes on kernels).
+
+A point carries its momentum and, ready-made, what it gives to the nodes around it in the next step: its affine momentum
+less the impulse of its stress. The next time step is therefore chosen before the points are moved, from the velocities
+at the nodes, which no point exceeds.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .jit import jit
+from .point_blocks import EAST as BLOCKS_EAST
+from .point_blocks import (
+    GONE,
+    REORDER_STEPS,
+    SORT_PIECES,
+    initial_keys,
+    key_at,
+    link_blocks,
+    lowest_blocks,
+    no_window,
+    reorder,
+    sort_by_block,
+    split_evenly,
+)
+from .point_blocks import NORTH as BLOCKS_NORTH
+from .point_blocks import SOUTH as BLOCKS_SOUTH
+from .point_blocks import TALL as BLOCKS_TALL
+from .point_blocks import WEST as BLOCKS_WEST
+from .point_blocks import WINDOW as BLOCKS_WINDOW
+from .point_nodes import (
+    FASTEST2,
+    GROUND_ENTRIES,
+    GROUND_WORK,
+    GROUND_X,
+    GROUND_Y,
+    GROUND_Z,
+    NODE_REPORT,
+    WALL_X,
+    WALL_Y,
+    update_points_nodes,
+)
+from .point_rows import (
+    AXX,
+    AXY,
+    AXZ,
+    BLOCK,
+    BLOCK_SIZE,
+    CHUNKS,
+    GHOSTS,
+    MASS,
+    PX,
+    PZ,
+    ROW_LONG,
+    ROW_SHORT,
+    S0,
+    S1,
+    S2,
+    S3,
+    S4,
+    STATE,
+    TILE_SIZE,
+    X,
+    Z,
+)
+from .point_transfer import (
+    AT_TIP,
+    BAD_X,
+    BAD_Y,
+    BLOCK_EAST,
+    BLOCK_NORTH,
+    BLOCK_SOUTH,
+    BLOCK_TALL,
+    BLOCK_WEST,
+    EDGES,
+    FAR,
+    KINETIC,
+    NOT_FINITE,
+    OUT,
+    OUT_ENTRIES,
+    POTENTIAL,
+    REPORT,
+    SHEAR_MAX,
+    SPEED2_MAX,
+    UNDER,
+    grid_to_points,
+    points_to_grid,
+)
+
+__all__ = [  # what the solver needs beside its own
+    "AXX",
+    "AXY",
+    "AXZ",
+    "GHOSTS",
+    "GONE",
+    "GROUND_ENTRIES",
+    "MASS",
+    "PX",
+    "PZ",
+    "ROW_LONG",
+    "ROW_SHORT",
+    "STATE",
+    "X",
+    "Z",
+    "advance",
+    "initial_keys",
+    "key_at",
+    "lowest_blocks",
+    "stored_energy",
+    "volume_ratios",
+]
+
+# why `advance` came back
+RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED = range(5)
+# float64 clock: what one step hands to the next, and what a restart needs
+(
+    TIME,
+    STEP_NOW,  # time step [s] of the step to come, which the points' impulses are made for
+    HITS,  # 1 if that step ends exactly at the time asked for
+    LAST_DT,  # last time step not cut by a frame time [s]
+    FASTEST,  # largest speed at a node [m s-1]
+    SHEAR,  # largest |C| of a point [s-1]
+    KINETIC_NOW,  # [J]
+    POTENTIAL_NOW,  # [J]
+    SPEED_NOW,  # largest speed of a point [m s-1]
+    SPEED_WORST,
+    TIP_TOTAL,  # point-steps without tension
+    FAR_TOTAL,  # point-steps whose strain left the series
+    LIFTED_MASS,  # mass laid back onto the ground, counted each time [kg]
+    TOTAL_MASS,  # [kg]
+    MASS_NOW,  # on the terrain [kg]
+    BAD_AT_X,
+    BAD_AT_Y,
+    IMPULSE_GROUND_X,  # what the ground has given [N s]
+    IMPULSE_GROUND_Y,
+    IMPULSE_GROUND_Z,
+    IMPULSE_WALL_X,
+    IMPULSE_WALL_Y,
+    IMPULSE_GRAVITY,  # downwards [N s]
+    GROUND_LOSS,  # energy lost to contact with the ground [J]
+    CLOCK,
+) = range(25)
+# int64 counts; then the window of blocks
+CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
+COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
+
+
+class Settings(NamedTuple):
+    """What does not change while the points march."""
+
+    dx: float  # [m]
+    density: float  # [kg m-3]
+    gravity: float  # [m s-2]
+    cfl: float
+    signal_speed: float  # of pressure waves [m s-1]
+    viscous_limit: float  # [s], infinite without viscosity
+    fixed_dt: float  # [s]; 0: by the Courant number
+    clearance: float  # height above the ground at which a node touches it [m]
+    length_x: float  # [m]
+    length_y: float
+    cells_x: int
+    cells_y: int
+    leak_stop: float  # share of the mass under the ground in one step
+    wall: bool
+
+
+@jit
+def largest_time_step(fastest, shear, settings):
+    """C min(dx / (c_p + v), 0.2 / |C|, sqrt(dx / g), rho dx^2 / (6 eta)) (design notes 4.2)."""
+    return settings.cfl * min(
+        min(settings.dx / (settings.signal_speed + fastest), 0.2 / max(shear, 1e-300)),
+        min(sqrt(settings.dx / max(settings.gravity, 1e-300)), settings.viscous_limit),
+    )
+
+
+@jit
+def set_next_step(clock, counts, time, until, after, settings):
+    """Choose the time step that follows `time` so that `until`, and then `after`, are met exactly."""
+    limit = settings.fixed_dt
+    if limit <= 0.0:
+        limit = largest_time_step(clock[FASTEST], clock[SHEAR], settings)
+        if counts[STEP] > 0:
+            limit = min(limit, 1.2 * clock[LAST_DT])
+    clock[LAST_DT] = limit
+    left = (until if time < until else after) - time
+    clock[HITS] = 0.0
+    if limit >= left * (1.0 - 1e-12):
+        clock[STEP_NOW], clock[HITS] = left, 1.0
+    elif limit > 0.5 * left:  # two equal steps rather than one whole and one tiny
+        clock[STEP_NOW] = 0.5 * left
+    else:
+        clock[STEP_NOW] = limit
+
+
+@jit
+def collect(report, ledger, clock, counts, window):
+    """Reduce the chunks' reports in their order into clock, counts, ledger and window."""
+    clock[KINETIC_NOW] = clock[POTENTIAL_NOW] = clock[SPEED_NOW] = clock[SHEAR] = 0.0
+    no_window(window)
+    lifted = 0.0
+    for c in range(CHUNKS):
+        mine = report[c]
+        clock[KINETIC_NOW] += mine[KINETIC]
+        clock[POTENTIAL_NOW] += mine[POTENTIAL]
+        clock[SPEED_NOW] = max(clock[SPEED_NOW], sqrt(mine[SPEED2_MAX]))
+        clock[SHEAR] = max(clock[SHEAR], sqrt(mine[SHEAR_MAX]))
+        clock[TIP_TOTAL] += mine[AT_TIP]
+        clock[FAR_TOTAL] += mine[FAR]
+        lifted += mine[UNDER]
+        if mine[NOT_FINITE] > 0.0:
+            counts[BAD] += int(mine[NOT_FINITE])
+            clock[BAD_AT_X], clock[BAD_AT_Y] = mine[BAD_X], mine[BAD_Y]
+        window[BLOCKS_WEST] = min(window[BLOCKS_WEST], int(mine[BLOCK_WEST]))
+        window[BLOCKS_SOUTH] = min(window[BLOCKS_SOUTH], int(mine[BLOCK_SOUTH]))
+        window[BLOCKS_EAST] = max(window[BLOCKS_EAST], int(mine[BLOCK_EAST]))
+        window[BLOCKS_NORTH] = max(window[BLOCKS_NORTH], int(mine[BLOCK_NORTH]))
+        window[BLOCKS_TALL] = max(window[BLOCKS_TALL], int(mine[BLOCK_TALL]))
+        for edge in range(EDGES):
+            clock[MASS_NOW] -= mine[OUT + edge * OUT_ENTRIES]
+            for entry in range(OUT_ENTRIES):
+                ledger[edge, entry] += mine[OUT + edge * OUT_ENTRIES + entry]
+            counts[ALIVE] -= int(mine[OUT + edge * OUT_ENTRIES + 6])
+    clock[LIFTED_MASS] += lifted
+    clock[SPEED_WORST] = max(clock[SPEED_WORST], clock[SPEED_NOW])
+    return lifted
+
+
+@jit
+def collect_nodes(node_report, clock):
+    """Reduce the node loop's reports: the largest speed, and the impulses of ground and walls."""
+    fastest2 = 0.0
+    for c in range(CHUNKS):
+        mine = node_report[c]
+        fastest2 = max(fastest2, mine[FASTEST2])
+        clock[IMPULSE_GROUND_X] += mine[GROUND_X]
+        clock[IMPULSE_GROUND_Y] += mine[GROUND_Y]
+        clock[IMPULSE_GROUND_Z] += mine[GROUND_Z]
+        clock[IMPULSE_WALL_X] += mine[WALL_X]
+        clock[IMPULSE_WALL_Y] += mine[WALL_Y]
+        clock[GROUND_LOSS] += mine[GROUND_WORK]
+    clock[FASTEST] = sqrt(fastest2)
+
+
+@jit
+def volume_ratios(rows, material):
+    """float64[n]: volume of each point over that free of stress [1]."""
+    ratios = np.empty(rows.shape[0])
+    for p in range(rows.shape[0]):
+        s4, s5, s6, s7 = _more_state(rows, p)
+        ratios[p] = material.volume_ratio(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
+    return ratios
+
+
+@jit
+def stored_energy(rows, density, material):
+    """Elastic energy of all points [J]."""
+    total = 0.0
+    for p in range(rows.shape[0]):
+        s4, s5, s6, s7 = _more_state(rows, p)
+        total += (
+            rows[p, MASS]
+            / density
+            * material.stored_energy(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
+        )
+    return total
+
+
+@jit
+def _more_state(rows, p):
+    """The numbers of state that short rows have not."""
+    if rows.shape[1] > S4:
+        return rows[p, S4], rows[p, S4 + 1], rows[p, S4 + 2], rows[p, S4 + 3]
+    return 0.0, 0.0, 0.0, 0.0
+
+
+@jit
+def advance(
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, ground, lowest, zone_values,
+    until, after, max_steps, settings, effects,
+):  # fmt: skip
+    """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
+
+    `after` is the time that will be asked for next. Everything that changes lives in the arrays (clock, counts,
+    rows...), so that a call goes on exactly where the last one ended. Answers why it came back.
+    """
+    dx, inverse_dx, gravity = settings.dx, 1.0 / settings.dx, settings.gravity
+    window = counts[WINDOW_FIRST:]
+    report = np.zeros((CHUNKS, REPORT))
+    node_report = np.zeros((CHUNKS, NODE_REPORT))
+    bounds = np.zeros(CHUNKS + 1, np.int64)
+    histogram = np.zeros((SORT_PIECES, 16), np.int32)
+    slot, touched_slot, block = np.zeros(16, np.int32), np.zeros(16, np.int32), np.zeros(16, np.int32)
+    start = np.zeros(17, np.int64)
+    room = 64
+    tiles = np.zeros((room, TILE_SIZE))
+    active_nodes, targets = np.zeros((room, 3), np.int64), np.zeros((room, 8), np.int32)
+    node_room = 256
+    nodes = np.zeros((node_room, BLOCK_SIZE))
+    sources, touched = np.zeros((node_room, 8), np.int32), np.zeros((node_room, 3), np.int32)
+    for _ in range(max_steps):
+        if clock[TIME] >= until:
+            return REACHED_TIME
+        if counts[ALIVE] == 0:
+            return ALL_LEFT
+        n, now = counts[ROWS], counts[CURRENT]
+        rows, ids, keys = rows_pair[now], ids_pair[now], keys_pair[now]
+        width = window[BLOCKS_EAST] - window[BLOCKS_WEST] + 2
+        depth = window[BLOCKS_TALL] + 2
+        size = width * (window[BLOCKS_NORTH] - window[BLOCKS_SOUTH] + 2) * depth
+        if size > slot.size:
+            wide = size + size // 2
+            histogram = np.zeros((SORT_PIECES, wide), np.int32)
+            slot, touched_slot = np.zeros(wide, np.int32), np.zeros(wide, np.int32)
+            block, start = np.zeros(wide, np.int32), np.zeros(wide + 1, np.int64)
+        active, alive = sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, block, start)
+        if counts[SINCE_REORDER] >= REORDER_STEPS:
+            other = 1 - now
+            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
+            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
+            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
+            for p in range(alive):
+                order[p] = p
+        counts[SINCE_REORDER] += 1
+        if active > room:
+            room = active + active // 2
+            tiles = np.zeros((room, TILE_SIZE))
+            active_nodes, targets = np.zeros((room, 3), np.int64), np.zeros((room, 8), np.int32)
+        if 8 * active > touched.shape[0]:
+            sources, touched = np.zeros((8 * room, 8), np.int32), np.zeros((8 * room, 3), np.int32)
+        split_evenly(start, active, bounds)
+        n_touched = link_blocks(
+            block, active, window, width, depth, lowest, touched_slot, size, touched, sources, targets
+        )
+        if n_touched > nodes.shape[0]:
+            nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE))
+        for a in range(active):
+            own = targets[a, 0]
+            for axis in range(3):
+                active_nodes[a, axis] = touched[own, (1, 0, 2)[axis]] * BLOCK
+
+        dt, hits = clock[STEP_NOW], clock[HITS] > 0.0
+        end = until if hits else clock[TIME] + dt
+        points_to_grid(rows, order, start, bounds, active_nodes, tiles, inverse_dx)
+        update_points_nodes(
+            nodes, tiles, sources, touched, n_touched, ground, zone_values, node_report, dx, dt, gravity,
+            settings.clearance, settings.wall, settings.cells_x, settings.cells_y, effects.contact, effects.zones,
+        )  # fmt: skip
+        collect_nodes(node_report, clock)
+        clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
+        set_next_step(clock, counts, end, until, after, settings)
+        grid_to_points(
+            rows, keys, order, start, bounds, active_nodes, targets, nodes, tiles, ground, lowest, report,
+            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.length_x, settings.length_y,
+            effects.material, effects.softening,
+        )  # fmt: skip
+        counts[STEP] += 1
+        clock[TIME] = end
+        before = counts[ALIVE]
+        lifted = collect(report, ledger, clock, counts, window)
+        if counts[BAD] > 0:
+            return NOT_FINITE_STATE
+        if lifted > settings.leak_stop * clock[TOTAL_MASS]:
+            return LEAKED
+        if counts[ALIVE] < before:
+            counts[SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
+    return REACHED_TIME if clock[TIME] >= until else RUNNING

@@ -1,0 +1,291 @@
+"""The 3D solver: its state, one call to advance it, its frames and its balances (design notes 4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import FormatError, SceneError
+from ..fields import GRAVITY
+from ..kernels import points as kernel
+from ..particles import Frame, Particles
+from .grid import ColumnGrid, bed_at_nodes
+
+EDGE_NAMES = ("west", "south", "east", "north")
+# of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
+LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_energy", "potential_energy", "particles")
+LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
+MACH_WARNING = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
+NO_ZONES = np.zeros((1, 1, 1))
+
+
+@dataclass(frozen=True)
+class PointNumerics:
+    """How the points are marched; what is marched is in `PointEffects`.
+
+    `clearance` [cells] is the height above the ground at which a node touches it (0: at the ground; design notes 4.7).
+    `time_step` fixes the step [s] (None: by the Courant number).
+    """
+
+    cell_size: float
+    cfl: float = 0.4
+    edges: str = "open"
+    gravity: float = GRAVITY
+    density: float = 1000.0
+    clearance: float = 0.0
+    time_step: float | None = None
+
+
+class PointSolver:
+    """Marches the points of `frame` over `terrain`.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 3, in the terrain's CRS.
+    terrain : Terrain
+    effects : PointEffects
+    numerics : PointNumerics
+    stress : float64[n, 6], optional [Pa]
+        Kirchhoff stress of the points at the start: xx, yy, zz, xy, xz, yz; default none.
+    zone_values : float64[rows, columns, k], optional
+        Parameters of the contact law at the nodes, for `FrictionZones`.
+
+    Raises
+    ------
+    SceneError
+    """
+
+    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None):
+        if frame.dimension != 3:
+            raise SceneError("the 3D solver wants points (dimension 3), got columns; `mpmgis convert` makes points")
+        self.effects, self.numerics, self._start = effects, numerics, frame
+        grid = ColumnGrid.on(terrain, numerics.cell_size)
+        if not grid.inside.all():
+            raise SceneError("the 3D solver wants a DTM without nodata, north-up or south-up; fill it or clip it")
+        self.grid = grid
+        self._set_ground(frame)
+        self._zone_values = NO_ZONES if zone_values is None else self._padded(zone_values)
+        self._load(frame, stress)
+
+    def _set_ground(self, frame):
+        """Elevation above the domain's lowest level and slopes at all nodes that points can come near to."""
+        grid, dx = self.grid, self.numerics.cell_size
+        bed = bed_at_nodes(grid)
+        self.floor = float(np.floor(bed.min() / dx) * dx)
+        height, slope = bed - self.floor, np.abs(grid.gradient).sum(axis=2)
+        deep = height - dx * (1.0 - 0.5 * slope)  # a cell under what the slope makes of the ground half a cell away
+        self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
+        self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
+        ny, nx = grid.inside.shape
+        self._lengths = nx * dx, ny * dx
+        self._origin = np.array([grid.x0, grid.y0, self.floor])
+
+    @staticmethod
+    def _padded(values):
+        """`values` [ny + 3, nx + 3, k], from one node outside the domain's corner, continued to the kernel's ghosts."""
+        before, after = kernel.GHOSTS - 1, kernel.GHOSTS + 1
+        return np.ascontiguousarray(np.pad(values, ((before, after), (before, after), (0, 0)), mode="edge"))
+
+    def _load(self, frame, stress):
+        """The state of a run that starts with the points of `frame`."""
+        particles, material, numerics = frame.particles, self.effects.material, self.numerics
+        place = particles.position + (np.asarray(frame.origin) - self._origin)
+        off = (place[:, :2] < 0.0).any(axis=1) | (place[:, 0] >= self._lengths[0]) | (place[:, 1] >= self._lengths[1])
+        if off.any():
+            raise SceneError(
+                f"{int(off.sum())} of {len(off)} points start outside the terrain; move them or use a larger DTM"
+            )
+        n, row = len(particles), kernel.ROW_SHORT if material.state_count() <= 4 else kernel.ROW_LONG
+        self._rows = np.zeros((2, n, row))
+        self._ids = np.zeros((2, n), np.uint64)
+        self._keys = np.zeros((2, n), np.int64)
+        self._order = np.zeros(n, np.int32)
+        self._ids[0] = particles.id if particles.id is not None else np.arange(n)
+        self._clock, self._counts = np.zeros(kernel.CLOCK), np.zeros(kernel.COUNTS, np.int64)
+        self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
+        self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
+        self._clock[kernel.TIME] = frame.time
+        self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = particles.mass.sum()
+        self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max())
+        self._settings = self._made_settings()
+        rows = self._rows[0]
+        rows[:, kernel.X : kernel.Z + 1] = place
+        rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
+        rows[:, kernel.MASS] = particles.mass
+        self._stress = np.zeros((n, 6)) if stress is None else np.asarray(stress, float)
+        for column, values in zip(kernel.STATE, material.state_at_stress(*self._stress.T), strict=True):
+            if column < row:
+                rows[:, column] = values
+        window = self._counts[kernel.WINDOW_FIRST :]
+        kernel.initial_keys(rows, self._keys[0], 1.0 / numerics.cell_size, self._lowest, window)
+        self.mass_start, self.energy_start = float(particles.mass.sum()), self.energy()
+        self._momentum_start = (particles.velocity * particles.mass[:, None]).sum(axis=0)
+
+    def _made_settings(self):
+        numerics, material, dx = self.numerics, self.effects.material, self.numerics.cell_size
+        viscosity = float(material.viscosity())
+        ny, nx = self.grid.inside.shape
+        return kernel.Settings(
+            dx=float(dx),
+            density=float(numerics.density),
+            gravity=float(numerics.gravity),
+            cfl=float(numerics.cfl),
+            signal_speed=float(material.wave_speed(numerics.density)),
+            viscous_limit=numerics.density * dx * dx / (6.0 * viscosity) if viscosity > 0.0 else np.inf,
+            fixed_dt=float(numerics.time_step or 0.0),
+            clearance=float(numerics.clearance * dx),
+            length_x=self._lengths[0],
+            length_y=self._lengths[1],
+            cells_x=nx,
+            cells_y=ny,
+            leak_stop=LEAK_STOP,
+            wall=numerics.edges == "wall",
+        )
+
+    def _make_impulses(self, until, after):
+        """The first step's length, and what the points' stress gives to the nodes in it."""
+        clock, rows, dx = self._clock, self._rows[0], self.numerics.cell_size
+        kernel.set_next_step(clock, self._counts, clock[kernel.TIME], until, after, self._settings)
+        push = clock[kernel.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, kernel.MASS]
+        xx, yy, zz, xy, xz, yz = self._stress.T
+        for column, stress in (
+            (kernel.AXX, (xx, xy, xz)), (kernel.AXY, (xy, yy, yz)), (kernel.AXZ, (xz, yz, zz)),
+        ):  # fmt: skip
+            for k, part in enumerate(stress):
+                rows[:, column + k] = -push * part
+        self._stress = None
+
+    @property
+    def time(self):
+        """Simulated time [s]."""
+        return float(self._clock[kernel.TIME])
+
+    @property
+    def points(self):
+        """Number of points on the terrain now."""
+        return int(self._counts[kernel.ALIVE])
+
+    @property
+    def step(self):
+        """Number of steps taken."""
+        return int(self._counts[kernel.STEP])
+
+    @property
+    def speed_max(self):
+        """Largest speed now [m s-1]."""
+        return float(self._clock[kernel.SPEED_NOW])
+
+    def advance(self, until, after=np.inf, max_steps=1 << 62):
+        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back.
+
+        `after` [s] is the time that will be asked for next: the length of the step that follows `until` is chosen in
+        the step before it.
+        """
+        if self._stress is not None:
+            self._make_impulses(float(until), float(after))
+        return kernel.advance(
+            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger,
+            self._ground, self._lowest, self._zone_values, float(until), float(after), int(max_steps),
+            self._settings, self.effects,
+        )  # fmt: skip
+
+    def _alive(self):
+        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
+        keep = self._keys[now, :n] != kernel.GONE
+        return self._rows[now, :n][keep], self._ids[now, :n][keep]
+
+    def frame(self):
+        """The points now, as a Frame."""
+        rows, ids = self._alive()
+        start = self._start
+        mass = rows[:, kernel.MASS].copy()
+        velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
+        position = rows[:, kernel.X : kernel.Z + 1] + (self._origin - np.asarray(start.origin))
+        volume = mass / self.numerics.density * kernel.volume_ratios(rows, self.effects.material)
+        return Frame(
+            Particles(position, velocity, mass, volume, id=ids),
+            time=self.time,
+            step=self.step,
+            dimension=3,
+            solver="points",
+            crs=start.crs,
+            origin=start.origin,
+            dem=start.dem,
+            dem_sha256=start.dem_sha256,
+            digest=start.digest,
+            header={"density": self.numerics.density},
+            state=self.state(),
+        )
+
+    def state(self):
+        """What a restart needs besides the frame's particles: the arrays that change, as they are."""
+        rows, _ = self._alive()
+        arrays = {"rows": rows, "clock": self._clock, "counts": self._counts, "ledger": self._ledger}
+        return {name: array.copy() for name, array in arrays.items()}
+
+    def restore(self, frame):
+        """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
+
+        Raises
+        ------
+        FormatError
+            No state in it, or the state of another run.
+        """
+        state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
+        if not {"rows", "clock", "counts", "ledger"} <= set(state) or ids is None:
+            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
+        rows, n = state["rows"], len(ids)
+        if rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
+            raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
+        self._rows[0, :n], self._ids[0, :n] = rows, ids
+        self._clock[:], self._counts[:], self._ledger[:] = state["clock"], state["counts"], state["ledger"]
+        self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
+        window = self._counts[kernel.WINDOW_FIRST :]
+        kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
+        self._stress = None
+
+    def energy(self):
+        """(kinetic, potential, elastic) energy [J] of the points now; potential counts from the lowest ground."""
+        rows, _ = self._alive()
+        mass = rows[:, kernel.MASS]
+        kinetic = 0.5 * (rows[:, kernel.PX : kernel.PZ + 1] ** 2).sum(axis=1) / mass
+        potential = mass * self.numerics.gravity * rows[:, kernel.Z]
+        stored = kernel.stored_energy(rows, self.numerics.density, self.effects.material)
+        return float(kinetic.sum()), float(potential.sum()), float(stored)
+
+    def balances(self):
+        """Mass, momentum, energy and outflow so far, in plain numbers, with the checks a reader wants first."""
+        rows, _ = self._alive()
+        clock, ledger = self._clock, self._ledger
+        mass_now, mass_out = float(rows[:, kernel.MASS].sum()), float(ledger[:, 0].sum())
+        kinetic, potential, stored = self.energy()
+        momentum = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0) + ledger[:, 1:4].sum(axis=0)
+        given = clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GROUND_Z + 1].copy()
+        given[:2] += clock[kernel.IMPULSE_WALL_X : kernel.IMPULSE_WALL_Y + 1]
+        given[2] -= clock[kernel.IMPULSE_GRAVITY]
+        passed = max(np.abs(given).max(), np.abs(momentum).max(), 1e-300)
+        mach = float(clock[kernel.SPEED_WORST] / self._settings.signal_speed)
+        return {
+            "mass_start": self.mass_start,
+            "mass_now": mass_now,
+            "mass_out": mass_out,
+            "mass_error_relative": (mass_now + mass_out - self.mass_start) / self.mass_start,
+            "momentum_error_relative": float(np.abs(momentum - self._momentum_start - given).max() / passed),
+            "ground_impulse": [float(part) for part in clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GROUND_Z + 1]],
+            "outflow": {
+                name: dict(zip(LEDGER, map(float, ledger[k]), strict=True))
+                for k, name in enumerate(EDGE_NAMES)
+                if ledger[k, -1] > 0
+            },
+            "kinetic_energy": kinetic,
+            "potential_energy": potential,
+            "elastic_energy": stored,
+            "energy_lost": sum(self.energy_start) - kinetic - potential - stored - float(ledger[:, 4:6].sum()),
+            "energy_lost_to_ground": float(clock[kernel.GROUND_LOSS]),
+            "speed_max_now": self.speed_max,
+            "speed_max": float(clock[kernel.SPEED_WORST]),
+            "mach_max": mach,
+            "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
+            "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
+            "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
+        }

@@ -1,0 +1,141 @@
+"""The 3D solver: what must hold to round-off, and the sliding block (design notes 4 and 6)."""
+
+import numpy as np
+import pytest
+from column_scenes import terrain_of
+from point_scenes import block_of, march_to, plane, points_on, sorted_points
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import Elastic
+from mpmgis.errors import FormatError, SceneError
+from mpmgis.kernels import points as kernel
+from mpmgis.kernels.jit import set_threads
+
+ICE = Elastic(6.7e6, 4e6)
+FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
+
+
+def flying(velocity=(3.0, 2.0, 1.0), **numerics):
+    """A block far above flat ground."""
+    return points_on(FLAT, block_of((4, 4, 4), 0.5, (20, 20, 30), velocity=velocity), 1.0, ICE, **numerics)
+
+
+def test_a_block_in_the_air_flies_as_a_point():
+    """Position and velocity to round-off of symplectic steps: no stress, no rotation (V16)."""
+    solver = flying(time_step=0.01)
+    start = sorted_points(solver)
+    march_to(solver, 0.5)
+    now, steps = sorted_points(solver), solver.step
+    fall = 9.81 * 0.01**2 * steps * (steps + 1) / 2
+    moved = np.array([1.5, 1.0, 0.5 - fall])
+    np.testing.assert_allclose(now.position - start.position, np.tile(moved, (len(now), 1)), atol=1e-11)
+    np.testing.assert_allclose(now.velocity[:, 2], 1.0 - 9.81 * 0.5, rtol=1e-10)
+    np.testing.assert_allclose(now.volume, start.volume, rtol=1e-10)
+
+
+def test_mass_and_momentum_close_to_round_off():
+    solver = points_on(plane(30), block_of((10, 6, 4), 0.5, (20, 15, 120 - 20 * 0.57735), turned=np.pi / 6), 1.0, ICE,
+                       CoulombContact(0.3))  # fmt: skip
+    march_to(solver, 1.0)
+    balances = solver.balances()
+    assert balances["mass_error_relative"] == 0.0
+    assert balances["momentum_error_relative"] <= 1e-10
+    assert balances["mass_lifted_onto_ground"] == 0.0
+
+
+def test_what_leaves_is_booked():
+    solver = flying(velocity=(40.0, 0.0, 30.0))
+    assert solver.advance(10.0) == kernel.ALL_LEFT
+    balances = solver.balances()
+    assert balances["mass_now"] == 0.0 and balances["mass_error_relative"] == pytest.approx(0.0, abs=1e-14)
+    assert set(balances["outflow"]) == {"east"}
+    assert balances["outflow"]["east"]["particles"] == 512
+    assert balances["momentum_error_relative"] <= 1e-10
+
+
+def test_walls_keep_the_points_in():
+    solver = flying(velocity=(40.0, 0.0, 0.0), edges="wall")
+    march_to(solver, 1.5)
+    assert solver.points == 512
+    assert solver.balances()["momentum_error_relative"] <= 1e-10
+    assert sorted_points(solver).position[:, 0].max() <= 60.0
+
+
+def sliding(mu, cell=1.0, high=5):
+    """V3's block of `high` cells on 30 degrees."""
+    corner = (20.0, 15.0, 120.0 - 20.0 * np.tan(np.radians(30)))
+    frame = block_of((10 * cell, 6 * cell, high * cell), 0.5 * cell, corner, density=850.0, turned=np.radians(30))
+    return points_on(plane(30), frame, cell, ICE, CoulombContact(mu))
+
+
+def along(solver):
+    """Mean speed down the plane [m s-1]."""
+    p = solver.frame().particles
+    mean = (p.mass[:, None] * p.velocity).sum(axis=0) / p.mass.sum()
+    return mean[0] * np.cos(np.radians(30)) - mean[2] * np.sin(np.radians(30))
+
+
+@pytest.mark.parametrize(("mu", "least"), [(0.0, 1e-3), (0.3, 1e-2)])
+def test_v3_sliding_block(mu, least):
+    """g (sin - mu cos) t: within 0.1 % without friction, 1 % with it."""
+    solver = sliding(mu)
+    march_to(solver, 4.0)
+    exact = 9.81 * (np.sin(np.radians(30)) - mu * np.cos(np.radians(30))) * 4.0
+    assert along(solver) == pytest.approx(exact, rel=least)
+
+
+def test_the_same_bits_for_any_number_of_threads_and_slices():
+    answers = []
+    for threads, slices in ((1, 1 << 40), (2, 7)):
+        set_threads(threads)
+        solver = sliding(0.3)
+        while solver.advance(0.5, 1.0, slices) == kernel.RUNNING:
+            pass
+        answers.append(solver.state())
+    set_threads(None)
+    for name in ("rows", "clock", "ledger"):
+        assert np.array_equal(answers[0][name], answers[1][name]), name
+
+
+def test_a_restart_goes_on_to_the_bit():
+    whole, first = sliding(0.3), sliding(0.3)
+    for solver in (whole, first):
+        solver.advance(0.3, 0.6)
+    again = sliding(0.3)
+    again.restore(first.frame())
+    for solver in (whole, again):
+        march_to(solver, 0.6)
+    a, b = whole.state(), again.state()
+    assert np.array_equal(sorted_points(whole).position, sorted_points(again).position)
+    assert np.array_equal(a["clock"], b["clock"])
+
+
+def test_frames_are_met_exactly_and_steps_follow_the_courant_number():
+    solver = sliding(0.0)
+    march_to(solver, 0.1, 0.2, 0.25)
+    assert solver.time == 0.25
+    assert 0.25 / solver.step <= 0.4 * 1.0 / ICE.wave_speed(850.0)
+
+
+def test_it_goes_with_the_map():
+    """The same block on a plane falling east, shifted by 5e6 m: the same bits relative to the corner (V22, H5)."""
+    near = sliding(0.3)
+    slope, east, north = np.tan(np.radians(30)), 5e5, 5e6
+    terrain = terrain_of(lambda x, y: 120.0 - slope * (x - east), 200.0, 40.0, 5.0, west=east, south=north)
+    frame = near.frame()
+    far = points_on(terrain, type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)), 1.0, ICE,
+                    CoulombContact(0.3))  # fmt: skip
+    for solver in (near, far):
+        march_to(solver, 1.0)
+    np.testing.assert_allclose(sorted_points(far).position, sorted_points(near).position, atol=1e-7)
+
+
+def test_wrong_frames_are_refused():
+    with pytest.raises(SceneError, match="start outside the terrain"):
+        points_on(FLAT, block_of((4, 4, 4), 0.5, (59, 20, 3)), 1.0, ICE)
+    frame = block_of((4, 4, 4), 0.5, (20, 20, 3))
+    with pytest.raises(SceneError, match="wants points"):
+        points_on(FLAT, type(frame)(frame.particles, dimension=2), 1.0, ICE)
+    solver = flying()
+    with pytest.raises(FormatError, match="no state"):
+        solver.restore(frame)
