@@ -11,7 +11,7 @@ from mpmgis.solvers.points import PointNumerics, PointSolver
 
 
 def block_of(lengths, spacing, corner=(0.0, 0.0, 0.0), density=1000.0, velocity=(0.0, 0.0, 0.0), turned=0.0):
-    """A block of points a `spacing` [m] apart, its lower corner at `corner`, turned about it by `turned` [rad], down."""
+    """A block of points a `spacing` [m] apart, its lower corner at `corner`, turned downwards about it [rad]."""
     axes = [(np.arange(round(length / spacing)) + 0.5) * spacing for length in lengths]
     x, y, z = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
     cos, sin = np.cos(turned), np.sin(turned)
