@@ -52,7 +52,7 @@ def _pool(kind):
     return lambda dx: 100 * pool_in_bowl(kind, dx)[0]
 
 
-def _energy_lost(dx):
+def _energy_off(dx):
     return 100 * abs(energy_drift_in_a_valley(100.0, dx)[0])
 
 
@@ -87,7 +87,7 @@ CASES = (
     Case("the same after 10 s", (8.0, 4.0, 2.0), _cap(10.0, 25), "%", (5, 4)),
     Case("pool that circles in a bowl", (0.8, 0.4, 0.2), _pool("slosh"), "%", (1, 0.2)),
     Case("pool that breathes in a bowl", (0.8, 0.4, 0.2), _pool("breathe"), "%", (3, 0.2)),
-    Case("energy lost in a valley", (2.5, 1.0, 0.5), _energy_lost, "%", (3, 1)),
+    Case("energy of a body in a valley", (2.5, 1.0, 0.5), _energy_off, "%", (3, 1)),
     Case("run-out angle, Coulomb 0.4", (4.0, 2.0, 1.0), _angle_off, "degrees", (0.5, 4)),
 )
 

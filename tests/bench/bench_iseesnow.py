@@ -5,7 +5,8 @@ The case is ISeeSnow 1.0's: mu 0.4, xi 2000 m s-2, 1.5 m normal thickness, 5 m D
 with its seeding and files), `export-raster` and `compare`, which gives the overlap of what was above 0.1 m with the
 ensemble's median, the area above 0.1 m, the runout of what was faster than 1 m/s along the intercomparison's own path,
 and the largest speed. Ratios are to the median of the twelve codes; of the overlap to the best of them, each of which
-was held against the median of the others; of the time to that of the base.
+was held against the median of the others; of the time to that of the base. With `--markdown` it is the base alone, as
+README has it.
 """
 
 import csv
@@ -55,12 +56,14 @@ MEASURES = (  # name, unit, column of ensemble.csv
     ("runout above 1 m/s", "m", "runout_s_pfv_gt_1_m"),
     ("largest speed", "m s-1", "max_pfv_ms"),
 )
+HEADINGS = ("measure", "here", "the 12 codes", "their median")
+ABSENT = "skipped: no ../shared/data/iseesnow_idealized"
 
 
 def rows():
     """Rows of the table: four measures and the computing time of each run of the study."""
     if not DATA.exists():
-        yield "ISeeSnow IdealizedTopo", None, "", "skipped: no ../shared/data/iseesnow_idealized", None
+        yield "ISeeSnow IdealizedTopo", None, "", ABSENT, None
         return
     published = _published()
     with tempfile.TemporaryDirectory() as folder:
@@ -77,13 +80,34 @@ def rows():
                 yield f"{case}: run, seeding and files included", seconds, "s", f"base; {cost}", seconds / base[1]
 
 
-def _published():
-    """(reference in words, number for the ratio) of each measure, from the twelve codes."""
+def summary():
+    """(headings, rows of words): the base alone, as README has it."""
+    if not DATA.exists():
+        return HEADINGS, [("ISeeSnow IdealizedTopo", ABSENT, "", "")]
+    return HEADINGS, [
+        (f"{name} [{unit}]", f"{ours:.4g}", f"{min(codes):g} to {max(codes):g}", f"{median(codes):.4g}")
+        for name, unit, ours, codes in base_beside_codes()
+    ]
+
+
+def base_beside_codes():
+    """(name, unit, our number, the twelve codes' numbers) of each measure of the base."""
+    with tempfile.TemporaryDirectory() as folder:
+        found, *_ = _studied(BASE, Path(folder) / "base")
+    return [(name, unit, ours, codes) for (name, unit, _), ours, codes in zip(MEASURES, found, _codes(), strict=True)]
+
+
+def _codes():
+    """The twelve codes' numbers of each measure."""
     with open(DATA / "ensemble.csv", newline="", encoding="utf-8") as file:
         codes = list(csv.DictReader(file))
+    return [[float(code[column]) for code in codes] for *_, column in MEASURES]
+
+
+def _published():
+    """(reference in words, number for the ratio) of each measure, from the twelve codes."""
     found = []
-    for name, _, column in MEASURES:
-        values = [float(code[column]) for code in codes]
+    for (name, *_), values in zip(MEASURES, _codes(), strict=True):
         against = max(values) if name.startswith("IoU") else median(values)
         found.append((f"12 codes {min(values):g} to {max(values):g}", against))
     return found
