@@ -23,6 +23,9 @@ class NoBarrier(NamedTuple):
     def weir_discharge(self, gravity, head, speed):
         return 0.0
 
+    def kept_along(self, mu, slip, pressed):
+        return 1.0
+
     def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
         return u, v
 
@@ -45,6 +48,10 @@ class Barrier(NamedTuple):
         above = max(head, 0.0)
         critical = 2.0 * above / 3.0
         return max(sqrt(gravity * critical) * critical, above * speed)
+
+    def kept_along(self, mu, slip, pressed):
+        """Share [1] left of the speed `slip` [m s-1] along a rigid face into which `pressed` [m s-1] goes, in 3D."""
+        return max(0.0, 1.0 - mu * pressed / slip)
 
     def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
         """Velocity [m s-1] at a node in the wall, whose outward unit normal on this side is (normal_x, normal_y).

@@ -38,3 +38,4 @@ class PointEffects(NamedTuple):
     softening: Any = NoSoftening()
     contact: Any = CoulombContact(0.0)
     zones: Any = NoZones()
+    barrier: Any = NoBarrier()

@@ -52,6 +52,8 @@ class WallNodes:
     weight : float [m-1]
         With which the flux at the node counts as passing over the wall: a hat a cell to either side of the middle of
         thin walls, of the middle of the two faces' cores of thick ones.
+    depth : float [m]
+        Behind the wall's nearest side as it is computed.
     """
 
     number: np.ndarray
@@ -61,11 +63,17 @@ class WallNodes:
     core: np.ndarray
     corner: np.ndarray
     weight: np.ndarray
+    depth: np.ndarray
 
 
 def half_thickness(footprint):
     """Half the thickness [m] of a long shape: its area over its perimeter."""
     return footprint.area / footprint.length
+
+
+def margin_in_3d(footprint, cell_size):
+    """As `margin_of` where the flow rests on nodes in front of the wall: only what makes it three cells thick."""
+    return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), 0.0)
 
 
 def margin_of(footprint, cell_size):
@@ -77,7 +85,7 @@ def margin_of(footprint, cell_size):
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
 
 
-def wall_nodes(walls, x, y, bed, cell_size):
+def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
     """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) that stand in `walls`; a WallNodes.
 
     Parameters
@@ -86,13 +94,15 @@ def wall_nodes(walls, x, y, bed, cell_size):
     x, y : float[columns], float[rows]
     bed : float[rows, columns] [m]
     cell_size : float [m]
+    margin_of : callable, optional
+        How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     normal, crest, mu, weight = np.zeros((*bed.shape, 2)), np.zeros(bed.shape), np.zeros(bed.shape), np.zeros(bed.shape)
     for k, wall in enumerate(walls, 1):
-        window = _window(wall.footprint.buffer(margin_of(wall.footprint, cell_size)).bounds, x, y)
-        here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
         margin = margin_of(wall.footprint, cell_size)
+        window = _window(wall.footprint.buffer(margin).bounds, x, y)
+        here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
         here += margin
         mine = (here >= 0) & (here > depth[window])  # where walls overlap a node belongs to the one it is deepest in
         number[window][mine], depth[window][mine] = k, here[mine]
@@ -100,7 +110,8 @@ def wall_nodes(walls, x, y, bed, cell_size):
         crest[window][mine] = wall.crest if wall.crest is not None else bed[window][mine] + wall.height
         weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
     core = depth >= FACE_CELLS * cell_size
-    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight)
+    depth = np.where(number > 0, depth, 0.0)
+    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight, depth)
 
 
 def _weight(depth, half, cell_size):

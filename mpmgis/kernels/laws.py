@@ -35,6 +35,7 @@ METHODS = (
     "volume_ratio",
     "kept_slip",  # contact of points with the ground
     "sticks",
+    "kept_along",  # barriers of points
 )
 
 # of every point in every step, and so written into the kernels' loops

@@ -5,6 +5,7 @@ from math import sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .jit import jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
+from .point_barriers import BARRIER, at_barrier
 from .point_rows import (
     BLOCK,
     CHUNKS,
@@ -59,17 +60,20 @@ def _on_ground(u, v, w, slope_x, slope_y, contact, zones, zone_values, j, i):
 
 @jit_parallel
 def update_points_nodes(
-    nodes, tiles, sources, touched, n_touched, ground, zone_values, report, dx, dt, gravity, clearance, wall, nx, ny,
-    contact, zones,
+    nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, report, barrier_report,
+    dx, dt, gravity, clearance, wall, nx, ny, contact, zones, barrier,
 ):  # fmt: skip
     """Velocities at the nodes of all touched blocks; contact where a node lies under the ground by `clearance` [m].
 
     A node that moves into the ground keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t
-    max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). On walls the velocity outwards is taken away.
+    max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). Barriers come after it, and the ground is seen to once more. On
+    walls the velocity outwards is taken away.
     """
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
+        booked = barrier_report[c]
+        booked[:] = 0.0
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block = nodes[t]
             _gather(block, sources[t], tiles)
@@ -96,6 +100,13 @@ def update_points_nodes(
                             mine[GROUND_Z] += mass * (w1 - w)
                             u, v, w = u1, v1, w1
                             mine[GROUND_WORK] += 0.5 * mass * (before - u * u - v * v - w * w)
+                        if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+                            height_here = (k_first + k - GHOSTS) * dx
+                            u, v, w = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], booked, barrier)
+                            if above * flat <= clearance and w - u * slope_x - v * slope_y < 0.0:
+                                w1 = u * slope_x + v * slope_y  # out of the ground again, without a further loss
+                                mine[GROUND_Z] += mass * (w1 - w)
+                                w = w1
                         if wall:
                             if (i_first + i <= GHOSTS and u < 0.0) or (i_first + i >= GHOSTS + nx and u > 0.0):
                                 mine[WALL_X] -= mass * u

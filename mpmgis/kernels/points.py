@@ -12,6 +12,13 @@ import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .jit import jit
+from .point_barriers import (
+    IMPULSE_X,
+    IMPULSE_Z,
+    POINT_BARRIER_ENTRIES,
+    POINT_BARRIER_SUMS,
+    collect_point_barriers,
+)
 from .point_blocks import EAST as BLOCKS_EAST
 from .point_blocks import (
     GONE,
@@ -97,7 +104,11 @@ __all__ = [  # what the solver needs beside its own
     "GHOSTS",
     "GONE",
     "GROUND_ENTRIES",
+    "IMPULSE_X",
+    "IMPULSE_Z",
     "MASS",
+    "POINT_BARRIER_ENTRIES",
+    "POINT_BARRIER_SUMS",
     "PX",
     "PZ",
     "ROW_LONG",
@@ -278,7 +289,7 @@ def _more_state(rows, p):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, ground, lowest, zone_values,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, barrier_sums, ground, lowest, zone_values, barriers,
     until, after, max_steps, settings, effects,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
@@ -290,6 +301,7 @@ def advance(
     window = counts[WINDOW_FIRST:]
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
+    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
     bounds = np.zeros(CHUNKS + 1, np.int64)
     histogram = np.zeros((SORT_PIECES, 16), np.int32)
     slot, touched_slot, block = np.zeros(16, np.int32), np.zeros(16, np.int32), np.zeros(16, np.int32)
@@ -345,10 +357,13 @@ def advance(
         end = until if hits else clock[TIME] + dt
         points_to_grid(rows, order, start, bounds, active_nodes, tiles, inverse_dx)
         update_points_nodes(
-            nodes, tiles, sources, touched, n_touched, ground, zone_values, node_report, dx, dt, gravity,
-            settings.clearance, settings.wall, settings.cells_x, settings.cells_y, effects.contact, effects.zones,
+            nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, node_report, barrier_report,
+            dx, dt, gravity, settings.clearance, settings.wall, settings.cells_x, settings.cells_y,
+            effects.contact, effects.zones, effects.barrier,
         )  # fmt: skip
         collect_nodes(node_report, clock)
+        if effects.barrier.barrier_active():
+            collect_point_barriers(barrier_report, barrier_sums, dt)
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(

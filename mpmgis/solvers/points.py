@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
+from ..geo.barriers import margin_in_3d, wall_nodes
 from ..kernels import points as kernel
 from ..particles import Frame, Particles
 from .grid import ColumnGrid, bed_at_nodes
@@ -13,9 +14,15 @@ from .grid import ColumnGrid, bed_at_nodes
 EDGE_NAMES = ("west", "south", "east", "north")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_energy", "potential_energy", "particles")
+# of what a barrier took up: impulse into its faces and by axis [N s], moment about its foot [N m s], mass that passed
+# above its crest [kg], and the largest force into its faces in a single step [N]
+BARRIER_SUMS = (
+    "normal_impulse", "impulse_east", "impulse_north", "impulse_up", "moment_impulse_east", "moment_impulse_north",
+    "moment_impulse_up", "overtopped_mass", "peak_normal_force",
+)  # fmt: skip
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 MACH_WARNING = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
-NO_ZONES = np.zeros((1, 1, 1))
+NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
 
 @dataclass(frozen=True)
@@ -49,13 +56,15 @@ class PointSolver:
         Kirchhoff stress of the points at the start: xx, yy, zz, xy, xz, yz; default none.
     zone_values : float64[rows, columns, k], optional
         Parameters of the contact law at the nodes, for `FrictionZones`.
+    walls : sequence of Wall
+        Rigid barriers, for `Barrier`; computed three cells thick at least.
 
     Raises
     ------
     SceneError
     """
 
-    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None):
+    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=()):
         if frame.dimension != 3:
             raise SceneError("the 3D solver wants points (dimension 3), got columns; `mpmgis convert` makes points")
         self.effects, self.numerics, self._start = effects, numerics, frame
@@ -64,7 +73,10 @@ class PointSolver:
             raise SceneError("the 3D solver wants a DTM without nodata, north-up or south-up; fill it or clip it")
         self.grid = grid
         self._set_ground(frame)
-        self._zone_values = NO_ZONES if zone_values is None else self._padded(zone_values)
+        self._zone_values = NO_PLACES if zone_values is None else self._padded(zone_values)
+        self.walls = tuple(walls)
+        self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
+        self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
         self._load(frame, stress)
 
     def _set_ground(self, frame):
@@ -79,6 +91,25 @@ class PointSolver:
         ny, nx = grid.inside.shape
         self._lengths = nx * dx, ny * dx
         self._origin = np.array([grid.x0, grid.y0, self.floor])
+
+    def _barrier_nodes(self):
+        """What node columns know of barriers, in the kernel's order; the arm is from the foot of each one's middle."""
+        grid, floor = self.grid, self.floor
+        x, y = grid.node_axes()
+        bed = self._ground[kernel.GHOSTS - 1 : -kernel.GHOSTS - 1, kernel.GHOSTS - 1 : -kernel.GHOSTS - 1, 0]
+        nodes = wall_nodes(self.walls, x, y, bed + floor, grid.cell_size, margin_in_3d)
+        middle = np.zeros((len(self.walls) + 1, 3))
+        for k, wall in enumerate(self.walls, 1):
+            centre = wall.footprint.centroid
+            foot = bed[np.argmin(np.abs(y - centre.y)), np.argmin(np.abs(x - centre.x))]
+            middle[k] = centre.x, centre.y, foot
+        at = middle[nodes.number]
+        standing = (nodes.number > 0)[..., None]
+        entries = np.dstack([
+            nodes.normal, nodes.crest - floor, nodes.depth, nodes.mu, nodes.weight,
+            x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
+        ])  # fmt: skip
+        return self._padded(np.where(standing, entries, 0.0))
 
     @staticmethod
     def _padded(values):
@@ -185,8 +216,8 @@ class PointSolver:
             self._make_impulses(float(until), float(after))
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger,
-            self._ground, self._lowest, self._zone_values, float(until), float(after), int(max_steps),
-            self._settings, self.effects,
+            self._barrier_sums, self._ground, self._lowest, self._zone_values, self._barriers,
+            float(until), float(after), int(max_steps), self._settings, self.effects,
         )  # fmt: skip
 
     def _alive(self):
@@ -220,8 +251,12 @@ class PointSolver:
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
         rows, _ = self._alive()
-        arrays = {"rows": rows, "clock": self._clock, "counts": self._counts, "ledger": self._ledger}
-        return {name: array.copy() for name, array in arrays.items()}
+        return {"rows": rows} | {name: array.copy() for name, array in self._changing().items()}
+
+    def _changing(self):
+        """Name -> array of all that changes besides the rows, and that this scene has."""
+        arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger}
+        return arrays | ({"barriers": self._barrier_sums} if self.walls else {})
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
@@ -232,13 +267,14 @@ class PointSolver:
             No state in it, or the state of another run.
         """
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not {"rows", "clock", "counts", "ledger"} <= set(state) or ids is None:
+        if not set(self._changing()) <= set(state) or "rows" not in state or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
         if rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         self._rows[0, :n], self._ids[0, :n] = rows, ids
-        self._clock[:], self._counts[:], self._ledger[:] = state["clock"], state["counts"], state["ledger"]
+        for name, array in self._changing().items():
+            array[:] = state[name]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         window = self._counts[kernel.WINDOW_FIRST :]
         kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
@@ -263,6 +299,7 @@ class PointSolver:
         given = clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GROUND_Z + 1].copy()
         given[:2] += clock[kernel.IMPULSE_WALL_X : kernel.IMPULSE_WALL_Y + 1]
         given[2] -= clock[kernel.IMPULSE_GRAVITY]
+        given -= self._barrier_sums[:, kernel.IMPULSE_X : kernel.IMPULSE_Z + 1].sum(axis=0)
         passed = max(np.abs(given).max(), np.abs(momentum).max(), 1e-300)
         mach = float(clock[kernel.SPEED_WORST] / self._settings.signal_speed)
         return {
@@ -288,4 +325,8 @@ class PointSolver:
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
+            "barriers": {
+                wall.name: dict(zip(BARRIER_SUMS, map(float, sums), strict=True))
+                for wall, sums in zip(self.walls, self._barrier_sums, strict=True)
+            },
         }

@@ -3,6 +3,7 @@
 import numpy as np
 from column_scenes import terrain_of
 
+from mpmgis.effects.barrier import Barrier
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.slots import PointEffects
 from mpmgis.kernels import points as kernel
@@ -24,13 +25,17 @@ def block_of(lengths, spacing, corner=(0.0, 0.0, 0.0), density=1000.0, velocity=
     )
 
 
-def points_on(terrain, frame, cell_size, material, contact=None, softening=None, stress=None, **numerics):
+def points_on(terrain, frame, cell_size, material, contact=None, softening=None, stress=None, walls=(), **numerics):
     """A PointSolver with the named laws; density is that of the frame."""
     density = float(frame.particles.mass[0] / frame.particles.volume[0])
     effects = PointEffects(material, contact=contact or CoulombContact(0.0))
     if softening is not None:
         effects = effects._replace(softening=softening)
-    return PointSolver(frame, terrain, effects, PointNumerics(cell_size, density=density, **numerics), stress)
+    if walls:
+        effects = effects._replace(barrier=Barrier())
+    return PointSolver(
+        frame, terrain, effects, PointNumerics(cell_size, density=density, **numerics), stress, walls=walls
+    )
 
 
 def march_to(solver, *times):

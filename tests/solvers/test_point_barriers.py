@@ -1,0 +1,94 @@
+"""Rigid barriers in 3D: nothing passes below the crest, what they take up is what the flow loses (design notes 4.8)."""
+
+import numpy as np
+import pytest
+import shapely
+from column_scenes import terrain_of
+from point_scenes import block_of, march_to, points_on, sorted_points
+
+from mpmgis.effects.fluid import Fluid
+from mpmgis.geo.barriers import Wall
+from mpmgis.kernels import points as kernel
+
+FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 12.0, 2.0)
+DX = 0.5
+
+
+def water(speed):
+    """Water for flows up to `speed` [m s-1]."""
+    return Fluid(1000.0 * (10.0 * speed) ** 2, 0.0, 0.0)
+
+
+def wall(height=20.0, mu=0.0, west=30.0, thickness=2.0):
+    """A wall across the whole terrain."""
+    return Wall("dam", shapely.box(west, -20.0, west + thickness, 40.0), height=height, mu=mu)
+
+
+def struck(height=20.0, mu=0.0, speed=20.0, deep=1.0, time=1.0, start=20.0, long=8.0):
+    """A slab of water, `deep` [m], thrown at the wall between side walls."""
+    frame = block_of((long, 12.0, deep), DX / 2, (start, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
+    solver = points_on(FLAT, frame, DX, water(speed), walls=(wall(height, mu),), edges="wall")
+    march_to(solver, time)
+    return solver
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
+    """H8: 20 m/s, two cells deep; nothing behind the wall, momentum to round-off, force of the order rho v^2 h."""
+    solver = struck(mu=mu)
+    position, balances = sorted_points(solver).position, solver.balances()
+    assert solver.points == len(position) and balances["momentum_error_relative"] <= 1e-10
+    assert position[:, 0].max() < 30.0 + 0.2 * DX  # squeezed a tenth of a cell into the face by the blow
+    dam = balances["barriers"]["dam"]
+    assert dam["overtopped_mass"] == 0.0
+    assert dam["normal_impulse"] == pytest.approx(dam["impulse_east"], rel=1e-9)
+    steady = 1000.0 * 20.0**2 * 1.0 * 12.0  # N, of a jet that turns along the wall
+    assert 0.8 * steady < dam["peak_normal_force"] < 30.0 * steady  # a first blow of rho c v where it meets the wall
+    if mu == 0.0:
+        assert abs(dam["impulse_up"]) <= 1e-9 * dam["impulse_east"]
+        lever = dam["moment_impulse_north"] / dam["impulse_east"]
+        assert 0.0 < lever < 5.0  # the force acts above the foot, within the splash
+
+
+def test_still_water_presses_as_much_as_it_weighs():
+    """rho g h^2 / 2 a metre of wall within 5 %, on average over some waves."""
+    depth = 3.0
+    frame = block_of((9.75, 12.0, depth), DX / 2, (20.0, 0.0, 0.0))
+    z = frame.particles.position[:, 2]
+    pressure = 1000.0 * 9.81 * (depth - z)
+    stress = np.zeros((len(z), 6))
+    stress[:, :3] = -pressure[:, None]
+    walls = (wall(), Wall("back", shapely.box(18.0, -20.0, 20.0, 40.0), height=20.0))
+    solver = points_on(FLAT, frame, DX, water(5.0), stress=stress, walls=walls, edges="wall")
+    march_to(solver, 1.0, 3.0)
+    dam = solver.balances()["barriers"]["dam"]["normal_impulse"]
+    first = points_on(FLAT, frame, DX, water(5.0), stress=stress, walls=walls, edges="wall")
+    march_to(first, 1.0)
+    mean = (dam - first.balances()["barriers"]["dam"]["normal_impulse"]) / 2.0
+    assert mean == pytest.approx(0.5 * 1000.0 * 9.81 * depth**2 * 12.0, rel=0.05)
+
+
+def test_what_passes_above_the_crest_is_counted():
+    """The counted mass is that behind the wall and on it, within a tenth."""
+    solver = struck(height=1.0, deep=3.0, time=1.5)
+    particles = sorted_points(solver)
+    behind = particles.mass[particles.position[:, 0] > 31.0].sum()
+    dam = solver.balances()["barriers"]["dam"]
+    assert behind > 0.2 * particles.mass.sum()
+    assert dam["overtopped_mass"] == pytest.approx(behind, rel=0.15)
+
+
+def test_a_wall_thinner_than_three_cells_holds_all_the_same():
+    frame = block_of((8.0, 12.0, 1.0), DX / 2, (20.0, 0.0, 0.0), velocity=(20.0, 0.0, 0.0))
+    thin = wall(thickness=0.1)
+    solver = points_on(FLAT, frame, DX, water(20.0), walls=(thin,), edges="wall")
+    march_to(solver, 1.0)
+    assert sorted_points(solver).position[:, 0].max() < 30.05  # the middle of the wall that stands on the map
+
+
+def test_a_scene_without_a_barrier_knows_nothing_of_barriers():
+    frame = block_of((2.0, 2.0, 1.0), DX / 2, (20.0, 5.0, 0.0))
+    solver = points_on(FLAT, frame, DX, water(20.0))
+    assert "barriers" not in solver.state() and solver.balances()["barriers"] == {}
+    assert solver._barriers.size == 1
+    assert solver.advance(0.01) == kernel.REACHED_TIME
