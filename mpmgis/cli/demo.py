@@ -26,7 +26,7 @@ def run(arguments):
     from .run import tell
 
     refuse_existing(arguments.output, arguments.overwrite)
-    talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 20 seconds)")
+    talk.say("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 40 seconds)")
     # what comes after the last frame, project and picture, has no watch: asked to stop then, it stops at the end
     with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
         summary, project, picture = demo(
