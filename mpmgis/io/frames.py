@@ -48,8 +48,8 @@ def write_frame_slabs(path, frame, count, slabs):
             raise ValueError(f"{count} particles promised, {start} came")
         for name, value in frame.header.items():
             group.attrs[name] = value
-        _write_group(file, "state", frame.state)
-        _write_group(file, "maxima", frame.maxima)
+        _write_group(file, "state", frame.state, count)
+        _write_group(file, "maxima", frame.maxima, count)
 
 
 def _write_root(file, frame):
@@ -78,14 +78,19 @@ def _create_dataset(group, name, count, dimension):
     dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
 
 
-def _write_group(file, name, values):
-    """Arrays as datasets, large grids deflated; numbers and strings as attributes; nothing where `values` is empty."""
+def _write_group(file, name, values, count):
+    """Arrays as datasets, grids deflated; numbers and strings as attributes; nothing where `values` is empty.
+
+    What has a row for each of the `count` particles is stored plain: its digits do not repeat, and packing them takes
+    longer than the rest of the frame.
+    """
     if not values:
         return
     group = file.create_group(name)
     for key, value in values.items():
         if isinstance(value, np.ndarray):
-            packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if value.ndim > 1 else {}
+            grid = value.ndim > 1 and len(value) != count
+            packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if grid else {}
             group.create_dataset(key, data=value, **packed)
         else:
             group.attrs[key] = value
