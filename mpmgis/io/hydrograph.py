@@ -12,6 +12,8 @@ from ..errors import FormatError
 from ..geo.inflow import COLUMNS, Hydrograph
 
 _SIGNED = ("time", "velocity_east", "velocity_north")
+# more than that is a slip of the pen, in the units of COLUMNS
+_HIGHEST = {"discharge": 1e9, "thickness": 1e4, "speed": 1e3, "velocity_east": 1e3, "velocity_north": 1e3}
 _DELIMITERS = ",;\t"
 _LARGEST = 10_000_000  # [bytes] of a table; more is no hydrograph
 
@@ -102,6 +104,10 @@ def _numbers(path, line, names, cells, decimal_comma):
             raise FormatError(f"{path} line {line}: {name} is {cell}, wanted a finite number [{COLUMNS[name]}]")
         if value < 0 and name not in _SIGNED:
             raise FormatError(f"{path} line {line}: {name} is {cell}, wanted 0 or more; nothing can flow out here")
+        if abs(value) > _HIGHEST.get(name, math.inf):
+            raise FormatError(
+                f"{path} line {line}: {name} is {cell}, wanted at most {_HIGHEST[name]:g} {COLUMNS[name]}"
+            )
         numbers.append(value)
     return numbers
 

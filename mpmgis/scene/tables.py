@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import re
+import sys
 import tomllib
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from ..errors import SceneError, one_line
 
 USE = ("auto", "on", "off")
+THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
 KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
 
 
@@ -57,6 +59,7 @@ class ReleaseTable:
         None,
         kind=(float, str),
         low=0.0,
+        high=THICKEST,
         above=True,
         example=1.5,
         file=True,
@@ -68,7 +71,7 @@ class ReleaseTable:
     density: float = _key("bulk density [kg m-3]", 1000.0, low=1.0, high=30000.0)
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
     speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
-                               above=True, example=10.0)  # fmt: skip
+                               high=FASTEST, above=True, example=10.0)  # fmt: skip
     points: str = _key("point set; staggered: no two columns of a cell share x or y: a stretched flow stays even",
                        "staggered", str, choices=("staggered", "lattice", "jittered", "halton", "random"))  # fmt: skip
     seed: int = _key("seed of the random point sets", 0, kind=int, low=0)
@@ -103,6 +106,7 @@ class SecondaryReleaseTable:
         None,
         kind=(float, str),
         low=0.0,
+        high=THICKEST,
         above=True,
         example=1.0,
         file=True,
@@ -175,6 +179,7 @@ class EntrainmentTable:
         None,
         kind=(float, str),
         low=0.0,
+        high=THICKEST,
         above=True,
         example=0.5,
     )
@@ -386,7 +391,7 @@ def read_scene(path, own_laws=NO_OWN_LAWS):
         raise SceneError(f"{path} is no readable text file ({one_line(error)[:80]})") from error
     try:
         tables = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: TOML's own, and whole numbers of thousands of digits
         raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_cure(text, error)}") from error
     return scene_from_tables(tables, path.parent, path.name, own_laws)
 
@@ -452,6 +457,8 @@ def _check_together(scene, where):
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)
+    if 0.0 < numerics.clamp < 1.0:
+        raise SceneError(f"{where} [numerics]: clamp = {numerics.clamp:g} leaves no thickness; take 1 or more, or 0")
     if output.frame_interval > output.end_time:
         raise SceneError(
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
@@ -483,8 +490,11 @@ def _check_sources(scene, where):
         raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
     if release.particles is not None:
         _refuse_unused(release, ("source", "particles"), f"{where} [release]")
-    if len(release.velocity) != 2 or not all(_is_number(v) and math.isfinite(v) for v in release.velocity):
-        raise SceneError(f"{where} [release]: velocity = {list(release.velocity)}, wanted two numbers [east, north]")
+    if len(release.velocity) != 2 or not all(_is_number(v) and abs(v) <= FASTEST for v in release.velocity):
+        raise SceneError(
+            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, wanted two numbers [east, north] of at "
+            f"most {FASTEST:g} m/s"
+        )
     if release.speed is not None and any(release.velocity):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
@@ -615,6 +625,8 @@ def _parameters(laws, law, values, where, by_place=()):
 def _value(checks, value, where):
     """`value` after its checks."""
     kinds = checks["kind"] if isinstance(checks["kind"], tuple) else (checks["kind"],)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise SceneError(f"{where} is a number of over 300 digits, wanted one that can be computed with")
     if float in kinds and _is_number(value):
         value = float(value)
         if not math.isfinite(value):

@@ -47,16 +47,20 @@ def painted_zones(scene, zones, grid):
     Raises
     ------
     SceneError, InputError
-        A column without polygons or without numbers; values outside their parameter's range.
+        A column without polygons or without numbers; values outside their parameter's range; a zone off the terrain.
     """
     law = scene.laws[scene.friction.law][1]
     x, y = grid.node_points()
     painted = {name: np.full(x.shape, scene.friction.parameters.get(name, np.nan)) for name in law}
     for number, zone, files in zones:
+        covers = False
         for shape, name, value in _painting(zone, files, x, y):
             known = np.isfinite(value)
+            covers = covers or (known & shape).any()
             _require_in_range(value[known & shape], name, law[name], f"[[zones]] number {number}")
             painted[name] = np.where(shape & known, value, painted[name])
+        if not covers:
+            raise InputError(f"[[zones]] number {number} covers no node of the terrain; check its CRS and its values")
     return painted
 
 

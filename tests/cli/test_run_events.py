@@ -263,6 +263,7 @@ TABLES = {
     "nan": ("time,discharge\n0,1\n5,nan\n", "line 3: discharge is nan"),
     "infinite": ("time,discharge\n0,inf\n5,1\n", "finite"),
     "outflow": ("time,discharge\n0,1\n5,-1\n", "nothing can flow out"),
+    "an ocean": ("time,discharge\n0,1\n5,1e30\n", "wanted at most 1e+09 m3 s-1"),
     "before the start": ("time,discharge\n-5,1\n5,1\n", "runs start at 0"),
     "times back": ("time,discharge\n0,1\n5,1\n4,1\n", "line 4: time 4 s does not follow 5 s"),
     "a time twice": ("time,discharge\n0,1\n0,2\n", "does not follow"),

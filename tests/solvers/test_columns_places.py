@@ -87,6 +87,28 @@ def test_nothing_passes_a_high_wall_whatever_way_it_runs(degrees):
     assert solver.balances()["barriers"]["ring"]["overtopped_mass"] == 0.0
 
 
+@pytest.mark.parametrize("degrees", [30, 45, 60])
+@pytest.mark.parametrize("short", [0.0, 3.0])
+def test_nothing_passes_where_a_wall_meets_the_edge_at_an_acute_angle(degrees, short):
+    """H8: 20 m/s into the corner of a wall 1 m thick and the domain's edge; it may end less than a cell before that."""
+    along = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    half, middle = (60.0 - short) / along[1], np.array([140.0, 60.0])
+    line = shapely.LineString([middle - half * along, middle + half * along])
+
+    def beside(x, y):
+        return (y - middle[1]) * along[0] - (x - middle[0]) * along[1]
+
+    frame = columns_of(
+        lambda x, y: np.where(beside(x, y) > 2 * DX, 5.0, 0.0), 20, 180, 60, 120, DX / 4, velocity=(20.0, 6.0)
+    )
+    wall = Wall("w", line.buffer(0.5, cap_style="flat"), 1e6)
+    solver = walled(terrain_of(level, 200.0, 120.0, DX), frame, wall)
+    solver.advance(15.0)
+    p = solver.frame().particles
+    assert (beside(*p.position[:, :2].T) > -DX).all()
+    assert p.mass.sum() == pytest.approx(frame.particles.mass.sum(), rel=1e-12)
+
+
 def test_the_impulse_on_a_wall_is_the_momentum_that_the_flow_lost():
     """H8: away from all other walls, to round-off."""
     frame = columns_of(2.0, 60, 90, 150, 250, DX / 4, velocity=(20.0, 0.0))
