@@ -1,0 +1,107 @@
+"""The 3D solver in nanoseconds per point and step, against the plain loop of its oracle compiled as it stands."""
+
+import sys
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
+from column_scenes import terrain_of
+from plain_points import plain_step, stencil
+from point_scenes import block_of, points_on
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.softening import NoSoftening, softening
+from mpmgis.kernels.jit import set_threads
+
+WANTED, PROTOTYPE = 60.0, 48.0  # ns on 2 threads (issue 4); design notes on kernels, 3
+STEPS, REPEATS = 10, 4
+SLOPE = 0.5
+SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
+MATERIALS = {
+    "Drucker-Prager": (SOIL, None),
+    "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0)),
+    "fluid": (Fluid(7.1e6, 0.0, 0.0), None),
+}
+
+
+def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0)):
+    """A slab of long x wide x high points, 8 a cell of 1 m, that slides down a plane."""
+    terrain = terrain_of(lambda x, y: SLOPE * (size[0] - x), *size, 10.0)
+    frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))
+    place = frame.particles.position
+    place[:, 2] += SLOPE * (size[0] - place[:, 0])
+    return points_on(terrain, frame, 1.0, material, CoulombContact(0.3), soft)
+
+
+def nanoseconds(solver, points):
+    """Least ns per point and step over the repeats, after a warm-up that compiles."""
+    solver.advance(1e9, max_steps=5)
+    best = np.inf
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        solver.advance(1e9, max_steps=STEPS)
+        best = min(best, time.perf_counter() - began)
+    return best / (STEPS * points) * 1e9
+
+
+def plain_nanoseconds():
+    """The plain loop, compiled without a change of it, on one thread."""
+    import plain_points
+
+    options = {"fastmath": {"nsz"}, "error_model": "numpy"}
+    plain_points.stencil = numba.njit(**options)(stencil)
+    step = numba.njit(**options)(plain_step)
+    solver = scene(SOIL, None, 40, 40, 20)
+    p = solver.frame().particles
+    place = p.position - solver._origin
+    n = len(place)
+    nodes = np.zeros((int(place[:, 2].max()) + 14, *solver._ground.shape[:2], 4))
+    state = place, p.velocity, np.zeros((n, 3, 3)), p.mass, np.zeros((n, 8)), np.zeros((n, 6))
+    times = []
+    for _ in range(3):
+        began = time.perf_counter()
+        step(*state, nodes, solver._ground[..., :3].copy(), 1.0, 1e-3, 1000.0, 9.81, 0.3, SOIL, NoSoftening())
+        times.append(time.perf_counter() - began)
+    return min(times) / n * 1e9
+
+
+def memory(solver):
+    """Bytes per point of the solver's arrays of points."""
+    arrays = solver._rows, solver._ids, solver._keys, solver._order
+    return sum(array.nbytes for array in arrays) / solver.points
+
+
+def rows():
+    """Rows of the table."""
+    reference = plain_nanoseconds()
+    yield (
+        "plain loop, 32,000 points, Drucker-Prager",
+        reference,
+        "ns/point/step",
+        "compiled as it stands, 1 thread",
+        None,
+    )
+    for threads in (1, 2):
+        used = set_threads(threads)
+        for name, (material, soft) in MATERIALS.items():
+            solver = scene(material, soft)
+            measured = nanoseconds(solver, 500_000)
+            case = f"{name}, 500,000 points, {used} thread{'s' * (used > 1)}"
+            yield case, measured, "ns/point/step", "the plain loop (1 thread)", measured / reference
+            if name == "Drucker-Prager" and used == 2:
+                yield case, measured, "ns/point/step", f"{WANTED:.0f} ns (issue 4)", measured / WANTED
+                yield (
+                    case,
+                    measured,
+                    "ns/point/step",
+                    f"prototype, {PROTOTYPE:.0f} ns (design notes)",
+                    measured / PROTOTYPE,
+                )
+                wide = nanoseconds(scene(SOIL, size=(1600.0, 100.0)), 500_000)
+                yield "the same on a terrain ten times as long", wide, "ns/point/step", case, wide / measured
+    yield "memory of the points", memory(solver), "bytes/point", "", None

@@ -1,0 +1,101 @@
+"""One step of the 3D MPM as a plain loop over points and nodes: the oracle of the solver's kernels.
+
+Runs as Python, and compiled as it stands, which is the scalar version that the benchmark compares with.
+"""
+
+import numpy as np
+
+GHOSTS = 4  # nodes before the domain's corner, which the solver has too
+
+
+def stencil(place, dx):
+    """First node, offset and weights along one axis."""
+    s = place / dx + GHOSTS
+    base = int(s - 0.5)
+    f = s - base
+    return base, f, (0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2)
+
+
+def plain_step(
+    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft
+):
+    """Advance by `dt` [s]; all arrays are changed in place.
+
+    Parameters
+    ----------
+    place, velocity : float64[n, 3] [m], [m s-1]
+        From the corner of the domain at its lowest level.
+    affine : float64[n, 3, 3] [s-1]
+    mass : float64[n] [kg]
+    state : float64[n, 8]
+    stress : float64[n, 6] [Pa]
+    nodes : float64[layers, rows, columns, 4]
+        Room for mass and momentum.
+    ground : float64[rows, columns, 3]
+        Elevation [m] and slopes.
+    """
+    nodes[:] = 0.0
+    for p in range(len(mass)):
+        i0, fx, wx = stencil(place[p, 0], dx)
+        j0, fy, wy = stencil(place[p, 1], dx)
+        k0, fz, wz = stencil(place[p, 2], dx)
+        push = dt * 4.0 / (dx * dx) * mass[p] / density
+        xx, yy, zz, xy, xz, yz = stress[p]
+        for k in range(3):
+            for j in range(3):
+                for i in range(3):
+                    w = wx[i] * wy[j] * wz[k]
+                    r = (i - fx) * dx, (j - fy) * dx, (k - fz) * dx
+                    node, c = nodes[k0 + k, j0 + j, i0 + i], affine[p]
+                    pushes = (
+                        push * (xx * r[0] + xy * r[1] + xz * r[2]),
+                        push * (xy * r[0] + yy * r[1] + yz * r[2]),
+                        push * (xz * r[0] + yz * r[1] + zz * r[2]),
+                    )
+                    for a in range(3):
+                        moved = velocity[p, a] + c[a, 0] * r[0] + c[a, 1] * r[1] + c[a, 2] * r[2]
+                        node[a] += w * (mass[p] * moved - pushes[a])
+                    node[3] += w * mass[p]
+    for k in range(nodes.shape[0]):
+        for j in range(nodes.shape[1]):
+            for i in range(nodes.shape[2]):
+                node = nodes[k, j, i]
+                if node[3] <= 0.0:
+                    continue
+                node[:3] /= node[3]
+                node[2] -= dt * gravity
+                height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
+                normal = np.array([-sx, -sy, 1.0]) / np.sqrt(1.0 + sx * sx + sy * sy)
+                into = node[:3] @ normal
+                if (k - GHOSTS) * dx <= height and into < 0.0:
+                    along = node[:3] - into * normal
+                    slip = np.sqrt(along @ along)
+                    node[:3] = along * max(0.0, 1.0 + mu * into / slip) if slip > 0.0 else along
+    for p in range(len(mass)):
+        i0, fx, wx = stencil(place[p, 0], dx)
+        j0, fy, wy = stencil(place[p, 1], dx)
+        k0, fz, wz = stencil(place[p, 2], dx)
+        new, gradient = velocity[p], affine[p]
+        new[:] = 0.0
+        gradient[:] = 0.0
+        for k in range(3):
+            for j in range(3):
+                for i in range(3):
+                    w = wx[i] * wy[j] * wz[k]
+                    node = nodes[k0 + k, j0 + j, i0 + i]
+                    r = (i - fx) * dx, (j - fy) * dx, (k - fz) * dx
+                    for a in range(3):
+                        new[a] += w * node[a]
+                        for b in range(3):
+                            gradient[a, b] += 4.0 / (dx * dx) * w * node[a] * r[b]
+        for a in range(3):
+            place[p, a] += dt * new[a]
+        s, c = state[p], gradient
+        answer = material.stress_step(
+            s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], dt * c[0, 0], dt * c[0, 1], dt * c[0, 2], dt * c[1, 0],
+            dt * c[1, 1], dt * c[1, 2], dt * c[2, 0], dt * c[2, 1], dt * c[2, 2], dt, soft,
+        )  # fmt: skip
+        for e in range(8):
+            state[p, e] = answer[e]
+        for e in range(6):
+            stress[p, e] = answer[8 + e]
