@@ -67,10 +67,18 @@ def _asked(question):
 
 def tell(summary):
     """The balances and the cost of a run, on stderr."""
-    b = summary.balances
-    out = b["mass_out"] / max(b["mass_released"] + b["mass_entrained"], 1e-300)
     talk.say(f"ended: {summary.reason}")
     talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
+    (_tell_points if summary.solver == "points" else _tell_columns)(summary.balances)
+    if not summary.wall_seconds:
+        return
+    rate = summary.particle_steps_per_second / 1e6
+    talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")
+
+
+def _tell_columns(b):
+    """Balances of a depth-averaged run."""
+    out = b["mass_out"] / max(b["mass_released"] + b["mass_entrained"], 1e-300)
     later = b["mass_released"] - b["mass_start"]
     came = f", {later:.6g} kg came in later" if later > 1e-9 * b["mass_released"] else ""
     mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
@@ -93,7 +101,20 @@ def tell(summary):
     if b["mass_entrained"] > 0:
         share = b["mass_entrained"] / b["mass_released"]
         talk.say(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
-    if not summary.wall_seconds:
-        return
-    rate = summary.particle_steps_per_second / 1e6
-    talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")
+
+
+def _tell_points(b):
+    """Balances of a 3D run."""
+    out = b["mass_out"] / max(b["mass_start"], 1e-300)
+    mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
+    talk.say(f"{mass}, error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}")
+    ground, lost = b["energy_lost_to_ground"], b["energy_lost"]
+    energy = f"energy: {lost:.4g} J lost, of it {ground:.4g} J to the ground, kinetic now {b['kinetic_energy']:.3g} J"
+    talk.say(f"{energy}, elastic {b['elastic_energy']:.3g} J")
+    talk.say(f"largest speed {b['speed_max']:.1f} m/s, {b['mach_max']:.2f} times that of pressure waves")
+    if b["mass_lifted_onto_ground"] > 0:
+        share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
+        talk.say(f"{share:.2g} % of the mass came more than a cell under the ground and was laid back on it")
+    for name, taken in b["barriers"].items():
+        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N in a single step"
+        talk.say(f"barrier '{name}': impulse {impulse}, peak {peak}, {taken['overtopped_mass']:.3g} kg went over it")

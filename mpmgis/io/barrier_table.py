@@ -7,16 +7,28 @@ from pathlib import Path
 from ..errors import FormatError, one_line
 from .atomic import whole_file
 
-COLUMNS = (
-    "time [s]",
-    "barrier",
-    "mean normal force [N]",
-    "normal impulse [N s]",
-    "impulse east [N s]",
-    "impulse north [N s]",
-    "overtopped mass [kg]",
-    "peak normal force [N]",
-)
+# what a solver sums up -> the column that says it
+SUMS = {
+    "normal_impulse": "normal impulse [N s]",
+    "impulse_east": "impulse east [N s]",
+    "impulse_north": "impulse north [N s]",
+    "impulse_up": "impulse up [N s]",
+    "moment_impulse_east": "angular impulse east [N m s]",
+    "moment_impulse_north": "angular impulse north [N m s]",
+    "moment_impulse_up": "angular impulse up [N m s]",
+    "overtopped_mass": "overtopped mass [kg]",
+    "peak_normal_force": "peak normal force [N]",
+}
+# sums whose mean rate since the frame before has a column of its own; all but the first in 3D only
+RATES = {
+    "normal_impulse": "mean normal force [N]",
+    "impulse_east": "mean force east [N]",
+    "impulse_north": "mean force north [N]",
+    "impulse_up": "mean force up [N]",
+    "moment_impulse_east": "mean moment east [N m]",
+    "moment_impulse_north": "mean moment north [N m]",
+    "moment_impulse_up": "mean moment up [N m]",
+}
 
 
 class BarrierTable:
@@ -29,27 +41,29 @@ class BarrierTable:
     path : str or Path
     names : tuple of str
         Of the barriers.
+    sums : tuple of str
+        Of SUMS: what the solver sums up for each of them.
     resumed : float, optional
         Time [s] of the frame that a run goes on from: what the file has until then is kept.
     """
 
-    def __init__(self, path, names, resumed=None):
-        self.path, self.names = Path(path), tuple(names)
+    def __init__(self, path, names, sums, resumed=None):
+        self.path, self.names, self.sums = Path(path), tuple(names), tuple(sums)
+        self._rated = [k for k, name in enumerate(sums) if name in (RATES if "impulse_up" in sums else list(RATES)[:1])]
         self._rows = [] if resumed is None else self._read(resumed)
 
     def add(self, time, sums):
-        """Write the rows of one frame at `time` [s].
-
-        `sums` float64[barriers, 5]: normal impulse [N s], impulse east and north, overtopped mass [kg], peak force [N].
-        """
-        before = {row[1]: (row[0], row[3]) for row in self._rows}
-        for name, (normal, east, north, mass, peak) in zip(self.names, sums.tolist(), strict=True):
-            last_time, last_impulse = before.get(name, (time, normal))
-            mean = (normal - last_impulse) / (time - last_time) if time > last_time else 0.0
-            self._rows.append((time, name, mean, normal, east, north, mass, peak))
+        """Write the rows of one frame at `time` [s]; `sums` float64[barriers, k] in the order of the table's."""
+        before = {row[1]: (row[0], row[2 + len(self._rated) :]) for row in self._rows}
+        for name, now in zip(self.names, sums.tolist(), strict=True):
+            last_time, last = before.get(name, (time, now))
+            passed = time - last_time
+            rates = [(now[k] - last[k]) / passed if passed > 0 else 0.0 for k in self._rated]
+            self._rows.append((time, name, *rates, *now))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
+        rated = [RATES[self.sums[k]] for k in self._rated]
+        writer.writerow(["time [s]", "barrier", *rated, *(SUMS[name] for name in self.sums)])
         writer.writerows(self._rows)
         with whole_file(self.path) as part:
             part.write_text(text.getvalue(), encoding="utf-8")

@@ -1,6 +1,6 @@
 """A scene in, its decisions about effects and what each of them costs out."""
 
-from ..solvers.columns import ColumnSolver
+from ..errors import SceneError
 from ..solvers.effect_costs import effect_costs, under_way
 from .prepare import prepare
 from .run import use_threads
@@ -17,7 +17,9 @@ def measured(scene_path, laws=None, say=lambda text: None, tell=lambda text: Non
     `say` gets the small print of the preparation, `tell` what takes long.
     """
     prepared = prepare(scene_path, say, laws)
-    use_threads(prepared.columns)
-    solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places)
+    if prepared.scene.solver != "columns":
+        raise SceneError("--measure times the effects of solver = 'columns' only; leave it out")
+    use_threads(prepared.particles)
+    solver = prepared.solver()
     start = under_way(solver, prepared.events, prepared.scene.output.end_time)
     return prepared.decisions, effect_costs(solver, start, tell)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..conversion.starting import kirchhoff_stress
 from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
@@ -13,19 +14,23 @@ from ..io.raster import read_terrain
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, read_scene, resolve
 from ..seeding.plausible import Cures, tell_if_implausible
-from ..solvers.columns import ColumnNumerics
+from ..solvers.columns import ColumnNumerics, ColumnSolver
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.identity import start_digest
 from ..solvers.places import Places
 from ..solvers.placing import levelled
+from ..solvers.points import PointNumerics, PointSolver
 from .places import read_places, trial_parameters
+from .point_start import read_point_start
 from .sources import read_sources
+
+CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything a run needs, checked, before its first step."""
+    """Everything a run needs, checked, before its first step; `stress` and `walls` are of a 3D run."""
 
     scene: object
     terrain: object
@@ -33,15 +38,25 @@ class Prepared:
     effects: object
     decisions: tuple
     facts: TerrainFacts
-    numerics: ColumnNumerics
+    numerics: object  # ColumnNumerics or PointNumerics
     places: Places
     events: Events
     digest: str
+    stress: np.ndarray | None = None  # float64[n, 6] [Pa], Kirchhoff
+    walls: tuple = ()
 
     @property
-    def columns(self):
-        """Number of columns at the start and of all that may come."""
+    def particles(self):
+        """Number of columns or points at the start and of all that may come."""
         return len(self.frame.particles) + self.events.columns_to_come()
+
+    def solver(self):
+        """The scene's solver at its start."""
+        if self.scene.solver == "points":
+            return PointSolver(
+                self.frame, self.terrain, self.effects, self.numerics, self.stress, self.places.zone_values, self.walls
+            )
+        return ColumnSolver(self.frame, self.terrain, self.effects, self.numerics, self.places)
 
 
 def prepare(scene_path, say=lambda text: None, laws=None):
@@ -59,11 +74,30 @@ def prepare(scene_path, say=lambda text: None, laws=None):
 
 
 def _prepare(scene, say):
+    terrain = _terrain(scene, say)
+    scene = _completed(scene, scene.numerics.cell_size or terrain.grid.cell_size)
+    grid = ColumnGrid.on(terrain, scene.numerics.cell_size)
+    return (_points if scene.solver == "points" else _columns)(scene, terrain, grid, say)
+
+
+def _terrain(scene, say):
+    """The terrain, or the window of it that the scene asks for."""
     table = scene.terrain
     terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
-    cell_size = scene.numerics.cell_size or terrain.grid.cell_size
-    scene = _completed(scene, cell_size)
-    grid = ColumnGrid.on(terrain, cell_size)
+    if table.window is None:
+        return terrain
+    west, south, east, north = terrain.grid.bounds
+    window = table.window
+    if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
+        raise SceneError(
+            f"[terrain] window = {list(window)} does not meet the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
+            f"{north:.0f}; correct it"
+        )
+    return terrain.cropped(window, 0)
+
+
+def _columns(scene, terrain, grid, say):
+    """Everything for a depth-averaged run."""
     sources = read_sources(scene, terrain, grid, say)
     frame = sources.frame
     _tell_of_release(frame.particles, frame.header["density"], say)
@@ -76,7 +110,7 @@ def _prepare(scene, say):
     effects, decisions = resolve(deciding, facts)
     stop = scene.output.stop_at_rest
     numerics = ColumnNumerics(
-        cell_size=cell_size,
+        cell_size=grid.cell_size,
         cfl=scene.numerics.cfl,
         edges=scene.numerics.edges,
         clamp=scene.numerics.clamp,
@@ -94,12 +128,39 @@ def _prepare(scene, say):
     )  # fmt: skip
 
 
+def _points(scene, terrain, grid, say):
+    """Everything for a 3D run."""
+    start = read_point_start(scene, terrain, grid, say)
+    frame, seen, events = start.frame, start.seen, Events()
+    _tell_of_release(seen.particles, frame.header["density"], say)
+    known = read_places(scene, terrain, grid, seen, seen, say)
+    facts, deciding = _facts(scene, terrain, seen, known)
+    effects, decisions = resolve(deciding, facts)
+    stop = scene.output.stop_at_rest
+    numerics = PointNumerics(
+        cell_size=grid.cell_size,
+        cfl=scene.numerics.cfl,
+        edges=scene.numerics.edges,
+        density=frame.header["density"],
+        stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
+    )
+    places, material, stress = known.in_3d(effects), effects.material, None
+    if start.vertical_stress is not None:
+        stress = kirchhoff_stress(start.vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
+    digest = scene.digest(start_digest(terrain, frame, events, places))
+    return Prepared(
+        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, events,
+        digest, stress, known.walls if places.barrier_names else (),
+    )  # fmt: skip
+
+
 def _completed(scene, cell_size):
     """The scene with the numbers that stand for keys left out."""
     output = scene.output
     if output.maxima and output.arrival_thickness is None:
         output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
-    return replace(scene, numerics=replace(scene.numerics, cell_size=cell_size), output=output)
+    numerics = replace(scene.numerics, cell_size=cell_size, cfl=scene.numerics.cfl or CFL[scene.solver])
+    return replace(scene, numerics=numerics, output=output)
 
 
 def _read_scene(path, laws):
@@ -133,7 +194,7 @@ def _facts(scene, terrain, frame, known):
 
 def _tell_of_release(particles, density, say):
     cures = Cures(
-        "[release] density", "[release] thickness", "take a smaller [numerics] cell_size or more particles_per_cell"
+        "[release] density", "[release] thickness", "take a smaller [numerics] cell_size or more particles a cell"
     )
     if len(particles):
         tell_if_implausible(len(particles), density, particles.volume.sum() / particles.area.sum(), cures, say)

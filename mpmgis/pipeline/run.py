@@ -10,14 +10,17 @@ from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..scene import scene_text
-from ..solvers.columns import ColumnSolver
-from ..solvers.cost import available_memory, predicted
+from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
+from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d
 from ..solvers.march import March
+from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
+from ..solvers.points import MACH_WARNING
 from .prepare import prepare
 
 ANEW, RESUMED, FINISHED = range(3)  # where a run starts
-COLUMNS_PER_THREAD = 10_000
-ASK_SECONDS, ASK_MEMORY_SHARE = 3600.0, 0.8
+PARTICLES_PER_THREAD = 10_000
+BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
+ASK_SECONDS = 3600.0
 
 
 @dataclass(frozen=True)
@@ -32,32 +35,47 @@ class RunSummary:
     wall_seconds: float
     particle_steps_per_second: float
     balances: dict
+    solver: str = "columns"
 
 
-def use_threads(columns, asked=None):
-    """Use the number of threads `asked` for, or what `columns` are worth; answers how many that are.
+def use_threads(particles, asked=None):
+    """Use the number of threads `asked` for, or what `particles` are worth; answers how many that are.
 
-    A thread for few columns costs more than it brings, above all on a busy machine; the result is the same.
+    A thread for few particles costs more than it brings, above all on a busy machine; the result is the same.
     """
-    return set_threads(asked or max(1, min(set_threads(None), columns // COLUMNS_PER_THREAD)))
+    return set_threads(asked or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
 def require_affordable(prepared, threads, confirm):
     """Refuse, or ask `confirm(question)`, where a run would take over an hour or most of the memory."""
-    west, south, east, north = prepared.terrain.grid.bounds
-    numerics, facts = prepared.numerics, prepared.facts
-    seconds, memory = predicted(
-        prepared.columns, facts.release_thickness, (east - west) * (north - south) / numerics.cell_size**2,
-        prepared.terrain.elevation.nbytes, numerics.cell_size, numerics.cfl, prepared.scene.output.end_time,
-        facts.speed, threads,
-    )  # fmt: skip
+    seconds, memory = _predicted(prepared, threads)
     available = available_memory()
-    if seconds < ASK_SECONDS and memory < ASK_MEMORY_SHARE * available:
+    if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available:
         return
     need = f"this run is predicted to take {seconds / 3600:.1f} h and {memory / 1e9:.1f} GB"
     question = f"{need} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
-        raise SceneError(f"{question}; give --yes to run it, or take larger cells or fewer particles_per_cell")
+        fewer = "or fewer particles_per_cell"
+        if prepared.scene.solver == "points":
+            fewer = "or [numerics] stiffness = 'scaled' for longer steps"
+        raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
+
+
+def _predicted(prepared, threads):
+    """(seconds, bytes) that the run will need."""
+    west, south, east, north = prepared.terrain.grid.bounds
+    scene, numerics, facts = prepared.scene, prepared.numerics, prepared.facts
+    nodes = (east - west) * (north - south) / numerics.cell_size**2
+    elevation_bytes, end_time = prepared.terrain.elevation.nbytes, scene.output.end_time
+    if scene.solver == "points":
+        return predicted_in_3d(
+            prepared.particles, prepared.effects.material, numerics, nodes, elevation_bytes, end_time, facts.speed,
+            threads,
+        )  # fmt: skip
+    return predicted(
+        prepared.particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, end_time,
+        facts.speed, threads,
+    )  # fmt: skip
 
 
 def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
@@ -83,22 +101,22 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     output = output or Path(scene_path).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene_path, say, laws)
-    used = use_threads(prepared.columns, threads)
+    used = use_threads(prepared.particles, threads)
     require_affordable(prepared, used, confirm)
-    solver = ColumnSolver(prepared.frame, prepared.terrain, prepared.effects, prepared.numerics, prepared.places)
+    solver = prepared.solver()
     for decision in prepared.decisions:
         if decision.called_for:
             say(decision.line())
     threads_word = "1 thread" if used == 1 else f"{used} threads"
-    to_come = prepared.columns - len(prepared.frame.particles)
-    columns = f"{len(prepared.frame.particles)} columns" + (f", {to_come} to come" if to_come else "")
-    say(f"{columns}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    to_come = prepared.particles - len(prepared.frame.particles)
+    particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
+    say(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
     start = _restored(folder, prepared, solver, say) if resume else ANEW
     if start == FINISHED:
-        return _summary(folder, folder.record()["reason"], solver, 0.0, 0)
+        return _summary(folder, prepared, folder.record()["reason"], solver, 0.0, 0)
     folder.open()
     try:
-        return _march(folder, prepared, solver, watch, start == RESUMED)
+        return _march(folder, prepared, solver, _telling_mach(solver, watch, say), start == RESUMED)
     finally:
         folder.remove_if_empty()
 
@@ -125,10 +143,26 @@ def _restored(folder, prepared, solver, say):
     return RESUMED
 
 
-def _summary(folder, reason, solver, wall, column_steps):
+def _telling_mach(solver, watch, say):
+    """`watch` that says once when a 3D flow gets so fast that its stiffness is felt."""
+    told = []
+
+    def watching(now, end_time):
+        if not told and now.mach > MACH_WARNING:
+            told.append(True)
+            say(
+                f"t = {now.time:.1f} s: the flow moves at {now.mach:.2f} times the speed of pressure waves (more than "
+                f"{MACH_WARNING:g}): it is compressed, and impacts are too soft; give a larger [material] bulk_modulus"
+            )
+        watch(now, end_time)
+
+    return watching if hasattr(solver, "mach") else watch
+
+
+def _summary(folder, prepared, reason, solver, wall, particle_steps):
     return RunSummary(
-        folder.path, reason, folder.frames, solver.step, solver.time, wall, column_steps / wall if wall else 0.0,
-        solver.balances(),
+        folder.path, reason, folder.frames, solver.step, solver.time, wall, particle_steps / wall if wall else 0.0,
+        solver.balances(), prepared.scene.solver,
     )  # fmt: skip
 
 
@@ -165,13 +199,13 @@ def _march(folder, prepared, solver, watch, resumed):
     except UnphysicalError:
         record("unphysical")
         raise
-    return _summary(folder, march.reason, solver, record("finished"), march.column_steps)
+    return _summary(folder, prepared, march.reason, solver, record("finished"), march.particle_steps)
 
 
 def _barrier_table(folder, prepared, resumed):
     """The table of what barriers take up, None without barriers; `resumed` is the time that the run goes on from."""
-    names = prepared.places.barrier_names
-    return BarrierTable(folder.path / BARRIER_FILE, names, resumed) if names else None
+    names, sums = prepared.places.barrier_names, BARRIER_SUMS[prepared.scene.solver]
+    return BarrierTable(folder.path / BARRIER_FILE, names, sums, resumed) if names else None
 
 
 def _beside(scene, folder):

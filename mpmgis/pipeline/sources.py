@@ -74,7 +74,7 @@ def _release(scene, terrain, say):
     if table is None:
         return None
     if table.particles is not None:
-        return _read_columns(scene.path(table.particles), terrain, table.density, say)
+        return columns_of(scene.path(table.particles), terrain, table.density, say)
     return _area(scene, table, terrain, say)
 
 
@@ -104,7 +104,7 @@ def _seeded(scene, terrain, grid, area, density, table=None):
     west, _, _, north = terrain.grid.bounds
     table = table or ReleaseTable()
     return seed_columns(
-        terrain, area, cell_size=grid.cell_size, anchor=(west, north), per_cell=scene.numerics.particles_per_cell,
+        terrain, area, cell_size=grid.cell_size, anchor=(west, north), per_cell=scene.columns_per_cell,
         points=table.points, density=density, velocity=table.velocity, seed=table.seed,
     )  # fmt: skip
 
@@ -208,15 +208,20 @@ def _facts(inlet, secondary, frames):
     return facts
 
 
-def _read_columns(path, terrain, density, say):
+def columns_of(path, terrain, density, say):
     """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
     frame = read_frame(path, with_state=False)
     if frame.dimension != 2:
-        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them")
+        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
+    return placed_on(frame, path, terrain, density, say)
+
+
+def placed_on(frame, path, terrain, density, say):
+    """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS."""
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
-        say(f"{path} was seeded on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
+        say(f"{path} was made on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)

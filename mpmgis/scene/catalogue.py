@@ -5,11 +5,12 @@ from dataclasses import fields
 
 from ..effects import entrainment, friction, metric
 from ..geo.inflow import COLUMNS
+from .materials import MATERIALS
 from .tables import TABLES
 
 NO_EFFECTS = ("terrain", "release", "numerics", "output")  # tables that say where, what and how, and nothing else
 # table with a law by name -> {name: (law, {parameter: Parameter})}
-LAWS_BY_NAME = {"friction": friction.LAWS, "entrainment": entrainment.LAWS}
+LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
 # what a table takes besides its own keys with a unit
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 

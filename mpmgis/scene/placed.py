@@ -10,10 +10,10 @@ def decide_zones(scene, facts, slots):
     """Friction by place, if a parameter differs where the flow can get to; decided after friction and drag."""
     if not scene.zones:
         return not_called_for("zones", "no [[zones]] in the scene")
-    if facts.zone_spread is None or "friction" not in slots:
+    if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
         return as_asked("zones", "off", "")
     decision = by_number(
-        "zones", _use_of_several(scene.zones), facts.zone_spread, ZONE_THRESHOLD,
+        "zones", use_of_several(scene.zones), facts.zone_spread, ZONE_THRESHOLD,
         "(largest - smallest) / mean of the parameter that differs most in reach",
     )  # fmt: skip
     if decision.state == "on":
@@ -43,7 +43,7 @@ def decide_barrier(scene, facts, slots):
         return not_called_for("barrier", "no [[barrier]] in the scene")
     if facts.barrier_distance is None:
         return as_asked("barrier", "off", "")
-    use = _use_of_several(scene.barrier)
+    use = use_of_several(scene.barrier)
     touched = facts.barrier_distance <= 0.0
     on = use == "on" or (use == "auto" and touched)
     if on:
@@ -70,7 +70,7 @@ def decide_still_water(scene, facts, slots):
     return decision
 
 
-def _use_of_several(tables):
+def use_of_several(tables):
     """`use` of all tables of a name together: on if one is forced on, auto if one is not off."""
     uses = {table.use for table in tables}
     return "on" if "on" in uses else "auto" if "auto" in uses else "off"

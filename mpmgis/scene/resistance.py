@@ -5,6 +5,7 @@ from math import sqrt
 from ..effects import cohesion, earth_pressure, friction, viscosity
 from ..fields import GRAVITY
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
+from .points import mu_least_of_points
 from .runout import change, runout
 
 # Where the design's 0.02 and 0.05 would stand, runs with the effect forced on differ by more than 5 % in area: 9 % for
@@ -20,8 +21,10 @@ def mu_least(scene):
     """The least that friction can be in the scene [1], by which the energy line falls; 0 without friction.
 
     Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m; of a law of
-    the user's own it is the least over speeds, for 1 m of water on level ground.
+    the user's own it is the least over speeds, for 1 m of water on level ground. A 3D flow shears inside, too.
     """
+    if scene.solver == "points":
+        return mu_least_of_points(scene)
     table = scene.friction
     if table is None or table.use == "off" or (table.law in friction.LAWS and table.law != "ModifiedVoellmy"):
         return scene.dry_friction()

@@ -1,8 +1,21 @@
 """Which effects a scene calls for, decided by numbers, with the reason (design notes 8)."""
 
-from ..effects.slots import ColumnEffects
+from ..effects.slots import ColumnEffects, PointEffects
 from .ground import decide_curvature, decide_flight, decide_metric, decide_outflow
 from .placed import decide_barrier, decide_entrainment, decide_still_water, decide_zones
+from .points import (
+    decide_contact,
+    decide_elasticity,
+    decide_fluid_viscosity,
+    decide_material,
+    decide_mu_i,
+    decide_plasticity,
+    decide_point_barrier,
+    decide_point_cohesion,
+    decide_softening,
+    decide_stiffness,
+    decide_volume_correction,
+)
 from .resistance import (
     decide_bingham,
     decide_cohesion,
@@ -35,9 +48,27 @@ DECIDERS = (
     decide_flight,
 )
 
+POINT_DECIDERS = (
+    decide_material,
+    decide_stiffness,
+    decide_elasticity,
+    decide_plasticity,
+    decide_point_cohesion,
+    decide_softening,
+    decide_mu_i,
+    decide_fluid_viscosity,
+    decide_volume_correction,
+    decide_contact,
+    decide_zones,
+    decide_point_barrier,
+    decide_outflow,
+)
+# solver -> (its slots, who fills them)
+SOLVERS = {"columns": (ColumnEffects, DECIDERS), "points": (PointEffects, POINT_DECIDERS)}
+
 
 def resolve(scene, facts):
-    """Decide every effect of the depth-averaged solver.
+    """Decide every effect of the scene's solver.
 
     Parameters
     ----------
@@ -46,8 +77,9 @@ def resolve(scene, facts):
 
     Returns
     -------
-    (ColumnEffects, list of Decision)
+    (ColumnEffects or PointEffects, list of Decision)
     """
+    kind, deciders = SOLVERS[scene.solver]
     slots = {}
-    decisions = [decide(scene, facts, slots) for decide in DECIDERS]
-    return ColumnEffects(**slots), decisions
+    decisions = [decide(scene, facts, slots) for decide in deciders]
+    return kind(**slots), decisions

@@ -17,21 +17,25 @@ from pathlib import Path
 from ..effects import curvature, entrainment, friction, metric
 from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from ..errors import SceneError, one_line
+from . import materials
+from .solver_tables import check_points, check_solver
 
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
 KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
 
 
-def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False):
+def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False,
+         solver=None):  # fmt: skip
     """One key of a table: its words in the template and the checks on its value.
 
     `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types; the text
-    of a `file` is a path (where numbers or other text are allowed too: if it has a suffix or is there).
+    of a `file` is a path (where numbers or other text are allowed too: if it has a suffix or is there). `solver` is
+    the only one that has the key.
     """
     metadata = {
         "doc": doc, "kind": kind, "low": low, "high": high, "choices": choices, "above": above, "example": example,
-        "file": file,
+        "file": file, "solver": solver,
     }  # fmt: skip
     return field(default=default, metadata=metadata) if default is not MISSING else field(metadata=metadata)
 
@@ -44,6 +48,8 @@ class TerrainTable:
                     file=True)  # fmt: skip
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
     band: int | None = _key("band with the elevation, where the DTM has several", None, kind=int, low=1, example=1)
+    window: tuple | None = _key("only this part of it: [west, south, east, north] [m]", None, kind=list,
+                                example=(600000, 5200000, 601000, 5201000))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,8 @@ class ReleaseTable:
 
     source: str | None = _key("release areas: any vector file, or a raster", None, kind=str, example="release.shp",
                               file=True)  # fmt: skip
-    particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote", None, kind=str, example="a.h5",
-                                 file=True)  # fmt: skip
+    particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote, or points in 3D", None, kind=str,
+                                 example="a.h5", file=True)  # fmt: skip
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
         None,
@@ -126,7 +132,44 @@ class FrictionTable:
 
     law: str = _key('law of basal resistance, or your own: "my_law.py:MyLaw"', kind=str, example="Voellmy")
     use: str = _key("auto: without turbulent drag where it changes little", "auto", str, choices=USE)
-    parameters: dict = field(default_factory=dict, metadata={"parameters_of": friction.LAWS})
+    parameters: dict = field(
+        default_factory=dict, metadata={"parameters_of": friction.LAWS, "contradiction": friction.contradiction}
+    )
+
+
+@dataclass(frozen=True)
+class MaterialTable:
+    """What a 3D flow is made of."""
+
+    law: str = _key("law of the material", kind=str, choices=tuple(materials.MATERIALS), example="DruckerPrager")
+    match: str | None = _key("of DruckerPrager: where its cone meets Mohr-Coulomb; without it triaxial", None, kind=str,
+                             choices=("triaxial", "plane_strain"), example="triaxial")  # fmt: skip
+    tension_limit: float | None = _key("of DruckerPrager: largest tension [Pa]; without it 10 times the cohesion", None,
+                                       low=0.0, high=1e9, example=1000.0)  # fmt: skip
+    volume_correction: bool | None = _key(
+        "of DruckerPrager and MuI: what was pulled apart bears load only when pushed back; without it true", None,
+        kind=bool, example=True,
+    )  # fmt: skip
+    pressure: str | None = _key("of Fluid: K (1 / J - 1), or Tait's; without it linear", None, kind=str,
+                                choices=("linear", "tait"), example="linear")  # fmt: skip
+    parameters: dict = field(
+        default_factory=dict,
+        metadata={"parameters_of": materials.MATERIALS, "contradiction": materials.contradiction},
+    )
+
+
+@dataclass(frozen=True)
+class SofteningTable:
+    """Strength that DruckerPrager loses for good where it is sheared."""
+
+    residual_friction_angle: float = _key("what is left of friction_angle [degrees]", low=0.0, high=80.0, example=20.0)
+    residual_cohesion: float = _key("what is left of cohesion [Pa]", 0.0, low=0.0, high=1e9)
+    coefficient: float = _key("xi_s: strength fades as exp(-xi_s e_d); it belongs to a cell size [1]", 10.0, low=0.0,
+                              high=1e6)  # fmt: skip
+    form: str = _key("how it fades: of the angle, of its tangent, or in a straight line over 1 / coefficient",
+                     "exponential", str, choices=("exponential", "tangent", "linear"))  # fmt: skip
+    peak_strain: float = _key("of the linear form: plastic strain until which all is left [1]", 0.0, low=0.0, high=1e6)
+    use: str = _key("auto: on where it takes friction or cohesion away", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
@@ -231,14 +274,24 @@ class NumericsTable:
     """How it is computed; none of this is physics."""
 
     cell_size: float | None = _key("solver cell [m]; without it the DTM's own", None, low=0.0, above=True, example=5.0)
-    particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 16, kind=int, low=1, high=400)
+    particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 16, kind=int, low=1, high=400, solver="columns")
+    points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
     precision: str = _key("columns are computed in float64 (float32 would save 5 %)", "float64", str,
                           choices=("float64",))  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
-                     choices=tuple(metric.FORMS))  # fmt: skip
+                     choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
-    cfl: float = _key("Courant number; above 0.9 the scheme is unstable", 0.3, low=0.0, high=0.9, above=True)
-    clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0)
+    cfl: float | None = _key("Courant number; without it 0.3 (3D: 0.4); above 0.9 the scheme is unstable", None,
+                             low=0.0, high=0.9, above=True, example=0.3)  # fmt: skip
+    clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0,
+                        solver="columns")  # fmt: skip
+    stiffness: str = _key("3D: scaled: bulk modulus at most rho (10 U)^2, U the energy line's speed: longer steps",
+                          "given", str, choices=("given", "scaled"), solver="points")  # fmt: skip
+
+    @property
+    def points_per_side(self):
+        """Points along a cell's side at the start."""
+        return round(self.points_per_cell ** (1.0 / 3.0))
 
 
 @dataclass(frozen=True)
@@ -247,13 +300,13 @@ class OutputTable:
 
     end_time: float = _key("longest simulated time [s]", low=0.0, above=True, example=120.0)
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
-    maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool)
+    maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool, solver="columns")
     arrival_thickness: float | None = _key(
         "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05", None,
-        low=0.0, high=1000.0, above=True, example=0.05,
+        low=0.0, high=1000.0, above=True, example=0.05, solver="columns",
     )  # fmt: skip
-    stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: in slope, not in swe", None,
-                                     kind=bool, example=True)  # fmt: skip
+    stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
+                                     None, kind=bool, example=True)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -267,6 +320,8 @@ class Scene:
     secondary_release: tuple = ()  # of SecondaryReleaseTable
     numerics: NumericsTable = NumericsTable()
     friction: FrictionTable | None = None
+    material: MaterialTable | None = None
+    softening: SofteningTable | None = None
     zones: tuple = ()  # of ZoneTable
     cohesion: CohesionTable | None = None
     earth_pressure: EarthPressureTable | None = None
@@ -282,7 +337,12 @@ class Scene:
     @property
     def laws(self):
         """Name -> (law, parameters) of all laws of friction that this scene may name."""
-        return {**friction.LAWS, **self.own_laws.laws}
+        return materials.CONTACTS if self.solver == "points" else {**friction.LAWS, **self.own_laws.laws}
+
+    @property
+    def columns_per_cell(self):
+        """Columns a cell of the solver that a release is seeded with: of points those that stand side by side."""
+        return self.numerics.points_per_side**2 if self.solver == "points" else self.numerics.particles_per_cell
 
     def dry_friction(self):
         """Coefficient of the friction law at rest [1]; 0 where the scene has none."""
@@ -339,9 +399,9 @@ class Scene:
         tables = {"solver": self.solver}
         for name, table in self.tables():
             if name in LISTED:
-                tables.setdefault(name, []).append(_plain(table))
+                tables.setdefault(name, []).append(_plain(table, self.solver))
             else:
-                tables[name] = _plain(table)
+                tables[name] = _plain(table, self.solver)
         return tables
 
     def digest(self, *inputs):
@@ -351,9 +411,10 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _plain(table):
-    """One table as a dictionary of what TOML holds; unset keys are left out."""
-    values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters"}
+def _plain(table, solver):
+    """One table as a dictionary of what TOML holds; unset keys and another solver's are left out."""
+    others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, solver)}
+    values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters" and k not in others}
     values.update(getattr(table, "parameters", {}))
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
@@ -364,6 +425,8 @@ TABLES = {
     "hydrograph": HydrographTable,
     "secondary_release": SecondaryReleaseTable,
     "friction": FrictionTable,
+    "material": MaterialTable,
+    "softening": SofteningTable,
     "zones": ZoneTable,
     "cohesion": CohesionTable,
     "earth_pressure": EarthPressureTable,
@@ -377,7 +440,7 @@ TABLES = {
 }
 LISTED = ("secondary_release", "zones", "barrier")  # tables that a scene may have several of, written [[name]]
 REQUIRED = ("terrain", "output")
-SOLVERS = ("columns",)
+SOLVERS = ("columns", "points")
 
 
 def read_scene(path, own_laws=NO_OWN_LAWS):
@@ -432,8 +495,10 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
+    check_solver(tables, solver, TABLES, where)
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
-    made = {name: _made(name, values, where, own_laws, by_place) for name, values in tables.items()}
+    contacts = materials.CONTACTS if solver == "points" else None
+    made = {name: _made(name, values, where, own_laws, by_place, contacts) for name, values in tables.items()}
     scene = Scene(**made, solver=solver, folder=str(folder), own_laws=own_laws)
     if own_laws.laws and (scene.friction is None or scene.friction.law not in own_laws.laws):
         raise SceneError(f"{where}: --law {own_laws.path} was given, but [friction] does not name it; leave --law out")
@@ -441,10 +506,10 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     return scene
 
 
-def _made(name, values, where, own_laws, by_place):
+def _made(name, values, where, own_laws, by_place, contacts):
     """The table `name`, or the tuple of all tables of that name, from what TOML gave."""
     if name == "friction":
-        return _table(TABLES[name], values, f"{where} [{name}]", own_laws, by_place)
+        return _table(TABLES[name], values, f"{where} [{name}]", own_laws, by_place, contacts)
     if name not in LISTED:
         return _table(TABLES[name], values, f"{where} [{name}]")
     return tuple(_table(TABLES[name], v, f"{where} [[{name}]] number {k}") for k, v in enumerate(values, 1))
@@ -454,6 +519,9 @@ def _check_together(scene, where):
     """What no single key can tell."""
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
+    _check_window(scene.terrain.window, where)
+    if scene.solver == "points":
+        check_points(scene, where)
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)
@@ -499,8 +567,20 @@ def _check_sources(scene, where):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
 
+def _check_window(window, where):
+    """Four numbers in their order."""
+    if window is None:
+        return
+    if len(window) != 4 or not all(_is_number(v) and math.isfinite(v) for v in window):
+        raise SceneError(f"{where} [terrain]: window = {list(window)}, wanted four numbers [west, south, east, north]")
+    if not (window[0] < window[2] and window[1] < window[3]):
+        raise SceneError(
+            f"{where} [terrain]: window = {list(window)}, wanted west below east and south below north, in this order"
+        )
+
+
 def _check_material(scene, where):
-    """Values of the material that contradict each other."""
+    """Values of resistance that contradict each other."""
     table = scene.earth_pressure
     if table is not None and table.use != "off" and scene.bed_friction_angle() > table.friction_angle:
         of_mu = "" if table.bed_friction_angle is not None else " (atan of the friction coefficient)"
@@ -562,11 +642,15 @@ def _refuse_unused(release, used, where):
             raise SceneError(f"{where}: particles bring their own {f.name}; take {f.name} out")
 
 
-def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=()):
-    """One table from its dictionary; parameters of its law named in `by_place` may be missing."""
+def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None):
+    """One table from its dictionary; parameters of its law named in `by_place` may be missing.
+
+    `instead` are the laws in place of the table's own, where the solver has others.
+    """
     known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
     free = any("by_place" in f.metadata for f in fields(kind))
-    laws = next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
+    told = next((f.metadata for f in fields(kind) if "parameters_of" in f.metadata), {})
+    laws = instead or told.get("parameters_of")
     made, extra = {}, {}
     for name, value in values.items():
         if name in known:
@@ -579,11 +663,20 @@ def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=()):
         if f.default is MISSING and name not in made:
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
+        if instead is not None and made["law"] not in laws and made["law"] in told["parameters_of"]:
+            raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; wanted {_listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
         made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
+        if "contradiction" in told and len(made["parameters"]) == len({**laws, **own_laws.laws}[made["law"]][1]):
+            _require_no_contradiction(told["contradiction"](made["law"], made["parameters"]), where)
     elif free:
         made["parameters"] = extra
     return kind(**made)
+
+
+def _require_no_contradiction(words, where):
+    if words:
+        raise SceneError(f"{where}: {words}")
 
 
 def _law_name(laws, law, own_laws, where):
@@ -616,9 +709,6 @@ def _parameters(laws, law, values, where, by_place=()):
             raise SceneError(f"{where}: {law} needs {name} [{unit}] ({doc})")
         checks = {"kind": float, "low": low, "high": high, "choices": None, "above": False}
         made[name] = _value(checks, values.get(name, default), f"{where}: {name}")
-    contradiction = friction.contradiction(law, made) if len(made) == len(wanted) else ""
-    if contradiction:
-        raise SceneError(f"{where}: {contradiction}")
     return made
 
 

@@ -3,11 +3,17 @@
 import json
 from dataclasses import MISSING, fields
 
+from ..effects import friction
+from .materials import CONTACTS
+from .solver_tables import ONLY
 from .tables import LISTED, TABLES
 
 _SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
 _SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
-_EXAMPLES = {"mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0}
+_EXAMPLES = {
+    "mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0,
+    "bulk_modulus": 6.7e6, "shear_modulus": 4e6, "friction_angle": 40.0, "cohesion": 1000.0,
+}  # fmt: skip
 
 
 def _toml(value):
@@ -41,11 +47,12 @@ def template():
     lines = [
         "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
         "",
-        'solver = "columns"  # depth-averaged',
+        'solver = "columns"  # depth-averaged; "points": 3D',
     ]
     for name, kind in TABLES.items():
         shown = name in _SHOWN_TABLES
-        lines += ["", f"# {kind.__doc__.strip()}", f"{'' if shown else '# '}{_heading(name)}"]
+        only = f" With solver = {ONLY[name][0]!r}." if name in ONLY else ""
+        lines += ["", f"# {kind.__doc__.strip()}{only}", f"{'' if shown else '# '}{_heading(name)}"]
         for f in fields(kind):
             if "kind" in f.metadata:
                 lines.append(_template_line(f, shown))
@@ -60,7 +67,7 @@ def template():
 def _template_line(f, shown):
     value = f.metadata["example"] if f.default in (MISSING, None) else f.default
     optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
-    choices = f" ({' | '.join(f.metadata['choices'])})" if f.metadata["choices"] else ""
+    choices = f" ({' | '.join(map(str, f.metadata['choices']))})" if f.metadata["choices"] else ""
     return f"{optional + f.name + ' = ' + _toml(value):<34} # {f.metadata['doc']}{choices}"
 
 
@@ -70,3 +77,5 @@ def _template_parameters(laws, example, shown):
         yield f"{('' if shown else '# ') + name + ' = ' + _toml(_EXAMPLES[name]):<34} # [{unit}] {doc}"
     for law, (_, parameters) in laws.items():
         yield f"# law = {law!r} takes {', '.join(parameters)}"
+    if laws is friction.LAWS:
+        yield f"# with solver = 'points': {', '.join(CONTACTS)}"

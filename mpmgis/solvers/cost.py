@@ -4,12 +4,19 @@ import os
 
 import numpy as np
 
+from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.columns import ROW
+from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
 
 BYTES_PER_COLUMN = 2 * ROW * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
+BYTES_PER_POINT_BESIDE = 160  # of its two rows and the one of a frame: ids, keys, order; a frame on its way out
+BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
+BYTES_PER_START = 320  # of a point while columns become points
+MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
+NANOSECONDS_PER_POINT_STEP = 110.0  # of one point on one thread, sort and grid included
 
 
 def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_time, line_speed, threads):
@@ -22,6 +29,36 @@ def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_ti
     steps = end_time * signal / (cfl * cell_size)
     memory = columns * BYTES_PER_COLUMN + nodes * BYTES_PER_NODE + 3 * elevation_bytes
     return steps * columns * NANOSECONDS_PER_STEP * 1e-9 / threads, memory
+
+
+def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time, line_speed, threads):
+    """(seconds, bytes) that a 3D run will need: its steps go with the waves and half the energy line's speed [m s-1].
+
+    `material` is a law, `numerics` PointNumerics, `nodes` the number of the grid's nodes on the map.
+    """
+    dx, viscosity = numerics.cell_size, material.viscosity()
+    limits = [dx / (material.wave_speed(numerics.density) + 0.5 * line_speed), np.sqrt(dx / numerics.gravity)]
+    if viscosity > 0.0:
+        limits.append(numerics.density * dx * dx / (6.0 * viscosity))
+    steps = end_time / (numerics.cfl * min(limits))
+    row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
+    memory = points * (3 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
+    return steps * points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads, memory
+
+
+def require_memory_for_points(count, cell_size):
+    """Refuse, before they are made, points that this machine cannot hold (H25).
+
+    Raises
+    ------
+    SceneError
+    """
+    needed, free = count * BYTES_PER_START, available_memory()
+    if needed > MEMORY_SHARE * free:
+        raise SceneError(
+            f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need about {needed / 1e9:.3g} GB; "
+            f"{free / 1e9:.3g} GB are free; take larger cells"
+        )
 
 
 def available_memory():

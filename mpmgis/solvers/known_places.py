@@ -85,18 +85,31 @@ class KnownByPlace:
 
     def on_grid(self, effects):
         """The Places of a run in which `effects` are on."""
-        zones, barriers, names = None, None, ()
-        if isinstance(effects.zones, FrictionZones):
-            zones = np.stack([_filled(self.zones[name]) for name in effects.friction._fields], axis=-1)
+        barriers, names = None, ()
         if effects.barrier.barrier_active():
             barriers, names = barrier_entries(self.wall_nodes), tuple(wall.name for wall in self.walls)
         return Places(
-            zone_values=zones,
+            zone_values=self._zone_values(effects.zones, effects.friction),
             erodible=self.erodible if effects.entrainment.entrainment_active() else None,
             barriers=barriers,
             barrier_names=names,
             lake_level=self.lake_level if effects.still_water.still_water_active() else None,
         )
+
+    def in_3d(self, effects):
+        """The Places of a 3D run in which `effects` are on; its solver makes nodes of the walls by itself."""
+        walls = self.walls if effects.barrier.barrier_active() else ()
+        return Places(
+            zone_values=self._zone_values(effects.zones, effects.contact),
+            barriers=barrier_entries(self.wall_nodes) if walls else None,
+            barrier_names=tuple(wall.name for wall in walls),
+        )
+
+    def _zone_values(self, zones, law):
+        """Parameters of the friction `law` at the nodes, in the order of its fields; None where zones are off."""
+        if not isinstance(zones, FrictionZones):
+            return None
+        return np.stack([_filled(self.zones[name]) for name in law._fields], axis=-1)
 
     def _require_no_gap(self, inside, x, y):
         for name, values in self.zones.items():

@@ -30,7 +30,7 @@ class PointNumerics:
     """How the points are marched; what is marched is in `PointEffects`.
 
     `clearance` [cells] is the height above the ground at which a node touches it (0: at the ground; design notes 4.7).
-    `time_step` fixes the step [s] (None: by the Courant number).
+    `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey.
     """
 
     cell_size: float
@@ -40,6 +40,7 @@ class PointNumerics:
     density: float = 1000.0
     clearance: float = 0.0
     time_step: float | None = None
+    stop_at_rest: bool = False
 
 
 class PointSolver:
@@ -133,6 +134,7 @@ class PointSolver:
         self._order = np.zeros(n, np.int32)
         self._ids[0] = particles.id if particles.id is not None else np.arange(n)
         self._clock, self._counts = np.zeros(kernel.CLOCK), np.zeros(kernel.COUNTS, np.int64)
+        self._rest = np.array([0.0, -1.0])  # peak of the kinetic energy [J]; since when it is low [s], -1: it is not
         self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
         self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
         self._clock[kernel.TIME] = frame.time
@@ -206,6 +208,21 @@ class PointSolver:
         """Largest speed now [m s-1]."""
         return float(self._clock[kernel.SPEED_NOW])
 
+    @property
+    def mach(self):
+        """Largest speed so far over that of pressure waves [1]."""
+        return float(self._clock[kernel.SPEED_WORST] / self._settings.signal_speed)
+
+    def resting_for(self, share):
+        """For how long [s] the kinetic energy has been below `share` of its peak, over the calls of this."""
+        rest, kinetic = self._rest, self._clock[kernel.KINETIC_NOW]
+        rest[0] = max(rest[0], kinetic)
+        if kinetic >= share * rest[0]:
+            rest[1] = -1.0
+        elif rest[1] < 0.0:
+            rest[1] = self.time
+        return self.time - rest[1] if rest[1] >= 0.0 else 0.0
+
     def advance(self, until, after=np.inf, max_steps=1 << 62):
         """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back.
 
@@ -244,7 +261,7 @@ class PointSolver:
             dem=start.dem,
             dem_sha256=start.dem_sha256,
             digest=start.digest,
-            header={"density": self.numerics.density},
+            header={"density": self.numerics.density, "cell_size": self.numerics.cell_size},
             state=self.state(),
         )
 
@@ -255,7 +272,7 @@ class PointSolver:
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
-        arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger}
+        arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger, "rest": self._rest}
         return arrays | ({"barriers": self._barrier_sums} if self.walls else {})
 
     def restore(self, frame):
@@ -301,7 +318,6 @@ class PointSolver:
         given[2] -= clock[kernel.IMPULSE_GRAVITY]
         given -= self._barrier_sums[:, kernel.IMPULSE_X : kernel.IMPULSE_Z + 1].sum(axis=0)
         passed = max(np.abs(given).max(), np.abs(momentum).max(), 1e-300)
-        mach = float(clock[kernel.SPEED_WORST] / self._settings.signal_speed)
         return {
             "mass_start": self.mass_start,
             "mass_now": mass_now,
@@ -321,7 +337,7 @@ class PointSolver:
             "energy_lost_to_ground": float(clock[kernel.GROUND_LOSS]),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
-            "mach_max": mach,
+            "mach_max": self.mach,
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
@@ -330,3 +346,23 @@ class PointSolver:
                 for wall, sums in zip(self.walls, self._barrier_sums, strict=True)
             },
         }
+
+    def trouble(self):
+        """What stopped a run: map E and N, points that are not finite, share of the mass laid back onto the ground."""
+        clock, rows = self._clock, self._alive()[0]
+        bad = int(self._counts[kernel.BAD])
+        x, y = clock[kernel.BAD_AT_X], clock[kernel.BAD_AT_Y]
+        if not bad:
+            place = rows[:, kernel.X : kernel.X + 2]
+            above = rows[:, kernel.Z] - self._height_under(place)
+            x, y = place[int(np.argmin(np.abs(above)))]  # who was just laid back lies on it exactly
+        share = float(clock[kernel.LIFTED_MASS] / clock[kernel.TOTAL_MASS])
+        return float(x) + self.grid.x0, float(y) + self.grid.y0, bad, share
+
+    def _height_under(self, place):
+        """float64[n] [m]: ground under places [n, 2] from the domain's corner, as the nearest node's plane has it."""
+        dx, most = self.numerics.cell_size, np.array(self._ground.shape[1::-1]) - 1
+        i, j = np.clip(np.rint(place / dx).astype(int) + kernel.GHOSTS, 0, most).T
+        height, slope_x, slope_y = self._ground[j, i, 0], self._ground[j, i, 1], self._ground[j, i, 2]
+        x, y = (place - (np.column_stack([i, j]) - kernel.GHOSTS) * dx).T
+        return height + slope_x * x + slope_y * y

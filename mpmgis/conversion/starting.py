@@ -1,0 +1,60 @@
+"""What a 3D run starts with: columns made into points that fill its grid, and the stress of their weight."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from .options import PointOptions
+from .points import columns_to_points
+
+
+def point_options(cell_size, points_per_side):
+    """PointOptions that fill cells of `cell_size` [m] with `points_per_side` points along each side."""
+    return PointOptions(spacing=cell_size / points_per_side, cell=cell_size)
+
+
+def points_from(columns, terrain, options, window=None):
+    """The Points of a frame of `columns` on `terrain`: none of them left out.
+
+    Raises
+    ------
+    InputError
+        As `columns_to_points`; columns off the terrain, unless a `window` says what is wanted.
+    """
+    points = columns_to_points(columns, terrain, options, window)
+    outside = points.report.outside
+    if window is None and outside.count:
+        raise InputError(
+            f"{outside.count} of {len(columns.particles)} columns have no ground under them ({outside.mass:.4g} kg); "
+            "use a larger DTM or window"
+        )
+    return points
+
+
+def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):
+    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points confined sideways under `vertical_stress` [Pa] (E7).
+
+    sigma_xx = sigma_yy = nu / (1 - nu) sigma_zz; a `shear_modulus` of 0 is a fluid, in which all three are the same.
+    What a material cannot bear of this its first step returns.
+    """
+    lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
+    sideways = lame / (lame + 2.0 * shear_modulus) * vertical_stress
+    nothing = np.zeros_like(vertical_stress)
+    return np.column_stack([sideways, sideways, vertical_stress, nothing, nothing, nothing])
+
+
+def standing(frame, terrain, cell_size):
+    """`frame` of points as if each were a column as thick as all that its cell of `cell_size` [m] holds.
+
+    For numbers that decide about effects: how thick a flow is, and where it is.
+    """
+    particles = frame.particles
+    west, _, _, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    cell = np.column_stack([np.floor((x - west) / cell_size), np.floor((north - y) / cell_size)]).astype(np.int64)
+    _, number = np.unique(cell, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    thickness = (np.bincount(number, particles.volume) / cell_size**2)[number]
+    seen = replace(particles, thickness=thickness, area=particles.volume / thickness)
+    return replace(frame, particles=seen, dimension=2, state={})

@@ -1,0 +1,75 @@
+"""Which tables and keys belong to which solver, and what each solver's scene needs."""
+
+from dataclasses import fields
+
+from ..errors import SceneError
+from .materials import OPTIONS
+
+NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
+# tables that only one solver has -> that solver, and what to do with the other
+ONLY = {
+    "material": ("points", "its material is told by [friction] and its kin"),
+    "softening": ("points", "take it out, or set solver = 'points'"),
+    "hydrograph": ("columns", "start with [release]"),
+    "secondary_release": ("columns", "start with [release]"),
+    "cohesion": ("columns", "give [material] cohesion"),
+    "earth_pressure": ("columns", "[material] friction_angle says it"),
+    "viscosity": ("columns", "give [material] law = 'Fluid' with viscosity"),
+    "curvature": ("columns", "3D flow follows the ground by itself; take it out"),
+    "still_water": ("columns", "water is at rest by itself; take it out"),
+    "entrainment": ("columns", "take it out, or set solver = 'columns'"),
+}
+
+
+def check_solver(tables, solver, kinds, where):
+    """Refuse tables and keys, `tables` as TOML gave them, that `solver` does not have; `kinds` are their classes.
+
+    Raises
+    ------
+    SceneError
+    """
+    for name, given in tables.items():
+        only, cure = ONLY.get(name, (solver, ""))
+        if only != solver:
+            raise SceneError(f"{where}: {NAMES[solver]} has no [{name}]; {cure}")
+        own = {f.name: f.metadata.get("solver") for f in fields(kinds[name])}
+        for key in given if isinstance(given, dict) else ():
+            if own.get(key) not in (None, solver):
+                raise SceneError(
+                    f"{where} [{name}]: {key} belongs to solver = {own[key]!r}, this is {solver!r}; take it out"
+                )
+
+
+def check_points(scene, where):
+    """What a scene of the 3D solver needs, and what contradicts it.
+
+    Raises
+    ------
+    SceneError
+    """
+    material, softening = scene.material, scene.softening
+    if material is None:
+        raise SceneError(f"{where}: solver = 'points' needs [material] with its law; `mpmgis effects` lists them")
+    if scene.numerics.cell_size is None:
+        raise SceneError(
+            f"{where} [numerics]: solver = 'points' needs cell_size [m], the side of its cells in 3D: a third of the "
+            "flow's thickness or less"
+        )
+    for key, (laws, _) in OPTIONS.items():
+        if getattr(material, key) is not None and material.law not in laws:
+            raise SceneError(f"{where} [material]: {key} belongs to {' and '.join(laws)}, not to {material.law}")
+    if softening is None:
+        return
+    if material.law != "DruckerPrager":
+        raise SceneError(f"{where} [softening]: only DruckerPrager softens, the material is {material.law}")
+    for key in ("friction_angle", "cohesion"):
+        initial, residual = material.parameters[key], getattr(softening, f"residual_{key}")
+        if residual > initial:
+            raise SceneError(
+                f"{where} [softening]: residual_{key} = {residual:g} is above [material] {key} = {initial:g}; "
+                "softening takes away"
+            )
+    if softening.form == "linear" and softening.coefficient == 0.0:
+        raise SceneError(f"{where} [softening]: the linear form wants a coefficient above 0")
+    if softening.form != "linear" and softening.peak_strain != 0.0:
+        raise SceneError(f"{where} [softening]: peak_strain belongs to form = 'linear'")

@@ -1,0 +1,106 @@
+"""What a march asks of each solver, in the same words: how many particles, one slice of steps, why it came back."""
+
+from ..kernels import columns as column_kernel
+from ..kernels import points as point_kernel
+from .points import PointSolver
+
+REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow rests when its kinetic energy is below this share of its peak so long
+STOPPED_AT_REST = 100  # beside the kernel's own reasons
+END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
+NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
+COLUMN_REASONS = {
+    column_kernel.REACHED_TIME: END_TIME,
+    column_kernel.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_kernel.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_kernel.STOPPED_FOOTPRINT: (
+        "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
+    ),
+    column_kernel.ALL_LEFT: ALL_LEFT,
+}
+POINT_REASONS = {
+    point_kernel.REACHED_TIME: END_TIME,
+    STOPPED_AT_REST: NEARLY_AT_REST,
+    point_kernel.ALL_LEFT: ALL_LEFT,
+}
+
+
+def marched(solver):
+    """The side that a march talks to."""
+    return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
+
+
+class MarchedColumns:
+    """The depth-averaged solver's side."""
+
+    RUNNING, REACHED_TIME = column_kernel.RUNNING, column_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_kernel.ALL_LEFT, column_kernel.TRIGGER_REACHED
+    END_REASONS = COLUMN_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+
+    @property
+    def particles(self):
+        """Number of columns on the terrain now."""
+        return self.solver.columns
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s] or for `max_steps`; the kernel's reason to come back."""
+        return self.solver.advance(until, max_steps, may_stop)
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`: columns look at every step whether they rest."""
+        return code
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        if code not in (column_kernel.NOT_FINITE_STATE, column_kernel.TOO_FAST):
+            return ""
+        east, north, bad, ratio, share = self.solver.trouble()
+        if code == column_kernel.NOT_FINITE_STATE:
+            what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
+        else:
+            what = (
+                f"{100 * share:.0f} % of the mass is over twice, at worst {ratio:.1f} times, as fast as its drop in "
+                "height allows; a cliff there is beyond a depth-averaged model, elsewhere take a smaller cfl"
+            )
+        return f"E {east:.1f} N {north:.1f}: {what}"
+
+
+class MarchedPoints:
+    """The 3D solver's side; whether the flow rests is looked at where frames are, so that a restart sees the same."""
+
+    RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
+    END_REASONS = POINT_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+
+    @property
+    def particles(self):
+        """Number of points on the terrain now."""
+        return self.solver.points
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps`; the kernel's reason."""
+        return self.solver.advance(until, after, max_steps)
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`."""
+        rests = self.solver.resting_for(REST_SHARE) >= REST_SECONDS
+        return STOPPED_AT_REST if rests and self.solver.numerics.stop_at_rest else code
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED):
+            return ""
+        east, north, bad, share = self.solver.trouble()
+        if code == point_kernel.NOT_FINITE_STATE:
+            what = f"{bad} points have a place or speed that is not finite; take a smaller cfl"
+        else:
+            what = (
+                f"points with {100 * share:.2g} % of the mass came more than a cell under the ground; take a smaller "
+                "cfl, smaller cells or a stiffer material"
+            )
+        return f"E {east:.1f} N {north:.1f}: {what}"
