@@ -44,6 +44,7 @@ class Prepared:
     digest: str
     stress: np.ndarray | None = None  # float64[n, 6] [Pa], Kirchhoff
     walls: tuple = ()
+    grid: ColumnGrid | None = None
 
     @property
     def particles(self):
@@ -56,7 +57,7 @@ class Prepared:
             return PointSolver(
                 self.frame, self.terrain, self.effects, self.numerics, self.stress, self.places.zone_values, self.walls
             )
-        return ColumnSolver(self.frame, self.terrain, self.effects, self.numerics, self.places)
+        return ColumnSolver(self.frame, self.terrain, self.effects, self.numerics, self.places, self.grid)
 
 
 def prepare(scene_path, say=lambda text: None, laws=None):
@@ -124,7 +125,7 @@ def _columns(scene, terrain, grid, say):
     digest = scene.digest(start_digest(terrain, frame, sources.events, places))
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places,
-        sources.events, digest,
+        sources.events, digest, grid=grid,
     )  # fmt: skip
 
 

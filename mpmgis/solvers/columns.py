@@ -60,13 +60,15 @@ class ColumnSolver:
     numerics : ColumnNumerics
     places : Places
         What the effects know by place, on this solver's grid.
+    grid : ColumnGrid, optional
+        That of `terrain` and the cell size, where it is known already.
     """
 
-    def __init__(self, frame, terrain, effects, numerics, places=None):
+    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None):
         if frame.dimension != 2 or frame.particles.area is None:
             raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
-        self.grid = ColumnGrid.on(terrain, numerics.cell_size)
+        self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
         self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
         if numerics.edges == "wall" and not self.grid.inside.all():
