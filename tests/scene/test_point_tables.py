@@ -1,0 +1,191 @@
+"""Scenes of the 3D solver: what is refused, what comes back from text, and how numbers decide."""
+
+import tomllib
+
+import pytest
+
+from mpmgis.cli.main import main
+from mpmgis.effects.barrier import NoBarrier
+from mpmgis.effects.contact import CoulombContact, StickingContact
+from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.material import DruckerPrager, Elastic, MuI
+from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
+from mpmgis.effects.zones import NoZones
+from mpmgis.errors import SceneError
+from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
+from mpmgis.scene.materials import MATERIALS
+
+MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
+ICE = {"law": "DruckerPrager", **MODULI, "friction_angle": 40, "cohesion": 1000}
+GRAINS = {"law": "MuI", **MODULI, "mu1": 0.38, "mu2": 0.64, "grain_diameter": 0.1, "grain_density": 2500}
+WATER = {"law": "Fluid", "bulk_modulus": 2.2e9}
+ROCK = {"law": "Elastic", **MODULI}
+TABLES = {
+    "solver": "points",
+    "terrain": {"dem": "d.tif"},
+    "release": {"source": "r.shp"},
+    "output": {"end_time": 5, "frame_interval": 1},
+    "numerics": {"cell_size": 2},
+    "material": ICE,
+    "friction": {"law": "Coulomb", "mu": 0.55},
+}
+FACTS = TerrainFacts(
+    centrifugal_ratio=0.2, slope_median=0.5, drop=100.0, speed=40.0, release_thickness=5.0, release_length=100.0,
+    density=850.0, edge_distance=30.0,
+)  # fmt: skip
+
+
+def scene(**tables):
+    """The scene of TABLES with these in place of its own; None takes a table out."""
+    made = {**TABLES, **tables}
+    return scene_from_tables({name: table for name, table in made.items() if table is not None})
+
+
+def decided(given, facts=FACTS):
+    """(PointEffects, name -> decision)."""
+    effects, decisions = resolve(given, facts)
+    return effects, {d.effect: d for d in decisions}
+
+
+@pytest.mark.parametrize("material", [ICE, GRAINS, WATER, ROCK])
+def test_every_material_comes_back_from_text(material):
+    given = scene(material=material)
+    again = scene_from_tables(tomllib.loads(scene_text(given)))
+    assert again == given and again.digest() == given.digest()
+
+
+def test_text_of_a_solver_names_no_key_of_the_other():
+    points, columns = scene_text(scene()), scene_text(scene(solver="columns", material=None))
+    for key in ("points_per_cell", "stiffness"):
+        assert key in points and key not in columns
+    for key in ("particles_per_cell", "form", "clamp", "maxima"):
+        assert key in columns and key not in points
+
+
+REFUSED = {
+    "no material": ({"material": None}, "needs [material]"),
+    "no cell size": ({"numerics": {}}, "needs cell_size"),
+    "unknown material": ({"material": {**ICE, "law": "DrukerPrager"}}, "did you mean 'DruckerPrager'"),
+    "unknown key": ({"material": {**ICE, "frictionangle": 3}}, "did you mean 'friction_angle'"),
+    "negative bulk modulus": ({"material": {**ICE, "bulk_modulus": -1e6}}, "bulk_modulus = -1e+06, wanted at least 1"),
+    "shear modulus 0": ({"material": {**ICE, "shear_modulus": 0}}, "shear_modulus = 0, wanted at least 1"),
+    "infinite modulus": ({"material": {**ICE, "bulk_modulus": float("inf")}}, "finite"),
+    "negative Poisson's ratio": ({"material": {**ICE, "shear_modulus": 2e7}}, "negative Poisson's ratio"),
+    "modulus missing": ({"material": {"law": "Elastic", "bulk_modulus": 1e6}}, "Elastic needs shear_modulus [Pa]"),
+    "angle of a wall": ({"material": {**ICE, "friction_angle": 90}}, "at most 80"),
+    "negative cohesion": ({"material": {**ICE, "cohesion": -1}}, "at least 0"),
+    "mu2 below mu1": ({"material": {**GRAINS, "mu2": 0.3}}, "not above mu1 = 0.38"),
+    "match of a fluid": ({"material": {**WATER, "match": "triaxial"}}, "match belongs to DruckerPrager, not to Fluid"),
+    "pressure of ice": ({"material": {**ICE, "pressure": "tait"}}, "pressure belongs to Fluid"),
+    "unknown match": ({"material": {**ICE, "match": "plane"}}, "wanted triaxial, plane_strain"),
+    "softening of a fluid": ({"material": WATER, "softening": {"residual_friction_angle": 20}}, "material is Fluid"),
+    "softening that hardens": ({"softening": {"residual_friction_angle": 45}}, "softening takes away"),
+    "cohesion that grows": ({"softening": {"residual_friction_angle": 20, "residual_cohesion": 2e3}}, "takes away"),
+    "linear without a rate": (
+        {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}}, "coefficient above 0"),
+    "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
+    "Voellmy on the bed": ({"friction": {"law": "Voellmy", "mu": 0.2, "xi": 1000}}, "wanted Coulomb, Sticking"),
+    "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
+    "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "Sticking has no parameter 'mu'"),
+    "zones without friction": ({"friction": None, "zones": [{"source": "z.shp", "mu": 0.3}]}, "needs [friction]"),
+    "xi by place": ({"zones": [{"source": "z.shp", "xi": 300}]}, "Coulomb has no parameter 'xi'"),
+    "inflow": ({"hydrograph": {"source": "i.shp", "file": "h.csv"}}, "the 3D solver has no [hydrograph]"),
+    "earth pressure": ({"earth_pressure": {"friction_angle": 30}}, "[material] friction_angle says it"),
+    "cohesion of columns": ({"cohesion": {"yield_stress": 50}}, "give [material] cohesion"),
+    "curvature": ({"curvature": {}}, "follows the ground by itself"),
+    "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form belongs to solver = 'columns'"),
+    "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell belongs to"),
+    "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "wanted 8, 27, 64"),
+    "float32": ({"numerics": {"cell_size": 2, "precision": "float32"}}, "float64"),
+    "peaks": ({"output": {"end_time": 5, "frame_interval": 1, "maxima": True}}, "maxima belongs to solver = 'columns'"),
+    "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
+    "stiffness of columns": (
+        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness belongs to"),
+    "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
+    "window of words": ({"terrain": {"dem": "d.tif", "window": ["a", 2, 3, 4]}}, "four numbers"),
+    "window inside out": ({"terrain": {"dem": "d.tif", "window": [5, 2, 3, 4]}}, "west below east"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_is_refused_in_one_line(name):
+    tables, words = REFUSED[name]
+    with pytest.raises(SceneError) as error:
+        scene(**tables)
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_laws_fill_the_slots():
+    effects, _ = decided(scene())
+    assert isinstance(effects.material, DruckerPrager) and effects.contact == CoulombContact(0.55)
+    assert (type(effects.softening), type(effects.zones), type(effects.barrier)) == (NoSoftening, NoZones, NoBarrier)
+    assert isinstance(decided(scene(material=GRAINS))[0].material, MuI)
+    assert isinstance(decided(scene(material=ROCK))[0].material, Elastic)
+    assert decided(scene(material={**WATER, "viscosity": 3, "pressure": "tait"}))[0].material == Fluid(2.2e9, 3.0, 1.0)
+    assert decided(scene(friction={"law": "Sticking"}))[0].contact == StickingContact()
+    assert decided(scene(friction=None))[0].contact == CoulombContact(0.0)
+    plain = decided(scene(material={**ICE, "volume_correction": False, "match": "plane_strain", "tension_limit": 10}))
+    assert (plain[0].material.volume_correction, plain[0].material.tension_limit) == (0.0, 10.0)
+    assert plain[0].material.slope == pytest.approx(3**0.5 * 0.6427876)
+    assert plain[1]["vol_correction"].state == "off"
+
+
+def test_softening_is_on_where_it_takes_something_away():
+    on, decisions = decided(scene(softening={"residual_friction_angle": 20}))
+    assert isinstance(on.softening, Softening) and decisions["softening"].indicator == 1.0  # all of the cohesion
+    linear = {"residual_friction_angle": 20, "form": "linear", "peak_strain": 0.1}
+    assert isinstance(decided(scene(softening=linear))[0].softening, LinearSoftening)
+    nothing = {"residual_friction_angle": 40, "residual_cohesion": 1000}
+    for table in (nothing, {**nothing, "use": "on"}, {"residual_friction_angle": 20, "use": "off"}):
+        off, decisions = decided(scene(softening=table))
+        assert isinstance(off.softening, NoSoftening) and decisions["softening"].state == "off"
+
+
+def test_mach_number_says_when_the_stiffness_is_felt():
+    """NHESS's ice: waves of 119 m/s, so that 40 m/s are Mach 0.34 (design note 4.2)."""
+    _, decisions = decided(scene())
+    assert decisions["stiffness"].indicator == pytest.approx(0.336, abs=1e-3)
+    assert "is compressed" in decisions["stiffness"].reason
+    assert decisions["elasticity"].indicator == pytest.approx(850 * 9.81 * 5 / 6.7e6)
+
+
+def test_stiffness_is_scaled_only_downwards_and_keeps_poissons_ratio():
+    stiff = {**ICE, "bulk_modulus": 9e9, "shear_modulus": 3.5e9}
+    numerics = {"cell_size": 2, "stiffness": "scaled"}
+    assert "stiffness = 'scaled' would take steps" in decided(scene(material=stiff))[1]["stiffness"].reason
+    effects, decisions = decided(scene(material=stiff, numerics=numerics))
+    assert effects.material.bulk_modulus == pytest.approx(850 * 400.0**2)
+    assert effects.material.shear_modulus / effects.material.bulk_modulus == pytest.approx(3.5 / 9)
+    assert decisions["stiffness"].state == "on"
+    effects, decisions = decided(scene(numerics=numerics))
+    assert effects.material.bulk_modulus == 6.7e6 and decisions["stiffness"].state == "off"
+    water, _ = decided(scene(material=WATER, numerics=numerics))
+    assert water.material.bulk_modulus == pytest.approx(850 * 400.0**2)
+
+
+def test_the_energy_line_falls_by_the_least_friction_on_the_bed_or_inside():
+    assert mu_least(scene()) == 0.55
+    assert mu_least(scene(softening={"residual_friction_angle": 20})) == pytest.approx(0.36397, abs=1e-5)
+    assert mu_least(scene(friction={"law": "Sticking"})) == pytest.approx(0.8391, abs=1e-4)
+    assert mu_least(scene(material=WATER)) == 0.0
+    assert mu_least(scene(material=GRAINS)) == 0.38
+    assert mu_least(scene(material=ROCK)) == 0.55
+    assert mu_least(scene(friction=None)) == 0.0
+
+
+def test_numbers_of_what_is_hardly_felt():
+    decisions = decided(scene(material={**WATER, "viscosity": 1e-3}))[1]
+    assert "hardly felt" in decisions["fluid_viscosity"].reason
+    assert "hardly" not in decided(scene(material={**WATER, "viscosity": 100}))[1]["fluid_viscosity"].reason
+    slow = FACTS._replace(speed=0.0, release_thickness=50.0)
+    assert "would do" in decided(scene(material={**GRAINS, "grain_diameter": 1e-3}), slow)[1]["mu_i"].reason
+    assert "would do" not in decided(scene(material=GRAINS))[1]["mu_i"].reason
+    assert "too little" in decided(scene(material={**ICE, "cohesion": 1}))[1]["cohesion"].reason
+
+
+def test_the_catalogue_has_every_material(capsys):
+    entries = [entry for entry in catalogue() if entry["table"] == "material"]
+    assert [entry["law"] for entry in entries] == list(MATERIALS)
+    assert entries[0]["parameters"]["bulk_modulus"] == "Pa"
+    assert main(["effects"]) == 0
+    assert "[material] Fluid:" in capsys.readouterr().out
