@@ -61,7 +61,15 @@ def test_sigterm_ends_a_verb_as_ctrl_c_does(verb, columns, tmp_path):
     assert list(columns.parent.iterdir()) == [columns]
 
 
-def test_a_signal_ends_what_runs_and_its_echo_is_not_heard():
+@pytest.fixture
+def hearing():
+    """SIGINT as a terminal's foreground job has it: a shell starts what it puts into the background deaf to it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_signal_ends_what_runs_and_its_echo_is_not_heard(hearing):
     """While the first is being obeyed; and the handlers come back."""
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
