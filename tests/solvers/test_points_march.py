@@ -1,0 +1,110 @@
+"""The 3D solver marched like columns: when it ends, what it says when it becomes unphysical, what a restart sees."""
+
+import numpy as np
+import pytest
+from column_scenes import terrain_of
+from point_scenes import block_of, plane, points_on
+
+from mpmgis.conversion.starting import kirchhoff_stress, standing
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import drucker_prager
+from mpmgis.errors import UnphysicalError
+from mpmgis.kernels import points as kernel
+from mpmgis.solvers.march import March
+
+SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
+FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
+
+
+def heap(terrain=FLAT, corner=(28, 28, 0), **numerics):
+    """A cube of sand of 4 m."""
+    return points_on(terrain, block_of((4, 4, 4), 0.5, corner), 1.0, SAND, CoulombContact(0.6), **numerics)
+
+
+def test_a_heap_comes_to_rest_and_the_run_ends():
+    march = March(heap(stop_at_rest=True), 30.0, 0.5)
+    frames = list(march)
+    assert "nearly at rest" in march.reason
+    assert 2.5 < frames[-1].time < 15.0
+    energies = [0.5 * (f.particles.mass * (f.particles.velocity**2).sum(axis=1)).sum() for f in frames]
+    assert max(energies[-4:]) < 0.01 * max(energies)
+    assert march.particle_steps == 512 * frames[-1].step
+
+
+def test_it_goes_on_where_that_is_not_asked_for():
+    march = March(heap(), 8.0, 4.0)
+    assert [frame.time for frame in march] == [0.0, 4.0, 8.0]
+    assert march.reason == "end_time reached"
+
+
+def test_a_restart_ends_where_the_whole_run_ends():
+    whole = list(March(heap(stop_at_rest=True), 30.0, 0.5))
+    again = heap(stop_at_rest=True)
+    again.restore(whole[-3])
+    rest = March(again, 30.0, 0.5, resumed=True)
+    frames = list(rest)
+    assert [frame.time for frame in frames] == [frame.time for frame in whole[-2:]]
+    assert "nearly at rest" in rest.reason
+    for name in ("clock", "rest", "ledger"):
+        np.testing.assert_array_equal(frames[-1].state[name], whole[-1].state[name])
+    np.testing.assert_array_equal(frames[-1].particles.position, whole[-1].particles.position)
+
+
+def test_frames_are_met_when_the_last_interval_is_shorter():
+    march = March(heap(), 0.7, 0.3)
+    assert [frame.time for frame in march] == [0.0, 0.3, pytest.approx(0.6), 0.7]
+
+
+def test_all_that_leaves_ends_the_run():
+    slope = plane(60, length=60.0, width=60.0)
+    march = March(heap(slope, (40, 28, 120 - 40 * np.sqrt(3) + 1)), 60.0, 20.0)
+    frames = list(march)
+    assert march.reason == "all mass has left the terrain" and len(frames) == 1
+
+
+def test_a_run_that_becomes_unphysical_says_where_and_stops():
+    solver = heap()
+    rows = solver._rows[0]
+    rows[7, kernel.PX] = np.nan
+    east, north = rows[7, kernel.X], rows[7, kernel.X + 1]
+    with pytest.raises(UnphysicalError, match="not finite") as error:
+        list(March(solver, 5.0, 1.0))
+    text = str(error.value)
+    assert "\n" not in text and error.value.exit_code == 3
+    found_east, found_north = (float(text.split(f"{axis} ")[1].split()[0].rstrip(":")) for axis in "EN")
+    assert abs(found_east - east) < 2.0 and abs(found_north - north) < 2.0  # a NaN spreads over its cells first
+
+
+def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
+    solver = heap()
+    solver._rows[0, :40, kernel.Z] -= 3.0
+    with pytest.raises(UnphysicalError, match="under the ground") as error:
+        list(March(solver, 5.0, 1.0))
+    assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)
+
+
+def test_stress_of_weight_is_that_of_a_confined_column():
+    vertical = np.array([0.0, -1e4])
+    solid = kirchhoff_stress(vertical, 2e5, 1.2e5)
+    ratio = (2e5 - 0.8e5) / (2e5 - 0.8e5 + 2.4e5)  # nu / (1 - nu)
+    np.testing.assert_allclose(solid[1], [-1e4 * ratio, -1e4 * ratio, -1e4, 0, 0, 0])
+    np.testing.assert_allclose(kirchhoff_stress(vertical, 2e9, 0.0)[1], [-1e4, -1e4, -1e4, 0, 0, 0])
+
+
+def test_weight_keeps_layers_from_falling_onto_their_elasticity():
+    """Confined between smooth walls: 0.25 m/s of drop without the stress of the weight, a tenth of it with (E7)."""
+    terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 5.0)
+    frame = block_of((20, 20, 4), 0.5)
+    depth = 4.0 - frame.particles.position[:, 2]
+    fastest = []
+    for stress in (None, kirchhoff_stress(-1000 * 9.81 * depth, 2e5, 1.2e5)):
+        solver = points_on(terrain, frame, 1.0, SAND, CoulombContact(0.6), stress=stress, edges="wall")
+        solver.advance(0.5)
+        fastest.append(solver.balances()["speed_max"])
+    assert fastest[1] < 0.25 * fastest[0]
+
+
+def test_points_are_seen_as_columns_of_their_cells():
+    seen = standing(block_of((4, 4, 4), 0.5, (28, 28, 0)), FLAT, 2.0)
+    np.testing.assert_allclose(seen.particles.thickness, 4.0)
+    assert seen.particles.area.sum() == pytest.approx(16.0)
