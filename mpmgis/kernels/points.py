@@ -125,7 +125,8 @@ __all__ = [  # what the solver needs beside its own
 ]
 
 # why `advance` came back
-RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED = range(5)
+RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED = range(6)
+MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of counters
 # float64 clock: what one step hands to the next, and what a restart needs
 (
     TIME,
@@ -322,6 +323,8 @@ def advance(
         width = window[BLOCKS_EAST] - window[BLOCKS_WEST] + 2
         depth = window[BLOCKS_TALL] + 2
         size = width * (window[BLOCKS_NORTH] - window[BLOCKS_SOUTH] + 2) * depth
+        if size > MOST_PLACES:
+            return SCATTERED
         if size > slot.size:
             wide = size + size // 2
             histogram = np.zeros((SORT_PIECES, wide), np.int32)

@@ -93,8 +93,14 @@ class MarchedPoints:
 
     def trouble(self, code):
         """What went wrong, in words with E and N; '' where nothing."""
-        if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED):
+        if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED, point_kernel.SCATTERED):
             return ""
+        if code == point_kernel.SCATTERED:
+            east, north, height = self.solver.highest()
+            return (
+                f"E {east:.1f} N {north:.1f}: points fly up to {height:.0f} m above the lowest ground, too far apart "
+                "for the cells; take larger cells, a smaller cfl or a stiffer material"
+            )
         east, north, bad, share = self.solver.trouble()
         if code == point_kernel.NOT_FINITE_STATE:
             what = f"{bad} points have a place or speed that is not finite; take a smaller cfl"

@@ -59,13 +59,15 @@ class PointSolver:
         Parameters of the contact law at the nodes, for `FrictionZones`.
     walls : sequence of Wall
         Rigid barriers, for `Barrier`; computed three cells thick at least.
+    affine : float64[n, 3, 3], optional [s-1]
+        Velocity gradient dv_i/dx_j that the points start with; default none.
 
     Raises
     ------
     SceneError
     """
 
-    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=()):
+    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
         if frame.dimension != 3:
             raise SceneError("the 3D solver wants points (dimension 3), got columns; `mpmgis convert` makes points")
         self.effects, self.numerics, self._start = effects, numerics, frame
@@ -78,6 +80,7 @@ class PointSolver:
         self.walls = tuple(walls)
         self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
+        self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
 
     def _set_ground(self, frame):
@@ -140,6 +143,8 @@ class PointSolver:
         self._clock[kernel.TIME] = frame.time
         self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = particles.mass.sum()
         self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max())
+        if self._affine is not None:
+            self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
         self._settings = self._made_settings()
         rows = self._rows[0]
         rows[:, kernel.X : kernel.Z + 1] = place
@@ -176,17 +181,19 @@ class PointSolver:
         )
 
     def _make_impulses(self, until, after):
-        """The first step's length, and what the points' stress gives to the nodes in it."""
+        """The first step's length, and what the points' stress and velocity gradient give to the nodes in it."""
         clock, rows, dx = self._clock, self._rows[0], self.numerics.cell_size
         kernel.set_next_step(clock, self._counts, clock[kernel.TIME], until, after, self._settings)
         push = clock[kernel.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, kernel.MASS]
         xx, yy, zz, xy, xz, yz = self._stress.T
-        for column, stress in (
-            (kernel.AXX, (xx, xy, xz)), (kernel.AXY, (xy, yy, yz)), (kernel.AXZ, (xz, yz, zz)),
-        ):  # fmt: skip
-            for k, part in enumerate(stress):
-                rows[:, column + k] = -push * part
-        self._stress = None
+        turning = (
+            np.zeros((1, 3, 3)) if self._affine is None else self._affine * (dx * rows[:, kernel.MASS, None, None])
+        )
+        tensor = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+        for axis, column in enumerate((kernel.AXX, kernel.AXY, kernel.AXZ)):
+            for k, part in enumerate(tensor[axis]):
+                rows[:, column + k] = turning[:, k, axis] - push * part
+        self._stress = self._affine = None
 
     @property
     def time(self):
@@ -346,6 +353,12 @@ class PointSolver:
                 for wall, sums in zip(self.walls, self._barrier_sums, strict=True)
             },
         }
+
+    def highest(self):
+        """Map E, N and height above the lowest ground [m] of the highest point."""
+        rows, _ = self._alive()
+        x, y, z = rows[np.argmax(rows[:, kernel.Z]), kernel.X : kernel.Z + 1]
+        return float(x + self.grid.x0), float(y + self.grid.y0), float(z)
 
     def trouble(self):
         """What stopped a run: map E and N, points that are not finite, share of the mass laid back onto the ground."""

@@ -10,6 +10,7 @@ from mpmgis.effects.material import Elastic
 from mpmgis.errors import FormatError, SceneError
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
+from mpmgis.solvers.marched import marched
 
 ICE = Elastic(6.7e6, 4e6)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -139,3 +140,12 @@ def test_wrong_frames_are_refused():
     solver = flying()
     with pytest.raises(FormatError, match="no state"):
         solver.restore(frame)
+
+
+def test_points_too_far_apart_end_the_run_in_words():
+    frame = block_of((1.0, 1.0, 1.0), 0.5, (20, 20, 3))
+    frame.particles.position[-1] = 41.0, 43.0, 8e6
+    solver = points_on(FLAT, frame, 1.0, ICE)
+    assert solver.advance(0.1, 0.2) == kernel.SCATTERED
+    trouble = marched(solver).trouble(kernel.SCATTERED)
+    assert trouble.startswith("E 41.0 N 43.0: points fly up to 8000000 m") and "larger cells" in trouble
