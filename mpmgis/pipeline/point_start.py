@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..conversion.account import account_of_points
 from ..conversion.starting import point_options, points_from, standing
 from ..errors import InputError
 from ..io.frames import read_frame
@@ -23,12 +24,15 @@ class PointStart:
         Dimension 3, at time 0.
     vertical_stress : float64[n] [Pa] or None
         Of their weight; None where nothing tells it.
+    affine : float64[n, 3, 3] [s-1] or None
+        Velocity gradient; None where nothing tells it, or all move alike.
     seen : Frame
         The same mass as columns, to decide effects from.
     """
 
     frame: object
     vertical_stress: np.ndarray | None
+    affine: np.ndarray | None
     seen: object
 
 
@@ -45,8 +49,7 @@ def read_point_start(scene, terrain, grid, say):
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
         start = _points_of(path, terrain, cell_size, table.density, say)
     else:
-        columns = _columns_of(scene, path, terrain, grid, say)
-        start = _converted(columns, terrain, point_options(cell_size, scene.numerics.points_per_side))
+        start = _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
     thickness = float(np.average(start.seen.particles.thickness, weights=start.seen.particles.mass))
     if thickness < FEWEST_CELLS * cell_size:
         say(
@@ -59,16 +62,20 @@ def read_point_start(scene, terrain, grid, say):
 def _columns_of(scene, path, terrain, grid, say):
     """Columns out of the file at `path`, or seeded in the release."""
     if path is not None:
-        return columns_of(path, terrain, scene.release.density, say)
+        return columns_of(path, terrain, scene.release.density, say, with_state=True)
     return read_sources(scene, terrain, grid, say).frame
 
 
-def _converted(columns, terrain, options):
-    """Points out of a frame of columns."""
+def _converted(columns, scene, terrain, say):
+    """Points out of a frame of columns; what a conversion of somebody's columns keeps is told."""
+    options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
     require_memory_for_points(options.predicted_points(columns.particles), options.cell)
-    points = points_from(columns, terrain, options).frame
-    stress = points.state["vertical_stress"]
-    return PointStart(replace(points, state={}, time=0.0, step=0), stress, columns)
+    points = points_from(columns, terrain, options)
+    if scene.release.particles is not None:
+        for line in account_of_points(points.report, options)[:2]:
+            say(line)
+    state, frame = points.frame.state, replace(points.frame, state={}, time=0.0, step=0)
+    return PointStart(frame, state["vertical_stress"], state.get("affine"), replace(columns, state={}))
 
 
 def _points_of(path, terrain, cell_size, density, say):
@@ -78,6 +85,9 @@ def _points_of(path, terrain, cell_size, density, say):
     if stress is None or len(stress) != len(frame.particles):
         say(f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity")
         stress = None
+    affine = frame.state.get("affine")
+    if affine is not None and affine.shape != (len(frame.particles), 3, 3):
+        affine = None
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
     under = above < -cell_size
@@ -86,4 +96,4 @@ def _points_of(path, terrain, cell_size, density, say):
             f"{path}: {int(under.sum())} of {len(under)} points start more than a cell of {cell_size:g} m under the "
             f"ground, the worst by {-above[under].min():.3g} m; use the DTM that they were made on"
         )
-    return PointStart(replace(frame, state={}), stress, standing(frame, terrain, cell_size))
+    return PointStart(replace(frame, state={}), stress, affine, standing(frame, terrain, cell_size))

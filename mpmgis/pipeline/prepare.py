@@ -30,7 +30,7 @@ CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything a run needs, checked, before its first step; `stress` and `walls` are of a 3D run."""
+    """Everything a run needs, checked, before its first step; `stress`, `walls` and `affine` are of a 3D run."""
 
     scene: object
     terrain: object
@@ -44,6 +44,7 @@ class Prepared:
     digest: str
     stress: np.ndarray | None = None  # float64[n, 6] [Pa], Kirchhoff
     walls: tuple = ()
+    affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
     grid: ColumnGrid | None = None
 
     @property
@@ -55,8 +56,9 @@ class Prepared:
         """The scene's solver at its start."""
         if self.scene.solver == "points":
             return PointSolver(
-                self.frame, self.terrain, self.effects, self.numerics, self.stress, self.places.zone_values, self.walls
-            )
+                self.frame, self.terrain, self.effects, self.numerics, self.stress, self.places.zone_values, self.walls,
+                self.affine,
+            )  # fmt: skip
         return ColumnSolver(self.frame, self.terrain, self.effects, self.numerics, self.places, self.grid)
 
 
@@ -151,7 +153,7 @@ def _points(scene, terrain, grid, say):
     digest = scene.digest(start_digest(terrain, frame, events, places))
     return Prepared(
         scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, events,
-        digest, stress, known.walls if places.barrier_names else (),
+        digest, stress, known.walls if places.barrier_names else (), start.affine,
     )  # fmt: skip
 
 

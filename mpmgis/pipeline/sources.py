@@ -208,9 +208,9 @@ def _facts(inlet, secondary, frames):
     return facts
 
 
-def columns_of(path, terrain, density, say):
+def columns_of(path, terrain, density, say, with_state=False):
     """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
-    frame = read_frame(path, with_state=False)
+    frame = read_frame(path, with_state)
     if frame.dimension != 2:
         raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
     return placed_on(frame, path, terrain, density, say)

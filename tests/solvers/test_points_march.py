@@ -8,9 +8,11 @@ from point_scenes import block_of, plane, points_on
 from mpmgis.conversion.starting import kirchhoff_stress, standing
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.slots import PointEffects
 from mpmgis.errors import UnphysicalError
 from mpmgis.kernels import points as kernel
 from mpmgis.solvers.march import March
+from mpmgis.solvers.points import PointNumerics, PointSolver
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -102,6 +104,22 @@ def test_weight_keeps_layers_from_falling_onto_their_elasticity():
         solver.advance(0.5)
         fastest.append(solver.balances()["speed_max"])
     assert fastest[1] < 0.25 * fastest[0]
+
+
+@pytest.mark.parametrize(("given", "least", "most"), [(True, 0.0, 1e-3), (False, 1e-2, 1.0)])
+def test_points_start_with_the_velocity_gradient_of_their_columns(given, least, most):
+    """A block that turns goes on turning at its rim, too: without its gradient the first step smooths that away."""
+    frame = block_of((4, 4, 4), 0.5, (28, 28, 20))
+    gradient = np.array([[0.0, -0.1, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    middle = frame.particles.position - (30.0, 30.0, 22.0)
+    frame.particles.velocity[:] = middle @ gradient.T
+    affine = np.tile(gradient, (len(middle), 1, 1)) if given else None
+    effects = PointEffects(SAND, contact=CoulombContact(0.6))
+    solver = PointSolver(frame, FLAT, effects, PointNumerics(1.0, gravity=0.0, time_step=1e-3), affine=affine)
+    solver.advance(10.0, max_steps=1)
+    now = solver.frame().particles
+    wrong = np.abs(now.velocity[np.argsort(now.id)] - frame.particles.velocity).max() / 0.2
+    assert least <= wrong <= most
 
 
 def test_points_are_seen_as_columns_of_their_cells():
