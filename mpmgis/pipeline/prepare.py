@@ -103,7 +103,7 @@ def _columns(scene, terrain, grid, say):
     """Everything for a depth-averaged run."""
     sources = read_sources(scene, terrain, grid, say)
     frame = sources.frame
-    _tell_of_release(frame.particles, frame.header["density"], say)
+    _tell_of_release(frame.particles, frame.header, scene, say)
     tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
     known = read_places(scene, terrain, grid, frame, sources.everything, say)
     if known.lake_level is not None:
@@ -135,7 +135,7 @@ def _points(scene, terrain, grid, say):
     """Everything for a 3D run."""
     start = read_point_start(scene, terrain, grid, say)
     frame, seen, events = start.frame, start.seen, Events()
-    _tell_of_release(seen.particles, frame.header["density"], say)
+    _tell_of_release(seen.particles, frame.header, scene, say)
     known = read_places(scene, terrain, grid, seen, seen, say)
     facts, deciding = _facts(scene, terrain, seen, known)
     effects, decisions = resolve(deciding, facts)
@@ -195,9 +195,9 @@ def _facts(scene, terrain, frame, known):
     ), known.completed(reach, terrain)  # fmt: skip
 
 
-def _tell_of_release(particles, density, say):
-    cures = Cures(
-        "[release] density", "[release] thickness", "take a smaller [numerics] cell_size or more particles a cell"
-    )
+def _tell_of_release(particles, header, scene, say):
+    more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
+    cures = Cures("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
     if len(particles):
-        tell_if_implausible(len(particles), density, particles.volume.sum() / particles.area.sum(), cures, say)
+        thickness = particles.volume.sum() / particles.area.sum()
+        tell_if_implausible(len(particles), header["density"], thickness, cures, say)
