@@ -663,7 +663,8 @@ def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None)
         if f.default is MISSING and name not in made:
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
-        if instead is not None and made["law"] not in laws and made["law"] in told["parameters_of"]:
+        elsewhere = made["law"] in told["parameters_of"] or ":" in made["law"]
+        if instead is not None and made["law"] not in laws and elsewhere:
             raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; wanted {_listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
         made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)

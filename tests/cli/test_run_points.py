@@ -233,6 +233,15 @@ def test_a_run_starts_from_a_seed_or_from_points(site, capsys):
     assert "under the ground" in refused(site, capsys, start.format("deep.h5"))
 
 
+def test_a_flow_too_fast_for_its_stiffness_is_told_once(site, capsys):
+    soft = SCENE.replace("bulk_modulus = 4e6", "bulk_modulus = 2e5").replace(
+        "shear_modulus = 2e6", "shear_modulus = 1e5"
+    )
+    assert run(site, soft) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "larger [material] bulk_modulus" in line]
+    assert len(told) == 1 and record(site)["balances"]["mach_max"] > 0.3
+
+
 def test_measure_is_for_columns(site, capsys):
     (site / "scene.toml").write_text(SCENE)
     assert main(["effects", str(site / "scene.toml"), "--measure", "-q"]) == 2

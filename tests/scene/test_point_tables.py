@@ -85,6 +85,7 @@ REFUSED = {
         {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}}, "coefficient above 0"),
     "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
     "Voellmy on the bed": ({"friction": {"law": "Voellmy", "mu": 0.2, "xi": 1000}}, "wanted Coulomb, Sticking"),
+    "a law of one's own": ({"friction": {"law": "my_law.py:Mine", "mu": 0.2}}, "no my_law.py:Mine on the bed"),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
     "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "Sticking has no parameter 'mu'"),
     "zones without friction": ({"friction": None, "zones": [{"source": "z.shp", "mu": 0.3}]}, "needs [friction]"),
