@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from ..errors import InputError
 from .options import PointOptions
@@ -15,21 +16,41 @@ def point_options(cell_size, points_per_side):
 
 
 def points_from(columns, terrain, options, window=None):
-    """The Points of a frame of `columns` on `terrain`: none of them left out.
+    """The Points of a frame of `columns` on `terrain`, of those in `window` (shapely.Polygon) or of all.
 
     Raises
     ------
     InputError
-        As `columns_to_points`; columns off the terrain, unless a `window` says what is wanted.
+        As `columns_to_points`; columns that should become points and have no ground under them.
     """
     points = columns_to_points(columns, terrain, options, window)
-    outside = points.report.outside
-    if window is None and outside.count:
+    lost = 0 if points.rest is None else int(_bare(points.rest, terrain, window).sum())
+    if lost:
         raise InputError(
-            f"{outside.count} of {len(columns.particles)} columns have no ground under them ({outside.mass:.4g} kg); "
-            "use a larger DTM or window"
+            f"{lost} of {len(columns.particles)} columns have no ground under them; use a larger DTM, or a [terrain] "
+            "window that holds them"
         )
     return points
+
+
+def _bare(rest, terrain, window):
+    """bool[n]: columns off the terrain, or in the window."""
+    x, y = rest.map_xy()
+    bare = ~np.isfinite(terrain.sample(x, y))
+    return bare if window is None else bare & shapely.contains_xy(window, x, y)
+
+
+def lying_in(frame, window):
+    """`frame` with those of its particles whose place is in `window` (shapely.Polygon); InputError where none is."""
+    inside = shapely.contains_xy(window, *frame.map_xy())
+    if not inside.any():
+        raise InputError(f"none of the {len(inside)} particles lies in [release] window; move it, or take it out")
+    return replace(frame, particles=frame.particles.take(inside), state=_rows_of(frame.state, inside))
+
+
+def _rows_of(state, inside):
+    """The arrays of `state` that have a row for each particle, of those `inside`."""
+    return {name: values[inside] for name, values in state.items() if np.shape(values)[:1] == inside.shape}
 
 
 def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):

@@ -3,10 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from ..conversion.account import account_of_points
-from ..conversion.starting import point_options, points_from, standing
+from ..conversion.starting import lying_in, point_options, points_from, standing
 from ..errors import InputError
+from ..io.by_place import read_polygons
 from ..io.frames import read_frame
 from ..solvers.cost import require_memory_for_points
 from .sources import columns_of, placed_on, read_sources
@@ -47,7 +49,7 @@ def read_point_start(scene, terrain, grid, say):
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        start = _points_of(path, terrain, cell_size, table.density, say)
+        start = _points_of(path, terrain, cell_size, table.density, _window(scene, terrain, say), say)
     else:
         start = _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
     thickness = float(np.average(start.seen.particles.thickness, weights=start.seen.particles.mass))
@@ -69,18 +71,39 @@ def _columns_of(scene, path, terrain, grid, say):
 def _converted(columns, scene, terrain, say):
     """Points out of a frame of columns; what a conversion of somebody's columns keeps is told."""
     options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
-    require_memory_for_points(options.predicted_points(columns.particles), options.cell)
-    points = points_from(columns, terrain, options)
+    window = _window(scene, terrain, say)
+    seen = columns if window is None else lying_in(columns, window)
+    require_memory_for_points(options.predicted_points(seen.particles), options.cell)
+    points = points_from(columns, terrain, options, window)
+    _tell_of_outside(points.report.outside.mass, points.report.before.mass, say)
     if scene.release.particles is not None:
         for line in account_of_points(points.report, options)[:2]:
             say(line)
     state, frame = points.frame.state, replace(points.frame, state={}, time=0.0, step=0)
-    return PointStart(frame, state["vertical_stress"], state.get("affine"), replace(columns, state={}))
+    return PointStart(frame, state["vertical_stress"], state.get("affine"), replace(seen, state={}))
 
 
-def _points_of(path, terrain, cell_size, density, say):
-    """Points out of the frame at `path`."""
+def _window(scene, terrain, say):
+    """The polygons of [release] window as one; None without it."""
+    name = scene.release.window
+    if name is None:
+        return None
+    return shapely.union_all([feature.shape for feature in read_polygons(scene.path(name), terrain, say)])
+
+
+def _tell_of_outside(outside, mass, say):
+    """What a window leaves out."""
+    if outside > 0.0:
+        say(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
+
+
+def _points_of(path, terrain, cell_size, density, window, say):
+    """Points out of the frame at `path`, those in `window`."""
     frame = placed_on(read_frame(path), path, terrain, density, say)
+    if window is not None:
+        mass = float(frame.particles.mass.sum())
+        frame = lying_in(frame, window)
+        _tell_of_outside(mass - float(frame.particles.mass.sum()), mass, say)
     stress = frame.state.get("vertical_stress")
     if stress is None or len(stress) != len(frame.particles):
         say(f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity")

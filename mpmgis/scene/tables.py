@@ -60,6 +60,8 @@ class ReleaseTable:
                               file=True)  # fmt: skip
     particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote, or points in 3D", None, kind=str,
                                  example="a.h5", file=True)  # fmt: skip
+    window: str | None = _key("of particles: only what lies in these polygons; the rest is left out, and said", None,
+                              kind=str, example="box.gpkg", file=True, solver="points")  # fmt: skip
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
         None,
@@ -557,7 +559,9 @@ def _check_sources(scene, where):
         got = "both" if release.source else "none"
         raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
     if release.particles is not None:
-        _refuse_unused(release, ("source", "particles"), f"{where} [release]")
+        _refuse_unused(release, ("source", "particles", "window"), f"{where} [release]")
+    elif release.window is not None:
+        raise SceneError(f"{where} [release]: window cuts particles, a source has its own outline; take window out")
     if len(release.velocity) != 2 or not all(_is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
             f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, wanted two numbers [east, north] of at "

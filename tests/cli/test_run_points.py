@@ -233,6 +233,39 @@ def test_a_run_starts_from_a_seed_or_from_points(site, capsys):
     assert "under the ground" in refused(site, capsys, start.format("deep.h5"))
 
 
+def test_a_window_takes_a_part_of_a_run_of_columns(site, capsys):
+    """Depth-averaged first, then 3D in a window: mass and momentum inside are kept, what is left out is told."""
+    slow = SCENE.replace('solver = "points"\n', "").replace("end_time = 3", "end_time = 1").split("[material]")[0]
+    columns = slow + "[friction]" + SCENE.split("[friction]")[1].replace("end_time = 3", "end_time = 1")
+    assert run(site, columns, "-q") == 0
+    write_shapes(site / "box.geojson", [shapely.box(80, 100, 122, 300)])
+    last = sorted((site / "results").glob("frame_*.h5"))[-1].name
+    start = f'particles = "results/{last}"\nwindow = "box.geojson"'
+    text = SCENE.replace('source = "block.geojson"\nthickness = 12.0\ndensity = 1500', start)
+    (site / "scene.toml").write_text(text)
+    said = []
+    prepared = prepare(site / "scene.toml", said.append)
+    frame = read_frame(site / "results" / last)
+    inside = frame.map_xy()[0] < WEST + 122
+    whole, part = frame.particles.mass.sum(), prepared.frame.particles.mass.sum()
+    assert part == pytest.approx(frame.particles.mass[inside].sum(), rel=0.05)
+    assert any(f"leaves out {whole - part:.6g} of {whole:.6g} kg" in line for line in said)
+    assert any("are kept to" in line for line in said)
+    momentum = (prepared.frame.particles.mass[:, None] * prepared.frame.particles.velocity).sum(axis=0)
+    assert momentum[0] == pytest.approx((frame.particles.mass * frame.particles.velocity[:, 0])[inside].sum(), rel=0.06)
+    assert prepared.affine.shape == (len(prepared.frame.particles), 3, 3) and np.abs(prepared.affine).max() < 5.0
+    assert "none of" in refused_text(site, capsys, text, shapely.box(300, 100, 390, 300))
+
+
+def refused_text(site, capsys, text, box):
+    """The line with which `text` is refused with another window."""
+    write_shapes(site / "box.geojson", [box])
+    (site / "scene.toml").write_text(text)
+    capsys.readouterr()
+    assert main(["effects", str(site / "scene.toml"), "-q"]) == 2
+    return capsys.readouterr().err
+
+
 def test_a_flow_too_fast_for_its_stiffness_is_told_once(site, capsys):
     soft = SCENE.replace("bulk_modulus = 4e6", "bulk_modulus = 2e5").replace(
         "shear_modulus = 2e6", "shear_modulus = 1e5"

@@ -102,6 +102,9 @@ REFUSED = {
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
         {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness belongs to"),
+    "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "a source has its own outline"),
+    "window of columns": (
+        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "belongs to"),
     "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
     "window of words": ({"terrain": {"dem": "d.tif", "window": ["a", 2, 3, 4]}}, "four numbers"),
     "window inside out": ({"terrain": {"dem": "d.tif", "window": [5, 2, 3, 4]}}, "west below east"),
