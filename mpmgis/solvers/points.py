@@ -275,7 +275,9 @@ class PointSolver:
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
         rows, _ = self._alive()
-        return {"rows": rows} | {name: array.copy() for name, array in self._changing().items()}
+        begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
+        state = {"rows": rows} | {name: array for name, array in begun.items() if array is not None}
+        return state | {name: array.copy() for name, array in self._changing().items()}
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
@@ -302,7 +304,7 @@ class PointSolver:
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         window = self._counts[kernel.WINDOW_FIRST :]
         kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
-        self._stress = None
+        self._stress, self._affine = state.get("stress"), state.get("affine")
 
     def energy(self):
         """(kinetic, potential, elastic) energy [J] of the points now; potential counts from the lowest ground."""

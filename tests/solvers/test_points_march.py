@@ -10,6 +10,7 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import PointEffects
 from mpmgis.errors import UnphysicalError
+from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
 from mpmgis.solvers.march import March
 from mpmgis.solvers.points import PointNumerics, PointSolver
@@ -18,9 +19,10 @@ SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
 
 
-def heap(terrain=FLAT, corner=(28, 28, 0), **numerics):
+def heap(terrain=FLAT, corner=(28, 28, 0), stress=None, affine=None, **numerics):
     """A cube of sand of 4 m."""
-    return points_on(terrain, block_of((4, 4, 4), 0.5, corner), 1.0, SAND, CoulombContact(0.6), **numerics)
+    frame, effects = block_of((4, 4, 4), 0.5, corner), PointEffects(SAND, contact=CoulombContact(0.6))
+    return PointSolver(frame, terrain, effects, PointNumerics(1.0, **numerics), stress, affine=affine)
 
 
 def test_a_heap_comes_to_rest_and_the_run_ends():
@@ -50,6 +52,21 @@ def test_a_restart_ends_where_the_whole_run_ends():
     for name in ("clock", "rest", "ledger"):
         np.testing.assert_array_equal(frames[-1].state[name], whole[-1].state[name])
     np.testing.assert_array_equal(frames[-1].particles.position, whole[-1].particles.position)
+
+
+def test_a_restart_from_the_first_frame_has_the_weight_of_the_start(tmp_path):
+    """Stress and velocity gradient of the start act in the first step; frame 0 is from before it."""
+    depth = 4.0 - block_of((4, 4, 4), 0.5).particles.position[:, 2]
+    stress = kirchhoff_stress(-1000 * 9.81 * depth, 2e5, 1.2e5)
+    affine = np.tile(np.diag([0.0, 0.0, -0.5]), (512, 1, 1))
+    whole = list(March(heap(stress=stress, affine=affine), 0.4, 0.2))
+    write_frame(tmp_path / "first.h5", whole[0])
+    again = heap()
+    again.restore(read_frame(tmp_path / "first.h5"))
+    frames = list(March(again, 0.4, 0.2, resumed=True))
+    for one, other in zip(whole[1:], frames, strict=True):
+        assert one.step == other.step
+        np.testing.assert_array_equal(one.particles.velocity, other.particles.velocity)
 
 
 def test_frames_are_met_when_the_last_interval_is_shorter():
