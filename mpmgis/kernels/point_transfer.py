@@ -470,9 +470,12 @@ def _book_out(scratch, integers, count, length_x, length_y, gravity, mine):
 def _lift(scratch, integers, q, ground, dx, mine):
     """A point more than a cell under the ground is laid on it, and what it moves into the ground is taken from it."""
     i, j = integers[I_COLUMN + q], integers[I_ROW + q]
-    height, slope_x, slope_y = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
-    x, y = scratch[L_X + q] - (i - GHOSTS) * dx, scratch[L_Y + q] - (j - GHOSTS) * dx
-    surface = height + slope_x * x + slope_y * y
+    slope_x, slope_y = ground[j, i, 1], ground[j, i, 2]
+    x, y = scratch[L_X + q] / dx + GHOSTS, scratch[L_Y + q] / dx + GHOSTS
+    west, south = min(int(x), ground.shape[1] - 2), min(int(y), ground.shape[0] - 2)
+    x, y = x - west, y - south  # between four nodes: at a cliff a node's plane stands metres above the ground near by
+    surface = (1.0 - y) * ((1.0 - x) * ground[south, west, 0] + x * ground[south, west + 1, 0])
+    surface += y * ((1.0 - x) * ground[south + 1, west, 0] + x * ground[south + 1, west + 1, 0])
     if scratch[L_Z + q] < surface - dx:
         mine[UNDER] += scratch[L_MASS + q]
         steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
 from ..geo.barriers import margin_in_3d, wall_nodes
+from ..geo.terrain import bilinear
 from ..kernels import points as kernel
 from ..particles import Frame, Particles
 from .grid import ColumnGrid, bed_at_nodes
@@ -88,8 +90,8 @@ class PointSolver:
         grid, dx = self.grid, self.numerics.cell_size
         bed = bed_at_nodes(grid)
         self.floor = float(np.floor(bed.min() / dx) * dx)
-        height, slope = bed - self.floor, np.abs(grid.gradient).sum(axis=2)
-        deep = height - dx * (1.0 - 0.5 * slope)  # a cell under what the slope makes of the ground half a cell away
+        height = bed - self.floor
+        deep = ndimage.maximum_filter(height, 3) - dx  # nobody above it is a cell under the ground
         self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
         self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
         ny, nx = grid.inside.shape
@@ -375,9 +377,6 @@ class PointSolver:
         return float(x) + self.grid.x0, float(y) + self.grid.y0, bad, share
 
     def _height_under(self, place):
-        """float64[n] [m]: ground under places [n, 2] from the domain's corner, as the nearest node's plane has it."""
-        dx, most = self.numerics.cell_size, np.array(self._ground.shape[1::-1]) - 1
-        i, j = np.clip(np.rint(place / dx).astype(int) + kernel.GHOSTS, 0, most).T
-        height, slope_x, slope_y = self._ground[j, i, 0], self._ground[j, i, 1], self._ground[j, i, 2]
-        x, y = (place - (np.column_stack([i, j]) - kernel.GHOSTS) * dx).T
-        return height + slope_x * x + slope_y * y
+        """float64[n] [m]: ground under places [n, 2] from the domain's corner, between its nodes."""
+        column, row = (place / self.numerics.cell_size + kernel.GHOSTS).T
+        return bilinear(self._ground[..., 0], row, column)

@@ -399,10 +399,6 @@ def check_flight(cell):
     assert solver.balances()["mass_lifted_onto_ground"] == 0.0
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="points above the edge are taken for points under the ground: the nearest node's plane, half a cliff high",
-)
 @pytest.mark.parametrize("cell", [0.05, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_v2_a_block_slides_off_a_cliff(cell):
     """Speeds and place of landing within 1 %: held on cells of 0.05 and 0.01 m where points are laid back on the bed as
