@@ -340,13 +340,13 @@ class ColumnSolver:
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
         keep = self._keys[now, :n] != kernel.GONE
         arrays = {name: array.copy() for name, array in self._changing().items()}
+        if self.numerics.maxima:
+            arrays |= self._peaks_state()
         return arrays | {"rows": self._rows[now, :n][keep], "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
 
     def _changing(self):
         """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
-        if self.numerics.maxima:
-            arrays["peaks"] = self._peaks
         if self.effects.barrier.barrier_active():
             arrays["barriers"] = self._barrier_sums
         if self.effects.entrainment.entrainment_active():
@@ -354,6 +354,11 @@ class ColumnSolver:
             if self.effects.entrainment.bed_lowering() > 0.0:
                 arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
         return arrays
+
+    def _peaks_state(self):
+        """The running peaks of the nodes that the flow has been at, which are few of a terrain's."""
+        nodes = np.flatnonzero((self._peaks[..., 0] > 0.0) | (self._peaks[..., 3] >= 0.0))
+        return {"peaks": self._peaks.reshape(-1, 4)[nodes], "peak_nodes": nodes}
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
@@ -365,19 +370,25 @@ class ColumnSolver:
         """
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
-        if not {"rows", "reached", *changing} <= set(state) or ids is None:
+        peaks = {"peaks", "peak_nodes"} if self.numerics.maxima else set()
+        if not {"rows", "reached", *peaks, *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
-        if any(state[name].shape != shape for name, shape in shapes.items()):
+        if peaks:
+            shapes["peaks"] = len(state["peak_nodes"]), 4
+        beyond = peaks and np.any(state["peak_nodes"] >= self._peaks[..., 0].size)
+        if beyond or any(state[name].shape != shape for name, shape in shapes.items()):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         self._require_room(len(rows))
         self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
         self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
         for name, array in changing.items():
             array[:] = state[name]
+        if self.numerics.maxima:
+            self._peaks.reshape(-1, 4)[state["peak_nodes"]] = state["peaks"]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
         kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
 

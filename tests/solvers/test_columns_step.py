@@ -8,7 +8,7 @@ from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1,
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Frictionless, Voellmy, slowed_speed
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
-from mpmgis.errors import SceneError, UnphysicalError
+from mpmgis.errors import FormatError, SceneError, UnphysicalError
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
 from mpmgis.kernels.jit import set_threads
@@ -268,6 +268,23 @@ def test_frames_are_at_their_times_exactly():
     solver = rough_solver()
     march = March(solver, 2.0, 0.7)
     assert [f.time for f in march] == [0.0, 0.7, 1.4, 2.0]
+
+
+def test_peaks_go_on_after_a_restart_and_are_stored_only_where_the_flow_was():
+    whole, first, again = (rough_solver(maxima=True) for _ in range(3))
+    for solver in (whole, first):
+        solver.advance(2.0)
+    again.restore(first.frame())
+    stored = first.state()
+    assert 0 < len(stored["peak_nodes"]) == len(stored["peaks"]) < 0.5 * whole.grid.bed.size
+    for solver in (whole, again):
+        solver.advance(5.0)
+    for name, values in whole.maxima().items():
+        np.testing.assert_array_equal(again.maxima()[name], values)
+    other = first.frame()
+    other.state["peak_nodes"] = other.state["peak_nodes"] + whole.grid.bed.size
+    with pytest.raises(FormatError, match="another scene"):
+        rough_solver(maxima=True).restore(other)
 
 
 def test_peaks_of_every_step_are_kept_only_if_asked():
