@@ -7,7 +7,8 @@ nodes and looks at nodes outside every wall, which it does not change, so that t
 import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .column_rows import BLOCK, CHUNKS, NODE_MASS, NODE_X, NODE_Y
+from .block_order import CHUNKS
+from .column_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 from .jit import jit, jit_inline, jit_parallel, prange
 
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no

@@ -1,11 +1,10 @@
 """Columns sorted by blocks of 8 x 8 nodes: who works on what, always in the same order."""
 
-from .column_rows import BLOCK, CHUNKS, X, Y
+from .block_order import CHUNKS, GONE, rank_blocks
+from .column_rows import BLOCK, X, Y
 from .jit import jit, jit_inline, jit_parallel, prange
 
 SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
-REORDER_STEPS = 20  # rows are put into block order in memory this often
-GONE = -1  # key of a particle that has left
 
 
 @jit_inline
@@ -57,45 +56,9 @@ def sort_by_block(keys, n, west, south, east, north, histogram, order, slot, blo
     size = width * height
     pieces = min(CHUNKS, n // SORT_ROWS + 1)
     _count(keys, n, pieces, west, south, width, size, histogram)
-    total, active = 0, 0
-    for b in range(size):
-        first = total
-        for c in range(pieces):
-            count = histogram[c, b]
-            histogram[c, b] = total
-            total += count
-        slot[b] = -1
-        if total > first:
-            slot[b] = active
-            block[active] = b
-            start[active] = first
-            active += 1
-    start[active] = total
+    active, total = rank_blocks(histogram, pieces, size, slot, block, start)
     _scatter(keys, n, pieces, west, south, width, histogram, order)
     return active, total
-
-
-@jit
-def split_evenly(start, active, bounds):
-    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of particles: `bounds[c]`..`bounds[c + 1]`."""
-    total, a = start[active], 0
-    for c in range(CHUNKS):
-        bounds[c] = a
-        while a < active and start[a + 1] * CHUNKS <= total * (c + 1):
-            a += 1
-    bounds[CHUNKS] = active
-
-
-@jit_parallel
-def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
-    """Put rows into block order in memory; particles that have left are dropped."""
-    for c in prange(CHUNKS):
-        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
-            q = order[p]
-            ids_out[p] = ids[q]
-            keys_out[p] = keys[q]
-            for k in range(rows.shape[1]):
-                rows_out[p, k] = rows[q, k]
 
 
 @jit

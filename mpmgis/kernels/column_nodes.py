@@ -5,7 +5,8 @@ import numpy as np
 from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .column_rows import BLOCK, CHUNKS, NODE_GAIN, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
+from .block_order import CHUNKS
+from .column_rows import BLOCK, NODE_GAIN, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
 from .jit import jit, jit_inline, jit_parallel, prange
 
 # what each chunk of the node loop reports

@@ -16,7 +16,6 @@ NODE_MASS, NODE_X, NODE_Y, NODE_GAIN = range(4)
 
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a particle of the block reaches two nodes further
-CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
 INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, which spares a test for each access
 
 

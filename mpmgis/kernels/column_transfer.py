@@ -11,20 +11,9 @@ import numpy as np
 
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .column_blocks import GONE, block_key
-from .column_rows import (
-    BLOCK,
-    CHUNKS,
-    INDEX_MASK,
-    NODE_GAIN,
-    NODE_MASS,
-    NODE_X,
-    NODE_Y,
-    ROW,
-    TILE,
-    bed_at,
-    weights,
-)
+from .block_order import CHUNKS, GONE
+from .column_blocks import block_key
+from .column_rows import BLOCK, INDEX_MASK, NODE_GAIN, NODE_MASS, NODE_X, NODE_Y, ROW, TILE, bed_at, weights
 from .jit import jit, jit_inline, jit_parallel, prange
 from .lanes import get, get_of_four, lanes, load, multiply_add, prefetch, put, put_four, store, transposed
 

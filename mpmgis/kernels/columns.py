@@ -13,17 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
 from .column_barriers import BARRIER_ENTRIES, BARRIER_SUMS, collect_barriers, hold_at_barriers
-from .column_blocks import (
-    GONE,
-    REORDER_STEPS,
-    block_key,
-    initial_keys,
-    reorder,
-    sort_by_block,
-    split_evenly,
-    touched_blocks,
-)
+from .column_blocks import block_key, initial_keys, sort_by_block, touched_blocks
 from .column_nodes import (
     AIRBORNE_MASS,
     ARMED,
@@ -41,7 +33,6 @@ from .column_nodes import (
 )
 from .column_rows import (
     AREA,
-    CHUNKS,
     GX,
     GY,
     MASS,

@@ -3,8 +3,8 @@
 from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS
 from .jit import jit, jit_inline
-from .point_rows import CHUNKS
 
 # of a node column with a barrier: outward unit normal of its nearest side, elevation of the crest above the domain's
 # lowest level [m], depth behind that side [m], friction [1], weight with which what passes above is counted [m-1],

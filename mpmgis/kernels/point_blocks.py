@@ -6,12 +6,11 @@ window of blocks is as wide as the flow and as high as it stands above the groun
 
 import numpy as np
 
+from .block_order import GONE, rank_blocks
 from .jit import jit, jit_inline, jit_parallel, prange
-from .point_rows import BLOCK, CHUNKS, GHOSTS
+from .point_rows import BLOCK, GHOSTS
 
 SORT_PIECES = 8  # of the sort; fixed, so that the order does not depend on the number of threads
-REORDER_STEPS = 20  # rows are put into block order in memory this often
-GONE = -1  # key of a point that has left
 # int64 window: blocks that hold points, and the largest height above the lowest block that they reach to
 WEST, SOUTH, EAST, NORTH, TALL, WINDOW = range(6)
 
@@ -110,45 +109,9 @@ def sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, b
     `start[a + 1]` its points. Answers (active blocks, points alive).
     """
     _count(keys, n, window, width, depth, size, histogram)
-    total, active = 0, 0
-    for b in range(size):
-        first = total
-        for c in range(SORT_PIECES):
-            count = histogram[c, b]
-            histogram[c, b] = total
-            total += count
-        slot[b] = -1
-        if total > first:
-            slot[b] = active
-            block[active] = b
-            start[active] = first
-            active += 1
-    start[active] = total
+    active, total = rank_blocks(histogram, SORT_PIECES, size, slot, block, start)
     _scatter(keys, n, window, width, depth, histogram, order)
     return active, total
-
-
-@jit
-def split_evenly(start, active, bounds):
-    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of points: `bounds[c]` to `bounds[c + 1]`."""
-    total, a = start[active], 0
-    for c in range(CHUNKS):
-        bounds[c] = a
-        while a < active and start[a + 1] * CHUNKS <= total * (c + 1):
-            a += 1
-    bounds[CHUNKS] = active
-
-
-@jit_parallel
-def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
-    """Put rows into block order in memory; points that have left are dropped."""
-    for c in prange(CHUNKS):
-        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
-            q = order[p]
-            ids_out[p] = ids[q]
-            keys_out[p] = keys[q]
-            for k in range(rows.shape[1]):
-                rows_out[p, k] = rows[q, k]
 
 
 @jit

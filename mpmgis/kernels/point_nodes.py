@@ -3,20 +3,11 @@
 from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS
 from .jit import jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
 from .point_barriers import BARRIER, at_barrier
-from .point_rows import (
-    BLOCK,
-    CHUNKS,
-    GHOSTS,
-    NODE_MASS,
-    NODE_X,
-    NODE_Y,
-    NODE_Z,
-    TILE_LAYER,
-    TILE_ROW,
-)
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]
 FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, NODE_REPORT = range(8)

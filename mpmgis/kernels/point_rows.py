@@ -11,7 +11,6 @@ from .jit import jit_inline
 ROW_SHORT, ROW_LONG = 20, 24  # numbers of a row, for materials with up to 4 and up to 8 numbers of state
 STATE = (S0, S1, S2, S3, S4, S5, S6, S7)
 
-CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
 BLOCK = 4  # nodes along a block
 TILE = BLOCK + 2  # nodes along what the points of a block reach
 TILE_ROW = 4 * TILE

@@ -12,6 +12,7 @@ import numpy as np
 from ..effects.material import FAR as FAR_STRAIN
 from ..effects.material import NO_TENSION
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS, GONE
 from .jit import jit, jit_inline, jit_parallel, prange
 from .lanes import (
     get,
@@ -24,14 +25,13 @@ from .lanes import (
     transposed,
     without_last,
 )
-from .point_blocks import GONE, packed
+from .point_blocks import packed
 from .point_nodes import GROUND_DEEP
 from .point_rows import (
     AXX,
     AXY,
     AXZ,
     BLOCK,
-    CHUNKS,
     GHOSTS,
     INDEX_MASK,
     MASS,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
 from .jit import jit
 from .point_barriers import (
     IMPULSE_X,
@@ -20,20 +21,8 @@ from .point_barriers import (
     collect_point_barriers,
 )
 from .point_blocks import EAST as BLOCKS_EAST
-from .point_blocks import (
-    GONE,
-    REORDER_STEPS,
-    SORT_PIECES,
-    initial_keys,
-    key_at,
-    link_blocks,
-    lowest_blocks,
-    no_window,
-    reorder,
-    sort_by_block,
-    split_evenly,
-)
 from .point_blocks import NORTH as BLOCKS_NORTH
+from .point_blocks import SORT_PIECES, initial_keys, key_at, link_blocks, lowest_blocks, no_window, sort_by_block
 from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
@@ -56,7 +45,6 @@ from .point_rows import (
     AXZ,
     BLOCK,
     BLOCK_SIZE,
-    CHUNKS,
     GHOSTS,
     MASS,
     PX,

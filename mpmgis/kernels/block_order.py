@@ -1,0 +1,54 @@
+"""What a sort by blocks needs, of columns and of points: blocks ranked, work cut evenly, rows put in order."""
+
+from .jit import jit, jit_parallel, prange
+
+CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
+REORDER_STEPS = 20  # rows are put into block order in memory this often
+GONE = -1  # key of a particle that has left
+
+
+@jit
+def rank_blocks(histogram, pieces, size, slot, block, start):
+    """Turn the counts of `histogram` int[pieces, size] into where each piece puts its particles of each block.
+
+    `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to `start[a + 1]` its
+    particles. Answers (active blocks, particles).
+    """
+    total, active = 0, 0
+    for b in range(size):
+        first = total
+        for c in range(pieces):
+            count = histogram[c, b]
+            histogram[c, b] = total
+            total += count
+        slot[b] = -1
+        if total > first:
+            slot[b] = active
+            block[active] = b
+            start[active] = first
+            active += 1
+    start[active] = total
+    return active, total
+
+
+@jit
+def split_evenly(start, active, bounds):
+    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of particles: `bounds[c]`..`bounds[c + 1]`."""
+    total, a = start[active], 0
+    for c in range(CHUNKS):
+        bounds[c] = a
+        while a < active and start[a + 1] * CHUNKS <= total * (c + 1):
+            a += 1
+    bounds[CHUNKS] = active
+
+
+@jit_parallel
+def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
+    """Put rows into block order in memory; particles that have left are dropped."""
+    for c in prange(CHUNKS):
+        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
+            q = order[p]
+            ids_out[p] = ids[q]
+            keys_out[p] = keys[q]
+            for k in range(rows.shape[1]):
+                rows_out[p, k] = rows[q, k]
