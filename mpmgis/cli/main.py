@@ -18,6 +18,7 @@ VERBS = {
     "convert": ("convert", "Algorithm 2: columns to 3D points, and back"),
     "run": ("run", "simulate a scene"),
     "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
+    "study": ("study", "what accuracy costs in time: work-precision table and plot"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),

@@ -48,7 +48,7 @@ def run(arguments):
             resume=arguments.resume,
             threads=arguments.threads,
             laws=arguments.law,
-            confirm=lambda question: arguments.yes or _asked(question),
+            confirm=lambda question: arguments.yes or asked(question),
             say=talk.say,
             watch=watch,
         )
@@ -57,7 +57,7 @@ def run(arguments):
     return 0
 
 
-def _asked(question):
+def asked(question):
     """Ask on a terminal; elsewhere nobody can answer, so it is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False

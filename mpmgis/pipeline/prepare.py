@@ -67,16 +67,17 @@ def prepare(scene_path, say=lambda text: None, laws=None):
 
     `laws` is the path of a Python file with laws of friction of one's own; it is run as a program.
     """
-    scene = _read_scene(scene_path, laws)
+    scene = scene_to_prepare(scene_path, laws)
     try:
-        return _prepare(scene, say)
+        return prepare_scene(scene, say)
     except SceneError:
         raise
     except InputError as error:  # told in the words of `seed`; say whose file they are about
         raise type(error)(f"{Path(scene_path).name}: {error}") from error
 
 
-def _prepare(scene, say):
+def prepare_scene(scene, say=lambda text: None):
+    """As `prepare`, of a Scene that is read already."""
     terrain = _terrain(scene, say)
     scene = _completed(scene, scene.numerics.cell_size or terrain.grid.cell_size)
     grid = ColumnGrid.on(terrain, scene.numerics.cell_size)
@@ -166,7 +167,7 @@ def _completed(scene, cell_size):
     return replace(scene, numerics=numerics, output=output)
 
 
-def _read_scene(path, laws):
+def scene_to_prepare(path, laws=None):
     """The scene, with its own law of friction, if it has one, tried out and fit for the compiler."""
     if laws is None:
         return read_scene(path)

@@ -48,7 +48,7 @@ def use_threads(particles, asked=None):
 
 def require_affordable(prepared, threads, confirm):
     """Refuse, or ask `confirm(question)`, where a run would take over an hour or most of the memory."""
-    seconds, memory = _predicted(prepared, threads)
+    seconds, memory = predicted_cost(prepared, threads)
     available = available_memory()
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available:
         return
@@ -61,7 +61,7 @@ def require_affordable(prepared, threads, confirm):
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
 
 
-def _predicted(prepared, threads):
+def predicted_cost(prepared, threads):
     """(seconds, bytes) that the run will need."""
     west, south, east, north = prepared.terrain.grid.bounds
     scene, numerics, facts = prepared.scene, prepared.numerics, prepared.facts

@@ -1,0 +1,111 @@
+"""`mpmgis study`: what accuracy costs in time."""
+
+import argparse
+
+from . import talk
+from .progress import run_progress
+from .values import count, positive
+
+EXAMPLE = """
+mpmgis study scene.toml
+mpmgis study scene.toml --knobs cell_size,cfl --target-error 0.05
+mpmgis study scene.toml --exact exact_thickness.tif -o study
+"""
+DESCRIPTION = """
+Runs the scene with each of its knobs (cell size, particles a cell, Courant number; in 3D precision and stiffness too)
+turned alone, each setting several times, and holds all runs against a finer one, or against an exact answer. Writes the
+table (study.csv), the work-precision plot (study.png: what no other setting beats is the front) and what cells and time
+steps of an export lose (export.csv). Times are those of the loop over steps, medians; compiling is apart. What a finer
+run is itself off by is estimated from the order of the others (Richardson).
+"""
+
+
+def add_arguments(parser):
+    """Declare the verb's options."""
+    parser.description = DESCRIPTION.strip()
+    parser.add_argument("scene", metavar="scene.toml", help="the scene to study")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder for table and plot (default: study/ beside it)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier study of that name")
+    parser.add_argument("--knobs", type=_names, metavar="NAME,..", help="turn only these (default: all it has)")
+    parser.add_argument("--full", action="store_true", help="besides, three values of each combined with each other")
+    parser.add_argument("--repeats", type=count, default=3, metavar="N", help="runs of each setting (default 3)")
+    parser.add_argument(
+        "--measure", default="thickness", metavar="ERROR", help="thickness (default), momentum, area or reach decides"
+    )
+    parser.add_argument("--exact", metavar="FILE", help="raster of the exact vertical thickness at end_time [m]")
+    parser.add_argument(
+        "--refinement",
+        type=_refinement,
+        metavar="F",
+        help="cells of the finer run: the scene's over F (default 2; 3D 1.4)",
+    )
+    parser.add_argument(
+        "--target-error", type=positive, metavar="E", help="print the settings for this error: 0.05 is 5 %%; reach in m"
+    )
+    parser.add_argument("--no-exports", dest="exports", action="store_false", help="leave cs_e and dt_e out")
+    parser.add_argument("--threads", type=count, metavar="N", help="processor threads (default: all)")
+    parser.add_argument("--yes", action="store_true", help="do not ask about predicted time")
+    parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
+
+
+def _names(text):
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _refinement(text):
+    value = positive(text)
+    if value < 1.2 or value > 16:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted 1.2 to 16")
+    return value
+
+
+def run(arguments):
+    """Study; the table goes to stdout."""
+    from ..pipeline.study import StudyRequest, study
+    from .run import asked
+
+    request = {name: value for name, value in vars(arguments).items() if name in StudyRequest.__dataclass_fields__}
+    with run_progress() as watch:
+        found = study(
+            StudyRequest(**request),
+            confirm=lambda question: arguments.yes or asked(question),
+            say=talk.say,
+            watch=watch,
+        )
+    print("\n".join([*table(found.study), "", *found.lines, *target(arguments.target_error, found.choice)]))
+    for file in found.files:
+        print(file)
+    return 0
+
+
+def table(study):
+    """Lines: a row a setting, the quickest first; * on the front."""
+    from ..studies.report import value_words
+
+    head = (
+        f"{'':2}{'setting':<28}{'particles':>10}{'steps':>8}{'time [s]':>10}{'spread':>8}{'predicted':>10}{'error':>10}"
+    )
+    lines = [head]
+    for k in sorted(range(len(study.rows)), key=lambda k: study.seconds[k]):
+        outcome = study.rows[k].outcome
+        spread = (max(outcome.seconds) - min(outcome.seconds)) / study.seconds[k]
+        lines.append(
+            f"{'*' if study.front[k] else '':<2}{outcome.setting.name:<28}{outcome.particles:>10}{outcome.steps:>8}"
+            f"{study.seconds[k]:>10.3g}{100 * spread:>6.0f} %{outcome.predicted:>10.3g}"
+            f"{value_words(study.measure, study.errors[k]):>10}"
+        )
+    return lines
+
+
+def target(error, choice):
+    """Lines about the settings for the `error` asked for."""
+    if error is None:
+        return []
+    if choice is None:
+        return [f"no setting that was run reaches an error of {error:g}, and nothing tells which would"]
+    lines = [f"for an error of at most {error:g}: about {choice.seconds:.3g} s of steps"]
+    if choice.estimated:
+        lines[0] += ", continued beyond what was run by the law above: try it before you trust it"
+    changes = choice.changes or {}
+    lines += ["[numerics]", *(f"{key} = {value!r}".replace("'", '"') for key, value in changes.items())]
+    return lines if changes else [lines[0] + ", with the scene as it is"]

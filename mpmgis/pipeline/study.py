@@ -1,0 +1,183 @@
+"""`mpmgis study`: a scene in, what its accuracy costs in time out, as a table, a plot and plain words."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, SceneError
+from ..geo.grid import Grid
+from ..io.atomic import whole_folder
+from ..io.by_place import read_placed_raster
+from ..io.study_files import write_plot, write_records
+from ..products.bed import Bed
+from ..products.comparison import nearest
+from ..solvers.march import March
+from ..studies.errors import NAMES, Errors, errors_against_exact, errors_of
+from ..studies.exports import ExportSetting, ExportSweep
+from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
+from ..studies.report import Row, Study
+from ..studies.states import StudyCells, centre_of, outcome
+from .prepare import prepare_scene, scene_to_prepare
+from .run import predicted_cost, use_threads
+
+TABLE_FILE, PLOT_FILE, EXPORT_FILE = "study.csv", "study.png", "export.csv"
+REFINEMENT = {"columns": 2.0, "points": 2.0**0.5}  # of the reference's cells
+LOOKS = 4  # times at which flows are compared, the last the end
+ASK_SECONDS = 600.0
+
+
+@dataclass(frozen=True)
+class StudyRequest:
+    """What was asked for: the command's options by name. Its help tells more."""
+
+    scene: Path
+    output: Path | None = None
+    overwrite: bool = False
+    knobs: tuple | None = None
+    full: bool = False
+    repeats: int = 3
+    measure: str = "thickness"
+    exact: Path | None = None
+    refinement: float | None = None
+    target_error: float | None = None
+    exports: bool = True
+    threads: int | None = None
+    law: Path | None = None
+
+
+@dataclass(frozen=True)
+class StudyFound:
+    """What came of it: the Study, the Choice for the error asked for (or None), and the files."""
+
+    study: object
+    choice: object
+    lines: tuple
+    files: tuple
+
+
+def study(request, *, confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):
+    """Run the scene with its knobs turned one at a time, hold all runs against a finer one or an exact answer.
+
+    Returns
+    -------
+    StudyFound
+
+    Raises
+    ------
+    InputError, SceneError, OutputError
+        Before the first step; nothing is left behind.
+    UnphysicalError
+        A setting that the solver stopped at.
+    """
+    _require_possible(request)
+    output = Path(request.output or Path(request.scene).parent / "study")
+    with whole_folder(output, request.overwrite) as part:
+        found = _study(request, confirm, say, watch)
+        write_records(part / TABLE_FILE, *found.study.records())
+        write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
+        names = [TABLE_FILE, PLOT_FILE]
+        if found.study.exports:
+            write_records(part / EXPORT_FILE, ExportSetting._fields, found.study.exports)
+            names.append(EXPORT_FILE)
+    return replace(found, files=tuple(output / name for name in names))
+
+
+def _require_possible(request):
+    if request.measure not in NAMES:
+        raise InputError(f"--measure {request.measure}: wanted one of {', '.join(NAMES)}")
+    if request.exact is not None and request.measure != "thickness":
+        raise InputError(f"--exact tells of thickness only; leave --measure {request.measure} out")
+    if request.exact is not None and request.refinement is not None:
+        raise InputError("--exact needs no finer run; leave --refinement out")
+
+
+def _study(request, confirm, say, watch):
+    scene = scene_to_prepare(request.scene, request.law)
+    if scene.output.end_time <= 0.0 or (scene.release is None and scene.hydrograph is None):
+        raise SceneError(f"{request.scene}: nothing moves in it; there is nothing to study")
+    base = prepare_scene(scene, say)
+    scene, knobs = base.scene, knobs_of(base.scene, request.knobs)
+    settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
+    finer = None
+    if request.exact is None:
+        finer = reference(scene, request.refinement or REFINEMENT[scene.solver])
+    threads = use_threads(base.particles, request.threads)
+    _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
+    cells, times = _cells(base), scene.output.end_time * np.arange(1, LOOKS + 1) / LOOKS
+
+    def run(setting, repeats):
+        return outcome(
+            setting,
+            lambda s: prepare_scene(s.scene),
+            cells,
+            times,
+            repeats,
+            lambda p: predicted_cost(p, threads)[0],
+            watch,
+        )
+
+    exact = None if request.exact is None else _exact(request.exact, base.terrain, cells.grid)
+    truth = None
+    if finer is not None:
+        say(f"the reference: {finer.name}")
+        truth = run(finer, 1).states
+    rows = []
+    for number, setting in enumerate(settings, 1):
+        say(f"{number} of {len(settings)}: {setting.name}")
+        made = run(setting, request.repeats)
+        rows.append(Row(made, _errors(made.states, truth, exact)))
+    exports = _exports(base, say) if request.exports else ()
+    cell = 0.0 if finer is None else finer.scene.numerics.cell_size
+    made = Study(tuple(rows), request.measure, cell, exports)
+    choice = None if request.target_error is None else made.choice(request.target_error)
+    return StudyFound(made, choice, tuple(made.lines()), ())
+
+
+def _errors(states, truth, exact) -> Errors:
+    return errors_of(states, truth) if exact is None else errors_against_exact(states, exact)
+
+
+def _cells(base):
+    """The cells that runs are compared on: as large as the scene's own, over all its terrain."""
+    west, south, east, north = base.terrain.grid.bounds
+    size = base.numerics.cell_size
+    shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
+    grid = Grid.north_up(base.terrain.grid.crs, west, north, size, shape)
+    return StudyCells(grid, Bed.of(base.terrain), base.numerics.density, centre_of(base.frame))
+
+
+def _exact(path, terrain, grid):
+    """float64[rows, columns] [m] of an exact thickness on the study's cells."""
+    values, own = read_placed_raster(path, terrain)
+    return nearest(values, own, grid)
+
+
+def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
+    """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
+    scene, seconds = base.scene, predicted_cost(base, threads)[0]
+    power = 3 if scene.solver == "columns" else 4
+    total = 0.0
+    for setting, times in [*((s, repeats) for s in settings), *([(finer, 1)] if finer else [])]:
+        numerics, own = setting.scene.numerics, scene.numerics
+        more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)
+        total += times * seconds * more * (own.cell_size / numerics.cell_size) ** power * own.cfl / numerics.cfl
+    say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
+    if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
+        raise SceneError(
+            f"this study is predicted to take {total / 60:.0f} minutes; give --yes to run it, or fewer --knobs or "
+            "--repeats, or a shorter [output] end_time"
+        )
+
+
+def _exports(base, say):
+    """ExportSettings of the scene as it is."""
+    output, size = base.scene.output, base.numerics.cell_size
+    say(f"exports: frames every {output.frame_interval:g} s on cells of {0.5 * size:g} m and coarser")
+    sweep = ExportSweep(
+        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, output.frame_interval,
+        base.numerics.density,
+    )  # fmt: skip
+    for frame in March(base.solver(), output.end_time, output.frame_interval, events=base.events):
+        sweep.take(frame)
+    return tuple(sweep.settings())

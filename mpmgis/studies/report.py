@@ -1,0 +1,204 @@
+"""What a study found: its table, and what follows from it in plain words."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from .convergence import fitted, stops_paying
+from .errors import NAMES, UNITS
+from .front import NEAR_FRONT, gains, on_front, time_over_front
+
+FARTHEST = 4.0  # times the finest cells that were run: so far a law is continued
+PERCENT = ("thickness", "momentum", "area")
+
+
+class Row(NamedTuple):
+    """One setting: what it took and what it is off by; `errors` against the reference, by name."""
+
+    outcome: object
+    errors: object
+
+
+class Choice(NamedTuple):
+    """Settings for an error that is asked for; `estimated` where no run was that right and the law was continued."""
+
+    changes: dict
+    seconds: float
+    error: float
+    estimated: bool
+
+
+@dataclass(frozen=True)
+class Study:
+    """Parameters
+    ----------
+    rows : tuple of Row
+        The scene as it is first.
+    measure : str
+        The error that decides: one of `errors.NAMES`.
+    reference_cell : float [m]
+        Cell size of the run that errors are taken against; 0 for an exact answer.
+    exports : tuple of ExportSetting
+    """
+
+    rows: tuple
+    measure: str
+    reference_cell: float
+    exports: tuple = ()
+
+    @cached_property
+    def seconds(self):
+        """float64[n] [s]: typical wall time of each row."""
+        return np.array([row.outcome.typical_seconds for row in self.rows])
+
+    @cached_property
+    def raw_errors(self):
+        """float64[n]: the error that decides, as it was taken."""
+        return np.array([getattr(row.errors, self.measure) for row in self.rows])
+
+    @cached_property
+    def law(self):
+        """Law of the error over the cell size, all else as the scene has it; None from fewer than two sizes."""
+        pairs = [(size, self.raw_errors[k]) for k, size in self.by_cell_size()]
+        return fitted(*zip(*pairs, strict=True), self.reference_cell) if len(pairs) > 1 else None
+
+    def by_cell_size(self):
+        """(row, cell size [m]) of the rows in which only the cell size differs from the scene."""
+        return [
+            (k, row.outcome.setting.scene.numerics.cell_size)
+            for k, row in enumerate(self.rows)
+            if row.outcome.setting.knob in ("scene", "cell_size")
+        ]
+
+    @cached_property
+    def reference_error(self):
+        """What the reference itself is off by, after the law (Richardson); 0 where it is exact or no law was found."""
+        return self.law.error(self.reference_cell) if self.law and self.reference_cell > 0.0 else 0.0
+
+    @cached_property
+    def errors(self):
+        """float64[n]: the error that decides, with what it lacks of the reference's own.
+
+        An independent error of the reference is in each of them already.
+        """
+        lacking = 0.0 if self.law is None or self.law.independent else self.reference_error
+        return self.raw_errors + lacking
+
+    @cached_property
+    def front(self):
+        """bool[n]: rows that no other beats."""
+        return on_front(self.seconds, self.errors)
+
+    @cached_property
+    def over_front(self):
+        """float64[n]: time over that of the quickest row which is at least as right."""
+        return time_over_front(self.seconds, self.errors)
+
+    @cached_property
+    def gains(self):
+        """Gains of each knob's other values over the scene's, best first."""
+        others = [
+            (setting.knob, dict(setting.changes)[setting.knob], self.seconds[k], self.errors[k])
+            for k, setting in enumerate(row.outcome.setting for row in self.rows)
+            if setting.knob not in ("scene", "several")
+        ]
+        return gains((self.seconds[0], self.errors[0]), others)
+
+    @cached_property
+    def stops_paying(self):
+        """Cell size [m] below which smaller cells hardly help, None where they do as far as was looked."""
+        sizes = self.by_cell_size()
+        return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
+
+    def choice(self, error):
+        """The Choice for an `error` of at most so much: the quickest row that reaches it, else from the law."""
+        reached = np.flatnonzero(self.errors <= error)
+        if reached.size:
+            k = reached[np.argmin(self.seconds[reached])]
+            changes = dict(self.rows[k].outcome.setting.changes)
+            return Choice(changes, float(self.seconds[k]), float(self.errors[k]), False)
+        if self.law is None or self.law.cell_size(error) * FARTHEST < self._finest():
+            return None
+        base = self.rows[0].outcome.setting.scene
+        size = self.law.cell_size(error)
+        dimensions = 3 if base.solver == "columns" else 4  # particles go with the square or cube, steps with one more
+        seconds = self.seconds[0] * (base.numerics.cell_size / size) ** dimensions
+        return Choice({"cell_size": float(f"{size:.3g}")}, float(seconds), error, True)
+
+    def _finest(self):
+        """The smallest cells that were run [m]."""
+        return min(size for _, size in self.by_cell_size())
+
+    def lines(self):
+        """What follows, a sentence each."""
+        return [*self._law_lines(), *self._front_lines(), *self._gain_lines(), *self._cost_lines()]
+
+    def _law_lines(self):
+        size, lines = self.stops_paying, []
+        if self.law is None:
+            lines.append(f"the error of {self.measure} follows no power of the cell size: no order, no law to continue")
+        else:
+            lines.append(f"the error of {self.measure} goes with the cell size to the power {self.law.order:.2f}")
+        if self.law is not None and self.reference_cell > 0.0:
+            own = value_words(self.measure, self.reference_error)
+            how = "independent of theirs, and in each of them" if self.law.independent else "added to all of them"
+            lines.append(f"the reference, cells of {self.reference_cell:g} m, is itself off by {own}: {how}")
+        if size is not None:
+            lines.append(f"smaller cells stop paying at {size:g} m: half the size takes off less than a quarter")
+        return lines
+
+    def _front_lines(self):
+        over = self.over_front[0]
+        if not np.isfinite(over):
+            return []
+        best = self.rows[int(np.argmin(np.where(self.errors <= self.errors[0], self.seconds, np.inf)))]
+        if over <= NEAR_FRONT:
+            return [f"the scene's own settings are on the front, or within {over:.2f} times of its time"]
+        return [
+            f"the scene's own settings take {over:.2f} times as long as the quickest that are as right: "
+            f"{best.outcome.setting.name}"
+        ]
+
+    def _gain_lines(self):
+        if not self.gains:
+            return ["no knob alone makes the scene more right"]
+        best = self.gains[0]
+        value = best.value if isinstance(best.value, str) else f"{best.value:g}"
+        return [
+            f"the knob that pays most next: {best.knob} = {value}: {best.error:.2f} times the error for "
+            f"{best.time:.2f} times the time"
+        ]
+
+    def _cost_lines(self):
+        ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
+        return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
+
+    def records(self):
+        """(names, rows of values): the table in full, for a CSV."""
+        return RECORD_NAMES, [self._record(k) for k in range(len(self.rows))]
+
+    def _record(self, k):
+        outcome, errors = self.rows[k].outcome, self.rows[k].errors
+        numerics, setting = outcome.setting.scene.numerics, outcome.setting
+        particles = numerics.points_per_cell if setting.scene.solver == "points" else numerics.particles_per_cell
+        return (
+            setting.knob, setting.name, setting.scene.solver, numerics.cell_size, particles, numerics.cfl,
+            numerics.precision, numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps,
+            self.seconds[k], min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted,
+            *errors, self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
+        )  # fmt: skip
+
+
+RECORD_NAMES = (
+    "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
+    "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
+    *(f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES), "error_with_reference", "mass_error",
+    "on_front", "time_over_front",
+)  # fmt: skip
+
+
+def value_words(measure, value):
+    """An error in words: per cent, or metres."""
+    return f"{100 * value:.2g} %" if measure in PERCENT else f"{value:.3g} m"

@@ -1,0 +1,156 @@
+"""One run of a study: how long its steps take, and what the flow is at some times, on cells that all runs share."""
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels import binning
+from ..products.bed import place
+from ..products.cells import bin_frame
+from ..solvers.march import March
+
+FAR_SHARE = 0.99  # of the mass, which lies nearer to where it started than the reach
+
+
+class State(NamedTuple):
+    """The flow at one time, on the study's cells.
+
+    thickness float64[rows, columns] [m], vertical, volume over area; momentum float64[rows, columns, 2] [m2 s-1],
+    thickness times horizontal velocity; reach [m]: 99 % of the mass lie nearer to the release's centre on the map.
+    """
+
+    time: float
+    thickness: np.ndarray
+    momentum: np.ndarray
+    reach: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one setting came to.
+
+    Parameters
+    ----------
+    setting : Setting
+    particles, steps, particle_steps : int
+    seconds : tuple of float [s]
+        Wall time of the loop over steps, each time that it was run; compiling is `compile_seconds` [s].
+    predicted : float [s]
+        What a run of it was predicted to take.
+    states : tuple of State
+    mass_error : float [1]
+    """
+
+    setting: object
+    particles: int
+    steps: int
+    particle_steps: int
+    seconds: tuple
+    compile_seconds: float
+    predicted: float
+    states: tuple
+    mass_error: float
+
+    @property
+    def typical_seconds(self):
+        """Median of the wall times [s]."""
+        return float(np.median(self.seconds))
+
+
+def outcome(setting, prepare, cells, times, repeats, predict, watch=lambda solver, end_time: None):
+    """Run a setting `repeats` times, and once before that so that compiling is apart.
+
+    Parameters
+    ----------
+    prepare : callable
+        Setting -> a prepared run (solver(), events, terrain, scene), anew at each call.
+    cells : StudyCells
+    times : float[k] [s]
+        Ascending, the last the end.
+    predict : callable
+        prepared -> seconds.
+    """
+    prepared = prepare(setting)
+    predicted, compile_seconds = predict(prepared), _compiled(prepared)
+    seconds, states = [], ()
+    for number in range(repeats):
+        if number:
+            prepared = prepare(setting)
+        solver = prepared.solver()
+        march = March(solver, times[-1], times[0], lambda s: watch(s, times[-1]), events=prepared.events)
+        spent, states = _marched(march, cells, times)
+        seconds.append(spent)
+    return Outcome(
+        setting, prepared.particles, solver.step, march.particle_steps, tuple(seconds), compile_seconds, predicted,
+        states, float(solver.balances()["mass_error_relative"]),
+    )  # fmt: skip
+
+
+def _compiled(prepared):
+    """Wall time [s] of the first two steps of this kind of run: compiling, or reading what was compiled before."""
+    solver, began = prepared.solver(), perf_counter()
+    solver.advance(np.inf, max_steps=2)
+    return perf_counter() - began
+
+
+def _marched(march, cells, times):
+    """(wall time of the march, States at `times`); a flow that stops before stays as it is."""
+    frames, taken, spent, last = iter(march), [], 0.0, None
+    while True:
+        began = perf_counter()
+        frame = next(frames, None)
+        spent += perf_counter() - began
+        if frame is None:
+            break
+        last = cells.state_of(frame)
+        if frame.time >= times[len(taken)] * (1.0 - 1e-9) and len(taken) < len(times):
+            taken.append(last)
+    taken += [last._replace(time=time) for time in times[len(taken) :]]
+    return spent, tuple(taken)
+
+
+@dataclass(frozen=True)
+class StudyCells:
+    """The cells that flows are compared on.
+
+    Parameters
+    ----------
+    grid : Grid
+        North-up.
+    bed : Bed
+    density : float [kg m-3]
+    start : (float, float) [m]
+        E, N of the release's centre of mass.
+    """
+
+    grid: object
+    bed: object
+    density: float
+    start: tuple
+
+    def state_of(self, frame):
+        """The State of a Frame of columns or points."""
+        cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density)
+        per_area = 1.0 / (self.density * cells.cell_area)
+        thickness = np.zeros(self.grid.shape[0] * self.grid.shape[1])
+        momentum = np.zeros((thickness.size, 2))
+        thickness[cells.index] = cells.sums[:, binning.MASS] * per_area
+        momentum[cells.index] = cells.sums[:, binning.MOMENTUM : binning.MOMENTUM + 2] * per_area
+        return State(frame.time, thickness.reshape(self.grid.shape), momentum.reshape(*self.grid.shape, 2),
+                     self._reach(frame))  # fmt: skip
+
+    def _reach(self, frame):
+        x, y = frame.map_xy()
+        distance = np.hypot(x - self.start[0], y - self.start[1])
+        order = np.argsort(distance, kind="stable")
+        heap = np.cumsum(frame.particles.mass[order])
+        return float(distance[order[min(np.searchsorted(heap, FAR_SHARE * heap[-1]), len(heap) - 1)]])
+
+
+def centre_of(frame):
+    """(E, N) [m] of a frame's centre of mass."""
+    x, y = frame.map_xy()
+    mass = frame.particles.mass
+    return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))

@@ -1,0 +1,123 @@
+"""The parts of a study held against cases that are known: laws of errors, fronts, knobs, losses of exports."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mpmgis.errors import InputError
+from mpmgis.scene import scene_from_tables
+from mpmgis.studies import convergence, front, knobs
+from mpmgis.studies.errors import errors_against_exact, errors_of
+from mpmgis.studies.states import State
+
+SIZES = np.array([8.0, 4.0, 2.0, 1.0])
+
+
+def scene(solver="columns", **numerics):
+    tables = {
+        "solver": solver,
+        "terrain": {"dem": "dtm.tif"},
+        "release": {"source": "a.shp", "thickness": 1.0},
+        "output": {"end_time": 10.0, "frame_interval": 1.0},
+        "numerics": {"cell_size": 4.0, "cfl": 0.3} | numerics,
+    }
+    if solver == "points":
+        tables["material"] = {"law": "Fluid", "bulk_modulus": 1e6}
+    return scene_from_tables(tables)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0])
+def test_the_order_of_a_law_is_found_against_an_exact_answer(order):
+    law = convergence.fitted(SIZES, 0.03 * SIZES**order)
+    assert law.order == pytest.approx(order, abs=1e-3) and law.factor == pytest.approx(0.03, rel=1e-3)
+    assert law.cell_size(law.error(3.0)) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("order", [0.7, 1.0, 2.0])
+def test_against_a_finer_run_that_errs_alike_the_order_is_the_same(order):
+    law = convergence.fitted(SIZES, 0.03 * (SIZES**order - 0.5**order), 0.5)
+    assert not law.independent
+    assert law.order == pytest.approx(order, abs=1e-3)
+    assert law.error(0.5) == pytest.approx(0.03 * 0.5**order, rel=1e-2)
+
+
+def test_against_a_finer_run_that_errs_on_its_own_squares_add_up():
+    law = convergence.fitted(SIZES, 0.03 * np.hypot(SIZES, 0.5), 0.5)
+    assert law.independent and law.order == pytest.approx(1.0, abs=1e-3)
+    assert law.error(0.5) == pytest.approx(0.015, rel=1e-2)
+
+
+def test_errors_that_follow_no_law_have_none():
+    assert convergence.fitted(SIZES, [0.1, 0.4, 0.05, 0.3]) is None
+    assert convergence.fitted(SIZES, [0.1, 0.1, 0.1, 0.1]) is None
+    assert convergence.fitted([1.0], [0.1]) is None
+
+
+def test_where_smaller_cells_stop_paying():
+    assert convergence.stops_paying(SIZES, [0.8, 0.4, 0.38, 0.37]) == 4.0
+    assert convergence.stops_paying(SIZES, [0.8, 0.4, 0.2, 0.1]) is None
+
+
+def test_the_front_is_what_nothing_beats():
+    seconds, errors = [1.0, 2.0, 4.0, 3.0, 2.0], [0.4, 0.2, 0.1, 0.3, 0.2]
+    assert front.on_front(seconds, errors).tolist() == [True, True, True, False, True]
+    assert front.time_over_front(seconds, errors).tolist() == [1.0, 1.0, 1.0, 1.5, 1.0]
+    assert front.on_front([1.0, 2.0], [np.nan, 0.1]).tolist() == [False, True]
+
+
+def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
+    found = front.gains((1.0, 0.4), [("a", 1, 2.0, 0.2), ("b", 2, 8.0, 0.1), ("c", 3, 0.9, 0.3), ("d", 4, 2.0, 0.5)])
+    assert [gain.knob for gain in found] == ["c", "a", "b"]
+    assert math.isinf(found[0].pays) and found[1].pays == pytest.approx(1.0)
+    assert found[2].pays == pytest.approx(math.log(4) / math.log(8))
+
+
+def test_each_knob_is_turned_alone_and_the_scene_comes_first():
+    own = scene()
+    settings = knobs.one_at_a_time(own, knobs.knobs_of(own))
+    assert settings[0].scene == own and settings[0].name == "as the scene has it"
+    for setting in settings[1:]:
+        ((key, value),) = setting.changes
+        assert getattr(setting.scene.numerics, key) == value != getattr(own.numerics, key)
+        assert replace(setting.scene, numerics=own.numerics) == own
+    assert {setting.knob for setting in settings} == {"scene", "cell_size", "particles_per_cell", "cfl"}
+    assert max(setting.scene.numerics.cfl for setting in settings) <= 0.9
+
+
+def test_a_3d_scene_has_other_knobs():
+    names = {knob.name for knob in knobs.knobs_of(scene("points"))}
+    assert {"cell_size", "points_per_cell", "cfl", "stiffness"} <= names and "particles_per_cell" not in names
+
+
+def test_combinations_differ_in_several_knobs():
+    own = scene()
+    crossed = knobs.crossed(own, knobs.knobs_of(own))
+    assert all(len(setting.changes) > 1 for setting in crossed)
+    assert len(crossed) == 3 * 3 * 3 - 1 - 3 * 2
+    assert len({setting.changes for setting in crossed}) == len(crossed)
+
+
+@pytest.mark.parametrize(("name", "words"), [("cel_size", "no such knob"), ("points_per_cell", "has no such knob")])
+def test_a_knob_that_is_not_there_is_refused(name, words):
+    with pytest.raises(InputError, match=words):
+        knobs.knobs_of(scene(), (name,))
+
+
+def state(thickness, speed=1.0, reach=10.0):
+    thickness = np.asarray(thickness, float)
+    return State(1.0, thickness, np.stack([thickness * speed, 0 * thickness], axis=-1), reach)
+
+
+def test_errors_of_a_shifted_block():
+    first, second = state([[1, 1, 0, 0]], 2.0, 12.0), state([[0, 1, 1, 0]], 2.0, 10.0)
+    found = errors_of([first], [second])
+    assert found.thickness == pytest.approx(1.0) and found.momentum == pytest.approx(1.0)
+    assert found.area == pytest.approx(1 - 1 / 3) and found.reach == 2.0
+    assert errors_of([second], [second]) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_cells_without_an_exact_answer_do_not_count():
+    found = errors_against_exact([state([[2, 1, 5]])], np.array([[1.0, 1.0, np.nan]]))
+    assert found.thickness == pytest.approx(0.5) and math.isnan(found.area)
