@@ -5,13 +5,14 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate bench lint clean
+.PHONY: help demo test validate bench study lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
 	@echo "make test      the tests"
 	@echo "make validate  the long validation tests"
 	@echo "make bench     the benchmark table"
+	@echo "make study     what accuracy costs on the shipped cases, into study/ (README's chapter)"
 	@echo "make lint      style"
 	@echo "make clean     remove the environment and what was made"
 
@@ -27,6 +28,9 @@ validate: $(ENVIRONMENT)/installed-test
 bench: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python tests/bench/run.py
 
+study: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python tests/bench/study.py
+
 lint: $(ENVIRONMENT)/installed-test
 	@$(BIN)/ruff check
 
@@ -40,5 +44,5 @@ $(ENVIRONMENT)/installed-test: pyproject.toml .ci/environment
 	@touch $@ $(ENVIRONMENT)/installed
 
 clean:
-	rm -rf $(ENVIRONMENT) $(DEMO) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(ENVIRONMENT) $(DEMO) study build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +

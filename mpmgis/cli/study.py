@@ -1,7 +1,5 @@
 """`mpmgis study`: what accuracy costs in time."""
 
-import argparse
-
 from . import talk
 from .progress import run_progress
 from .values import count, positive
@@ -27,6 +25,9 @@ def add_arguments(parser):
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for table and plot (default: study/ beside it)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier study of that name")
     parser.add_argument("--knobs", type=_names, metavar="NAME,..", help="turn only these (default: all it has)")
+    parser.add_argument(
+        "--cell-sizes", type=_sizes, metavar="M,..", help="try these [m] (default: 2, 1.4, 1, 0.7 times)"
+    )
     parser.add_argument("--full", action="store_true", help="besides, three values of each combined with each other")
     parser.add_argument("--repeats", type=count, default=3, metavar="N", help="runs of each setting (default 3)")
     parser.add_argument(
@@ -35,9 +36,9 @@ def add_arguments(parser):
     parser.add_argument("--exact", metavar="FILE", help="raster of the exact vertical thickness at end_time [m]")
     parser.add_argument(
         "--refinement",
-        type=_refinement,
+        type=positive,
         metavar="F",
-        help="cells of the finer run: the scene's over F (default 2; 3D 1.4)",
+        help="the finer run has the scene's cells over F (default: the smallest that are tried over 1.4)",
     )
     parser.add_argument(
         "--target-error", type=positive, metavar="E", help="print the settings for this error: 0.05 is 5 %%; reach in m"
@@ -52,11 +53,8 @@ def _names(text):
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _refinement(text):
-    value = positive(text)
-    if value < 1.2 or value > 16:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted 1.2 to 16")
-    return value
+def _sizes(text):
+    return tuple(positive(size.strip()) for size in text.split(",") if size.strip())
 
 
 def run(arguments):

@@ -21,8 +21,7 @@ from ..studies.states import StudyCells, centre_of, outcome
 from .prepare import prepare_scene, scene_to_prepare
 from .run import predicted_cost, use_threads
 
-TABLE_FILE, PLOT_FILE, EXPORT_FILE = "study.csv", "study.png", "export.csv"
-REFINEMENT = {"columns": 2.0, "points": 2.0**0.5}  # of the reference's cells
+TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 LOOKS = 4  # times at which flows are compared, the last the end
 ASK_SECONDS = 600.0
 
@@ -35,6 +34,7 @@ class StudyRequest:
     output: Path | None = None
     overwrite: bool = False
     knobs: tuple | None = None
+    cell_sizes: tuple | None = None
     full: bool = False
     repeats: int = 3
     measure: str = "thickness"
@@ -76,7 +76,8 @@ def study(request, *, confirm=lambda question: True, say=lambda text: None, watc
         found = _study(request, confirm, say, watch)
         write_records(part / TABLE_FILE, *found.study.records())
         write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
-        names = [TABLE_FILE, PLOT_FILE]
+        write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
+        names = [TABLE_FILE, SUMMARY_FILE, PLOT_FILE]
         if found.study.exports:
             write_records(part / EXPORT_FILE, ExportSetting._fields, found.study.exports)
             names.append(EXPORT_FILE)
@@ -97,11 +98,11 @@ def _study(request, confirm, say, watch):
     if scene.output.end_time <= 0.0 or (scene.release is None and scene.hydrograph is None):
         raise SceneError(f"{request.scene}: nothing moves in it; there is nothing to study")
     base = prepare_scene(scene, say)
-    scene, knobs = base.scene, knobs_of(base.scene, request.knobs)
+    scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None
     if request.exact is None:
-        finer = reference(scene, request.refinement or REFINEMENT[scene.solver])
+        finer = reference(scene, settings, request.refinement)
     threads = use_threads(base.particles, request.threads)
     _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
     cells, times = _cells(base), scene.output.end_time * np.arange(1, LOOKS + 1) / LOOKS

@@ -35,6 +35,10 @@ class Gain(NamedTuple):
     error: float
     pays: float
 
+    def words(self):
+        """What is set to what."""
+        return f"{self.knob} = {self.value if isinstance(self.value, str) else f'{self.value:g}'}"
+
 
 def gains(base, others):
     """Gains of the `others`, (knob, value, seconds, error) each, over `base`, (seconds, error); best first."""

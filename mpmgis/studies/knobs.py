@@ -10,6 +10,7 @@ from ..scene.tables import NumericsTable
 
 HIGHEST_CFL = 0.9  # above it the schemes are unstable
 STEP = 2.0**0.5  # between two cell sizes
+LEAST_FINER = 1.2  # times finer cells make a reference
 COLUMNS_A_CELL = (4, 9, 16, 25, 36)
 
 
@@ -22,9 +23,9 @@ class Knob(NamedTuple):
 
 
 def _cell_sizes(scene):
-    """Coarser by 2, by its root, as the scene has it, and finer by the root of 2."""
-    size = scene.numerics.cell_size
-    return tuple(float(f"{size * factor:.6g}") for factor in (2.0, STEP, 1.0, 1.0 / STEP))
+    """Coarser by 2, by its root, as the scene has it; columns, which cost less, also finer by the root of 2."""
+    factors = (2.0, STEP, 1.0, 1.0 / STEP) if scene.solver == "columns" else (2.0, STEP, 1.0)
+    return tuple(float(f"{scene.numerics.cell_size * factor:.6g}") for factor in factors)
 
 
 def _columns_a_cell(scene):
@@ -96,8 +97,8 @@ def setting(scene, knob, **changes):
     return Setting(knob, tuple(changes.items()), replace(scene, numerics=replace(scene.numerics, **changes)))
 
 
-def knobs_of(scene, names=None):
-    """The knobs that `scene` has, all or those of `names`.
+def knobs_of(scene, names=None, cell_sizes=None):
+    """The knobs that `scene` has, all or those of `names`; `cell_sizes` [m] are tried instead of the usual ones.
 
     Raises
     ------
@@ -110,6 +111,9 @@ def knobs_of(scene, names=None):
             raise InputError(f"--knobs {name}: no such knob; wanted some of {', '.join(there)}")
         if name not in there:
             raise InputError(f"--knobs {name}: solver = {scene.solver!r} has no such knob; it has {', '.join(there)}")
+    if cell_sizes:
+        tried = tuple(sorted({*cell_sizes, scene.numerics.cell_size}, reverse=True))
+        there["cell_size"] = there["cell_size"]._replace(values=lambda scene: tried)
     return tuple(knob for knob in there.values() if names is None or knob.name in names)
 
 
@@ -140,10 +144,24 @@ def _three(knob, scene):
     return tuple(dict.fromkeys((values[0], now, values[-1])))
 
 
-def reference(scene, refinement):
-    """The Setting that the others are held against: cells smaller by `refinement`, half the Courant number."""
-    numerics = scene.numerics
-    return setting(scene, "reference", cell_size=numerics.cell_size / refinement, cfl=0.5 * numerics.cfl)
+def reference(scene, settings, refinement=None):
+    """The Setting that `settings` are held against: finer cells, half the Courant number.
+
+    Cells are the scene's over `refinement`, without it the smallest of `settings` over the root of 2.
+
+    Raises
+    ------
+    InputError
+        Cells that are no finer than those of a setting.
+    """
+    numerics, smallest = scene.numerics, min(setting.scene.numerics.cell_size for setting in settings)
+    size = smallest / STEP if refinement is None else numerics.cell_size / refinement
+    if size > smallest / LEAST_FINER:
+        raise InputError(
+            f"--refinement {refinement:g} makes cells of {size:g} m, but cells of {smallest:g} m are to be held "
+            "against them; give a larger one, or other --cell-sizes"
+        )
+    return setting(scene, "reference", cell_size=float(f"{size:.6g}"), cfl=0.5 * numerics.cfl)
 
 
 def _same(value, now):

@@ -165,15 +165,30 @@ class Study:
         if not self.gains:
             return ["no knob alone makes the scene more right"]
         best = self.gains[0]
-        value = best.value if isinstance(best.value, str) else f"{best.value:g}"
         return [
-            f"the knob that pays most next: {best.knob} = {value}: {best.error:.2f} times the error for "
+            f"the knob that pays most next: {best.words()}: {best.error:.2f} times the error for "
             f"{best.time:.2f} times the time"
         ]
 
     def _cost_lines(self):
         ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
         return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
+
+    def summary(self):
+        """(what, value in words) of what `lines` tell."""
+        best = self.gains[0] if self.gains else None
+        size = self.stops_paying
+        return [
+            ("measure", self.measure),
+            ("order", "-" if self.law is None else f"{self.law.order:.2f}"),
+            ("error of the reference", value_words(self.measure, self.reference_error)),
+            ("smaller cells stop paying at", "-" if size is None else f"{size:g} m"),
+            ("time over the front", f"{self.over_front[0]:.2f}"),
+            (
+                "pays most next",
+                "-" if best is None else f"{best.words()}: {best.error:.2f} x error, {best.time:.2f} x time",
+            ),
+        ]
 
     def records(self):
         """(names, rows of values): the table in full, for a CSV."""
