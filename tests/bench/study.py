@@ -15,7 +15,8 @@ import numpy as np
 import rasterio
 from affine import Affine
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "solvers")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
+sys.path.insert(0, str(Path(__file__).parent))
 from exact_solutions import SimilarityCap, ThackerBowl, mangeney
 from run import machine, markdown
 
