@@ -5,6 +5,7 @@ import sys
 from . import talk
 from .progress import interruptible, run_progress
 
+AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
 EXAMPLE = """
 mpmgis run --template > scene.toml
 mpmgis run scene.toml -o results
@@ -89,7 +90,7 @@ def _tell_columns(b):
     if b["speed_limited_share_max"] > 0:
         share = f"up to {100 * b['speed_limited_share_max']:.2g} % of the mass"
         talk.say(f"beyond the model: on ground too steep for its cells {share} was held to the speed its drop allows")
-    if b["airborne_share_max"] > 0.05:
+    if b["airborne_share_max"] > AIRBORNE_SHARE:
         talk.say(
             f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "
             "(the bed falls away faster than it falls); a 3D run would follow it"

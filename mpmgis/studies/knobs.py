@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..errors import InputError
 from ..scene.tables import NumericsTable
 
-HIGHEST_CFL = 0.9  # above it the schemes are unstable
+HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # above it the schemes are unstable
 STEP = 2.0**0.5  # between two cell sizes
 LEAST_FINER = 1.2  # times finer cells make a reference
 COLUMNS_A_CELL = (4, 9, 16, 25, 36)
