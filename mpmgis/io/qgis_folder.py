@@ -11,7 +11,7 @@ def load():
     return mesh, outlines, qgis, stack, styles
 
 
-def write_qgis_files(run, release, velocity, particles, qgis_min, threads):
+def write_qgis_files(run, release, steps, qgis_min, threads):
     """Write styles, stacks, mesh, outlines and the project.
 
     Parameters
@@ -19,19 +19,17 @@ def write_qgis_files(run, release, velocity, particles, qgis_min, threads):
     run : ExportedRun
         With all of its rasters written.
     release : list of shapely polygons or None
-    velocity : callable
-        `velocity(step)` gives (east, north), each float[rows, columns] [m s-1]; see `mesh.write_mesh`.
-    particles : iterable
-        Of (time, ids, x, y, z, velocity) per step; see `outlines.write_outlines`.
+    steps : StepSpool
+        What its steps held.
     qgis_min : str
         Oldest QGIS that must show the project as it is meant.
     threads : Executor
         Mesh and outlines are written at the same time.
     """
     mesh, outlines, qgis, stack, styles = load()
-    vectors = threads.submit(outlines.write_outlines, run, release, particles)
+    vectors = threads.submit(outlines.write_outlines, run, steps, release)
     stack.write_stacks(run)
     styles.write_styles(run)
-    mesh.write_mesh(run, velocity)
+    mesh.write_mesh(run, steps, threads)
     vectors.result()
     qgis.write_project(run, qgis_min)

@@ -1,5 +1,6 @@
 """`mpmgis export-raster`: frames to a folder for GIS (Vicari et al. 2025, NHESS 25:3897)."""
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from ..io import qgis_folder
 from ..io.ascii_grid import require_square
 from ..io.atomic import whole_folder
 from ..io.frame_list import list_frames, missing_frames
+from ..io.step_spool import StepSpool
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
 from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
@@ -19,10 +21,11 @@ from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
 from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
-from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, Spool, spool_folder, write_rasters
+from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write_rasters
 from .frame_pool import frame_pool
 
 AUTO = "auto"
+SPOOL_FOLDER = ".steps"  # in the folder that is being made, on the disk that must hold as much anyway
 
 
 @dataclass(frozen=True)
@@ -113,14 +116,12 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
         if request.qgis:
             pool.threads.submit(qgis_folder.load)  # while the first frames are read
         plan = make_plan(request, entries, terrain, products, pool, say)
-        with whole_folder(output, request.overwrite) as folder, spool_folder() as spooled:
-            spool = Spool(spooled, plan.averaging.grid) if request.qgis else None
+        with whole_folder(output, request.overwrite) as folder:
+            spool = StepSpool(folder / SPOOL_FOLDER) if request.qgis else None
             run, tally = write_rasters(request, plan, folder, pool, spool, progress)
             if request.qgis:
-                release = _release(run, plan)
-                qgis_folder.write_qgis_files(
-                    run, release, spool.velocity, spool.particles(), request.qgis_min, pool.threads
-                )
+                qgis_folder.write_qgis_files(run, _release(run, plan), spool, request.qgis_min, pool.threads)
+                shutil.rmtree(folder / SPOOL_FOLDER)
             files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
     tell(request, plan, tally, say)
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]

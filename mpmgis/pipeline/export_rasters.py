@@ -1,6 +1,5 @@
 """The rasters of an export: one pass over the frames, steps written on the way, maxima and deposit at the end."""
 
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from ..fields import BAND, Quantity
 from ..io.ascii_grid import write_ascii_grid
 from ..io.exported import ExportedRun
 from ..io.geotiff import write_rows
-from ..io.outlines import thin
+from ..io.outlines import shown_particles, step_outline
 from ..io.step_rasters import SparseBands, StepFiles, StepStacks, finished
 from ..products.frame_values import average_frame
 from ..products.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
@@ -28,45 +27,23 @@ PASCAL_PER_KILOPASCAL = 1000.0
 DIGEST_LENGTH = 10  # as many characters as the intercomparison's other codes give
 
 
+@dataclass(frozen=True)
+class StepShapes:
+    """What a frame gives to the GeoPackage if it is exported: its outline and the particles to show."""
+
+    outline: object
+    shown: dict
+
+
 def average_entry(entry, averaging, traced):
-    """The values of one frame on disk, with its particles to show, thinned as if from `traced` (0: none)."""
+    """The values of one frame on disk and its shapes, particles thinned as if from `traced` (0: no shapes)."""
     frame = entry.read(averaging.density)
     values = average_frame(frame, averaging)
     if not traced:
         return values, None
-    particles = frame.particles
-    ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
-    chosen = np.flatnonzero(thin(ids, traced))
-    place = particles.position[chosen] + np.asarray(frame.origin)
-    return values, {"ids": ids[chosen], "place": place, "velocity": particles.velocity[chosen]}
-
-
-class Spool:
-    """What the mesh and the GeoPackage need of every step besides the rasters, kept on disk until they are made."""
-
-    def __init__(self, folder, grid):
-        self.folder, self.grid, self.times = Path(folder), grid, []
-
-    def add(self, values, traced):
-        """Keep the velocity along the slope of one step and its particles to show."""
-        arrows = {name: values.values[name] for name in ARROW_BANDS}
-        np.savez(self._file(len(self.times)), index=values.index, **arrows, **traced)
-        self.times.append(values.time)
-
-    def velocity(self, step):
-        """(east, north), each float32[rows, columns] [m s-1], NaN where there is no velocity."""
-        with np.load(self._file(step)) as kept:
-            bands = SparseBands(self.grid, kept["index"], [(kept[name], np.nan) for name in ARROW_BANDS])
-            return tuple(bands(k, 0, self.grid.shape[0]) for k in range(len(ARROW_BANDS)))
-
-    def particles(self):
-        """Yield (time, ids, x, y, z, velocity) of every step."""
-        for step, time in enumerate(self.times):
-            with np.load(self._file(step)) as kept:
-                yield time, kept["ids"], *kept["place"].T, kept["velocity"]
-
-    def _file(self, step):
-        return self.folder / f"{step}.npz"
+    bands = values.values
+    outline = step_outline(values.index, bands["h"], bands["Ut"], averaging.grid, averaging.min_depth)
+    return values, StepShapes(outline, shown_particles(frame, traced))
 
 
 @dataclass
@@ -105,7 +82,7 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     folder : Path
         In the making.
     pool : FramePool
-    spool : Spool or None
+    spool : StepSpool or None
         Filled where the QGIS files are going to be made.
     progress : callable
         Told (frames done, frames in all).
@@ -123,7 +100,7 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     traced = plan.entries[0].count if spool is not None else 0
     with finished(_step_writer(request, plan, rasters, pool)) as writer:
         results = pool.map(average_entry, plan.entries, averaging, traced)
-        for frame, (entry, (values, shown)) in enumerate(zip(plan.entries, results, strict=True)):
+        for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
             if values.outside == values.count:
                 refuse_nowhere(entry, plan.terrain)
             tally.add(entry.path.name, values)
@@ -136,7 +113,7 @@ def write_rasters(request, plan, folder, pool, spool, progress):
                 tally.add_step(values)
                 _write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
                 if spool is not None:
-                    spool.add(values, shown)
+                    spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
     _write_maxima(plan, rasters, maxima, tally, request.cog)
     _write_deposit(plan, rasters, values, request.cog)  # of the last frame, whichever steps were asked for
@@ -296,8 +273,3 @@ def _exported(plan, folder, step_files, maxima, tally):
         largest={name: value for name, value in largest.items() if name in BAND},
         min_depth=plan.averaging.min_depth,
     )
-
-
-def spool_folder():
-    """A temporary folder for a Spool, removed when its block ends."""
-    return tempfile.TemporaryDirectory(prefix="mpmgis-export-")

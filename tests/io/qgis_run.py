@@ -1,5 +1,6 @@
 """A small exported run made without a solver: a blob that slides down a rough hill, 12 steps of 0.2 s."""
 
+import itertools
 import zipfile
 from xml.etree import ElementTree
 
@@ -10,10 +11,14 @@ from mpmgis.fields import BAND, NODATA
 from mpmgis.geo.grid import Grid
 from mpmgis.io.exported import ExportedRun
 from mpmgis.io.mesh import write_mesh
-from mpmgis.io.outlines import write_outlines
+from mpmgis.io.outlines import shown_particles, step_outline, write_outlines
 from mpmgis.io.qgis import write_project
 from mpmgis.io.stack import write_stacks
+from mpmgis.io.step_spool import BANDS, StepSpool
 from mpmgis.io.styles import write_styles
+from mpmgis.particles import Frame, Particles
+
+_numbers = itertools.count()
 
 STEPS = ("h", "t", "Un", "Ut")
 MAXIMA = ("h_max", "t_max", "Un_max", "Un_min", "Ut_max", "p_max", "t_arrival")
@@ -110,36 +115,42 @@ def write(path, grid, descriptions, bands):
             file.set_band_description(k, description)
 
 
-def velocity(run):
-    """What `write_mesh` calls for the arrows of a step: the blob's own (Ut_E, Ut_N)."""
+def steps(run, arrows=True, count=5000):
+    """What the exporter keeps of the steps: the blob's own values in its wet cells, a cloud of particles on it."""
+    spool = StepSpool(run.folder.parent / f"{run.folder.name}_steps_{next(_numbers)}")
     x, y = run.grid.xy(*np.indices(run.grid.shape))
     x, y = x - run.grid.transform.c, y - run.grid.transform.f
-
-    def pair(k):
+    for k, cloud in enumerate(particles(run, count)):
         fields = blob(x, y, k / max(len(run.times) - 1, 1), run.grid)
-        return fields["Ut_E"], fields["Ut_N"]
+        index = np.flatnonzero(fields["h"] > 0)
+        names = BANDS if arrows else BANDS[:4]
+        values = {name: fields[name].ravel()[index].astype(np.float32) for name in names}
+        outline = step_outline(index, values["h"], values["Ut"], run.grid, run.min_depth)
+        spool.add(index, values, outline, shown_particles(cloud, count) if count else None)
+    return spool
 
-    return pair
 
-
-def particles(run, count=5000):
-    """What `write_outlines` reads: a cloud of particles that moves with the blob."""
+def particles(run, count):
+    """Yield frames of a cloud of particles that moves with the blob."""
     cloud = np.random.default_rng(1).normal(size=(count, 2)) * [30.0, 18.0]
     west, south, east, north = run.grid.bounds
     for k, time in enumerate(run.times):
         progress = k / max(len(run.times) - 1, 1)
-        x = west + (east - west) * (0.2 + 0.5 * progress) + cloud[:, 0]
-        y = north - (north - south) * (0.2 + 0.5 * progress) + cloud[:, 1]
+        x = (east - west) * (0.2 + 0.5 * progress) + cloud[:, 0]
+        y = -(north - south) * (0.2 + 0.5 * progress) + cloud[:, 1]
         flow = np.tile([8.0, -6.0, -3.0], (count, 1)) * (0.2 + progress)
-        yield time, np.arange(count, dtype=np.uint64), x, y, hill(x - west, y - north), flow
+        place = np.stack([x, y, hill(x, y)], axis=1)
+        cloud_now = Particles(place, flow, np.ones(count), np.ones(count), id=np.arange(count, dtype=np.uint64))
+        yield Frame(cloud_now, time=float(time), dimension=3, origin=(west, north, 0.0))
 
 
 def write_all(run, release=None, qgis_min="3.38"):
     """Everything that goes beside the rasters, in the order of the export."""
+    kept = steps(run)
     write_styles(run)
     write_stacks(run)
-    write_mesh(run, velocity(run))
-    write_outlines(run, release, particles(run))
+    write_mesh(run, kept)
+    write_outlines(run, kept, release)
     write_project(run, qgis_min)
     return run
 

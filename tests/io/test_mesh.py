@@ -1,5 +1,7 @@
 """The mesh: only wet cells, values of the rasters, true and stretched times, a CRS that QGIS can read."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import netCDF4
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ UTM = CRS.from_epsg(32632)
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     run = qgis_run.make_run(tmp_path_factory.mktemp("mesh"), UTM, times=np.arange(6) * 0.5)
-    write_mesh(run, qgis_run.velocity(run))
+    write_mesh(run, qgis_run.steps(run))
     return run
 
 
@@ -81,20 +83,19 @@ def test_crs_is_plain_text_that_qgis_sees(run):
         assert file["Ut_E"].long_name.removesuffix("x-component") == file["Ut_N"].long_name.removesuffix("y-component")
 
 
-def test_arrows_from_the_steps_own_bands(tmp_path):
-    bands = (*qgis_run.STEPS, "Ut_E", "Ut_N")
-    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1], step_bands=bands)
-    write_mesh(run)
-    with xarray.open_dataset(run.folder / run.mesh_file) as file:
-        assert np.allclose(np.hypot(file.Ut_E, file.Ut_N), file.Ut, equal_nan=True, rtol=1e-5)
+def test_values_are_the_same_written_on_threads(run, mesh, tmp_path):
+    again = qgis_run.make_run(tmp_path, UTM, times=np.arange(6) * 0.5)
+    with ThreadPoolExecutor(3) as threads:
+        write_mesh(again, qgis_run.steps(again), threads)
+    with xarray.open_dataset(again.folder / again.mesh_file, decode_times=False) as file:
+        assert file.identical(mesh)
 
 
-def test_arrows_from_one_pair_after_the_other(tmp_path):
-    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
-    pair = qgis_run.velocity(run)
-    write_mesh(run, (pair(k) for k in range(2)))
-    with xarray.open_dataset(run.folder / run.mesh_file) as file:
-        assert np.allclose(np.hypot(file.Ut_E, file.Ut_N), file.Ut, equal_nan=True, rtol=1e-5)
+def test_a_step_is_one_chunk_that_any_reader_unpacks(run):
+    with netCDF4.Dataset(run.folder / run.mesh_file) as file:
+        assert file["h"].chunking() == [1, len(file.dimensions["face"])]
+        assert file["h"].filters()["zlib"] and file["h"].filters()["shuffle"]
+        assert len(file.dimensions["time"]) == len(run.times)
 
 
 def test_trouble_of_the_library_is_told_in_one_line(tmp_path, monkeypatch):
@@ -105,12 +106,12 @@ def test_trouble_of_the_library_is_told_in_one_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr("mpmgis.io.mesh._write_times", fail)
     with pytest.raises(OutputError, match="HDF error"):
-        write_mesh(run)
+        write_mesh(run, qgis_run.steps(run))
 
 
 def test_no_arrows_without_components(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
-    write_mesh(run)
+    write_mesh(run, qgis_run.steps(run, arrows=False))
     with netCDF4.Dataset(run.folder / run.mesh_file) as file:
         assert "Ut_E" not in file.variables
         assert "Ut" in file.variables

@@ -13,9 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyproj import CRS
+from rasterio.features import shapes
+from scipy.ndimage import label
+from shapely.geometry import shape
 
 from mpmgis.errors import OutputError
-from mpmgis.io.outlines import layer_names, mask_outline, thin, write_outlines
+from mpmgis.geo.grid import Grid
+from mpmgis.io.outlines import cells_outline, layer_names, mask_outline, thin, write_outlines
 
 UTM = CRS.from_epsg(32632)
 
@@ -24,7 +28,7 @@ UTM = CRS.from_epsg(32632)
 def run(tmp_path_factory):
     run = qgis_run.make_run(tmp_path_factory.mktemp("outlines"), UTM, times=np.arange(6) * 0.5)
     release = [shapely.Point(686160, 5211880).buffer(40), shapely.box(686300, 5211800, 686310, 5211810)]
-    write_outlines(run, release, qgis_run.particles(run))
+    write_outlines(run, qgis_run.steps(run), release)
     return run
 
 
@@ -47,6 +51,23 @@ def test_outline_is_valid_and_has_the_area_of_its_cells(mask):
     assert outline.area == pytest.approx(4.0 * np.count_nonzero(mask))
     row, column = np.nonzero(mask)
     assert np.all(shapely.contains_xy(outline, 101.0 + 2.0 * column, 49.0 - 2.0 * row))
+    assert len(outline.geoms) == label(mask)[1]  # cells that share a side belong together, a corner is not enough
+    grid = Grid(UTM, Affine(2.0, 0, 100.0, 0, -2.0, 50.0), mask.shape)
+    assert cells_outline(np.flatnonzero(mask), grid).equals_exact(outline)
+
+
+def test_outline_is_the_one_that_gdal_draws():
+    mask = np.random.default_rng(7).random((60, 80)) < 0.6
+    transform = Affine(2.0, 0, 100.0, 0, -2.0, 50.0)
+    gdals = [shape(part) for part, value in shapes(mask.astype("uint8"), mask=mask, transform=transform)]
+    assert mask_outline(mask, transform).normalize().equals(shapely.MultiPolygon(gdals).normalize())
+
+
+def test_outlines_come_in_batches_of_any_size(run, tmp_path, monkeypatch):
+    again = qgis_run.make_run(tmp_path, UTM, times=np.arange(6) * 0.5)
+    monkeypatch.setattr("mpmgis.io.outlines.BATCH", 1)
+    write_outlines(again, qgis_run.steps(again))
+    assert read(again, "outline").equals(read(run, "outline"))
 
 
 def test_outlines_of_steps(run):
@@ -78,7 +99,7 @@ def test_release_as_given(run):
 
 def test_release_from_the_first_step_at_time_zero(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
-    write_outlines(run)
+    write_outlines(run, qgis_run.steps(run, count=0))
     (release,) = read(run, "release").geometry
     assert release.equals(read(run, "outline").geometry.iloc[0])
     assert "particles" not in layer_names(run.folder / run.outlines_file)
@@ -86,7 +107,7 @@ def test_release_from_the_first_step_at_time_zero(tmp_path):
 
 def test_no_release_from_a_first_step_that_is_not_the_start(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[5, 6])
-    write_outlines(run)
+    write_outlines(run, qgis_run.steps(run))
     assert "release" not in layer_names(run.folder / run.outlines_file)
 
 
@@ -124,12 +145,13 @@ def test_styles_that_qgis_takes_by_itself(run):
 def test_a_flow_that_is_nowhere_deep_enough_has_no_outlines(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
     object.__setattr__(run, "min_depth", 100.0)
-    write_outlines(run)
+    write_outlines(run, qgis_run.steps(run, count=0))
     assert layer_names(run.folder / run.outlines_file) == ()
 
 
 def test_a_folder_that_is_gone_is_an_output_error(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
     object.__setattr__(run, "name", "no/such/folder")
+    kept = qgis_run.steps(run)
     with pytest.raises(OutputError, match="outline"):
-        write_outlines(run)
+        write_outlines(run, kept)
