@@ -91,6 +91,7 @@ def _chunks(steps, faces, names, threads):
 
 
 def step_chunks(steps, step, faces, names):
+    """List of bytes: a step's values of the variables `names` on `faces`, each packed as its chunk of the file."""
     index, values = steps.bands(step)
     place = np.searchsorted(faces, index)
     on = faces[np.minimum(place, len(faces) - 1)] == index  # depth is not known everywhere
