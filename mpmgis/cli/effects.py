@@ -41,13 +41,14 @@ def run(arguments):
 
     if arguments.measure:
         decisions, costs = measured(arguments.scene, arguments.law, talk.detail, talk.say)
+        stages = (("", decisions),)
         talk.say(
             f"a step of {costs.columns} columns at t = {costs.time:.3g} s takes {1e3 * costs.step_seconds:.3g} ms; "
             f"timed twice it differs by {100 * costs.noise:.1f} %: smaller costs are noise"
         )
     else:
-        decisions, costs = decided(arguments.scene, arguments.law, talk.detail), None
-    print(json.dumps(_facts(decisions, costs), indent=1) if arguments.json else _table(decisions, costs))
+        stages, costs = decided(arguments.scene, arguments.law, talk.detail), None
+    print(json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs))
     return 0
 
 
@@ -61,11 +62,27 @@ def _entry(entry):
     return f"{_heading(entry)}: {entry['what']}\n    parameters: {parameters}"
 
 
-def _facts(decisions, costs):
-    """Decisions as plain dictionaries, with the share of a step that was measured, null where there is none."""
+def _facts(stages, costs):
+    """Decisions as plain dictionaries, with the share of a step that was measured, null where there is none.
+
+    Of a scene in stages each says the number of its own.
+    """
+    facts = [
+        decision._asdict() | ({"stage": number} if words else {})
+        for number, (words, decisions) in enumerate(stages, 1) for decision in decisions
+    ]  # fmt: skip
     if costs is None:
-        return [decision._asdict() for decision in decisions]
-    return [d._asdict() | {"cost_share": costs.shares.get(d.effect), "cost_noise": costs.noise} for d in decisions]
+        return facts
+    return [fact | {"cost_share": costs.shares.get(fact["effect"]), "cost_noise": costs.noise} for fact in facts]
+
+
+def _tables(stages, costs):
+    """The table of each stage, below its words where there are several."""
+    tables = (
+        (f"stage {number}: {words}\n" if words else "") + _table(decisions, costs)
+        for number, (words, decisions) in enumerate(stages, 1)
+    )
+    return "\n\n".join(tables)
 
 
 def _table(decisions, costs):

@@ -70,11 +70,24 @@ def tell(summary):
     """The balances and the cost of a run, on stderr."""
     talk.say(f"ended: {summary.reason}")
     talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
+    if summary.mass is not None:
+        _tell_mass(summary.mass)
+        talk.say(f"of the last stage, of {summary.solver}:")
     (_tell_points if summary.solver == "points" else _tell_columns)(summary.balances)
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6
     talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")
+
+
+def _tell_mass(mass):
+    """Where the mass of a run in several stages is."""
+    come = mass["released"] + mass["entrained"]
+    entrained = f" and {mass['entrained']:.6g} kg entrained" if mass["entrained"] else ""
+    on, left, outside = (100 * mass[name] / come for name in ("on_terrain", "left_terrain", "outside_windows"))
+    shares = f"{on:.2f} % on the terrain, {left:.2f} % left it, {outside:.2f} % stayed outside windows"
+    talk.say(f"mass of all stages: {mass['released']:.6g} kg released{entrained}; {shares}, error "
+             f"{mass['error_relative']:.1e}")  # fmt: skip
 
 
 def _tell_columns(b):

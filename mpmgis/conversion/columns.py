@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..fields import GRAVITY
 from ..particles import Frame, Particles
 from .ground import Ground, slope_cosine
-from .options import REFUSE, ColumnOptions
+from .options import LAY, REFUSE, ColumnOptions
 from .sums import NOTHING, Sums, sums_of
 
 GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
@@ -39,6 +39,8 @@ class ColumnsReport:
         Sum of m (w - u . grad b): a column's velocity is tangent to its bed.
     kinetic_lost : float [J]
         Of the points' motion about their columns'.
+    laid : float [kg]
+        Mass that was clear of the bed or leaving it and was laid onto it.
     """
 
     before: Sums
@@ -50,6 +52,7 @@ class ColumnsReport:
     apart: float
     vertical_momentum_lost: float
     kinetic_lost: float
+    laid: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,9 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     here = np.flatnonzero(on_ground)
     over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
     groups, by, cell_area, apart = _grouped(over, x[here], y[here], terrain, options)
-    detached = _detached(over, groups, _point_cell(frame, options))
+    detached, laid = _detached(over, groups, _point_cell(frame, options)), 0.0
+    if options.detached == LAY:
+        laid, detached = float(over.mass[groups.spread(detached)].sum()), np.zeros(len(groups), bool)
     if detached.any() and options.detached == REFUSE:
         raise InputError(_detachment(over, groups, detached))
     if detached.all():
@@ -112,7 +117,32 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     over, groups = over.take(~staying), groups.without(detached)
     columns, lost = _frame_of(frame, over, groups, by, cell_area, terrain)
     report = _report(frame, columns, here[staying], ~on_ground, by, cell_area, apart, lost, gravity)
-    return Columns(columns, rest, report)
+    return Columns(columns, rest, replace(report, laid=laid))
+
+
+def unsettled_share(frame, terrain, cell, normal_share):
+    """Share of the mass [1] that columns would not tell of: clear of the bed, or moving across it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Points, in the terrain's CRS.
+    terrain : Terrain
+    cell : float [m]
+        Side of the columns' cells.
+    normal_share : float [1]
+        Of the speed along the slope that the speed across it may be (design note 2.4).
+    """
+    x, y = frame.map_xy()
+    ground = Ground.under(terrain, x, y)
+    bed = ground.height(x, y)
+    here = np.flatnonzero(np.isfinite(bed))
+    if not len(here):
+        return 0.0
+    over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
+    groups = _Groups(_cells(x[here], y[here], terrain.grid, cell)[0])
+    unsettled = _detached(over, groups, _point_cell(frame, ColumnOptions()), normal_share)
+    return float(over.mass[groups.spread(unsettled)].sum() / frame.particles.mass.sum())
 
 
 def _require_points(frame):
@@ -246,11 +276,11 @@ def _flight(over, groups):
     return groups.least(over.height) * cosine, across, along
 
 
-def _detached(over, groups, point_cell):
+def _detached(over, groups, point_cell, normal_share=NORMAL_SHARE):
     """bool[m]: columns that are clear of the bed, or leave it or land fast enough to matter."""
     gap, across, along = _flight(over, groups)
     lifts = across**2 > 2.0 * GRAVITY * LIFT_CELLS * point_cell
-    return (gap > GAP_CELLS * point_cell) | ((np.abs(across) > NORMAL_SHARE * along) & lifts)
+    return (gap > GAP_CELLS * point_cell) | ((np.abs(across) > normal_share * along) & lifts)
 
 
 def _detachment(over, groups, detached):

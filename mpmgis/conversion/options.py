@@ -12,7 +12,7 @@ VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")
 COUNTS = ("round", "paper")
 GROUPINGS = ("parent", "cell")
-REFUSE, KEEP = "refuse", "keep"
+REFUSE, KEEP, LAY = "refuse", "keep", "lay"  # what becomes of mass that has left the bed
 MOST = 2_000_000_000  # points
 
 
@@ -110,8 +110,9 @@ class ColumnOptions:
         Side of the cells, counted from the terrain's upper left corner; default the terrain's own pixels.
     point_cell : float, optional [m]
         Grid spacing of the 3D code; default as the frame says, else twice the mean point's side.
-    detached : {"refuse", "keep"}
-        What leaves the bed or is clear of it is refused, or stays points (design note 2.4).
+    detached : {"refuse", "keep", "lay"}
+        What leaves the bed or is clear of it is refused, or stays points (design note 2.4), or is laid onto the bed
+        under it with its mass and its horizontal momentum, as a run does that goes on with columns.
 
     Raises
     ------
@@ -126,7 +127,7 @@ class ColumnOptions:
     def __post_init__(self):
         if self.by is not None:
             _require_choice("by", self.by, GROUPINGS)
-        _require_choice("detached", self.detached, (REFUSE, KEEP))
+        _require_choice("detached", self.detached, (REFUSE, KEEP, LAY))
         for name in ("cell", "point_cell"):
             _require_positive(name, getattr(self, name))
 

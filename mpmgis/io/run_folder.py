@@ -19,7 +19,8 @@ FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 BARRIER_FILE = "barriers.csv"
-FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE)
+STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
+FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
 
 
 class RunFolder:

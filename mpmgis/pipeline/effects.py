@@ -7,8 +7,12 @@ from .run import use_threads
 
 
 def decided(scene_path, laws=None, say=lambda text: None):
-    """Decisions about the effects of the scene at `scene_path`, with the user's own `laws`; nothing is run."""
-    return prepare(scene_path, say, laws).decisions
+    """((stage in words, decisions), ...) of the scene at `scene_path`, with the user's own `laws`; nothing is run.
+
+    A scene without [[stage]] is one stage, without words.
+    """
+    stages = prepare(scene_path, say, laws).stages
+    return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
 
 
 def measured(scene_path, laws=None, say=lambda text: None, tell=lambda text: None):
@@ -17,7 +21,7 @@ def measured(scene_path, laws=None, say=lambda text: None, tell=lambda text: Non
     `say` gets the small print of the preparation, `tell` what takes long.
     """
     prepared = prepare(scene_path, say, laws)
-    if prepared.scene.solver != "columns":
+    if prepared.scene.solvers != {"columns"}:
         raise SceneError("--measure times the effects of solver = 'columns' only; leave it out")
     use_threads(prepared.particles)
     solver = prepared.solver()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..conversion.starting import kirchhoff_stress
 from ..effects.own_law import load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
@@ -14,52 +13,89 @@ from ..io.raster import read_terrain
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, read_scene, resolve
 from ..seeding.plausible import Cures, tell_if_implausible
-from ..solvers.columns import ColumnNumerics, ColumnSolver
+from ..solvers.columns import ColumnNumerics
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.identity import start_digest
-from ..solvers.places import Places
 from ..solvers.placing import levelled
-from ..solvers.points import PointNumerics, PointSolver
+from ..solvers.points import PointNumerics
 from .places import read_places, trial_parameters
 from .point_start import read_point_start
 from .sources import read_sources
+from .stage import Stage, read_areas, require_inflow_over
 
 CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything a run needs, checked, before its first step; `stress`, `walls` and `affine` are of a 3D run."""
+    """Everything a run needs, checked, before its first step.
+
+    `stages` are the parts of the run, one for each solver in turn; of what belongs to a stage the properties tell the
+    first's, which is the only one of most scenes. `vertical_stress` and `affine` are of points at the start, `seen` is
+    everything that may ever move, as columns.
+    """
 
     scene: object
     terrain: object
     frame: object
-    effects: object
-    decisions: tuple
-    facts: TerrainFacts
-    numerics: object  # ColumnNumerics or PointNumerics
-    places: Places
     events: Events
     digest: str
-    stress: np.ndarray | None = None  # float64[n, 6] [Pa], Kirchhoff
-    walls: tuple = ()
+    stages: tuple  # of Stage
+    seen: object  # Frame
+    vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
-    grid: ColumnGrid | None = None
+
+    effects = property(lambda self: self.stages[0].effects)
+    decisions = property(lambda self: self.stages[0].decisions)
+    facts = property(lambda self: self.stages[0].facts)
+    numerics = property(lambda self: self.stages[0].numerics)
+    places = property(lambda self: self.stages[0].places)
+    walls = property(lambda self: self.stages[0].walls)
+    grid = property(lambda self: self.stages[0].grid)
 
     @property
     def particles(self):
         """Number of columns or points at the start and of all that may come."""
         return len(self.frame.particles) + self.events.columns_to_come()
 
+    def particles_of(self, number):
+        """About how many particles stage `number`, from 0, has: of points later on as many as the release makes."""
+        stage = self.stages[number]
+        if number == 0:
+            return self.particles
+        if stage.scene.solver == "points":
+            return int(stage.point_options().predicted_points(self.seen.particles))
+        return int(self.seen.particles.area.sum() / stage.grid.cell_size**2 * stage.scene.columns_per_cell) + 1
+
+    def longest(self, number):
+        """The longest time [s] that stage `number`, from 0, can last, as far as times are known before the run."""
+        times = [None if stage.table is None else (stage.table.until or {}).get("time") for stage in self.stages]
+        begins = max((time for time in times[:number] if time is not None), default=0.0)
+        ends = min((time for time in times[number:] if time is not None), default=self.scene.output.end_time)
+        return ends - begins
+
+    @property
+    def stress(self):
+        """float64[n, 6] [Pa], Kirchhoff: that of points at the start; None where nothing tells it."""
+        return self.stages[0].stress(self.vertical_stress)
+
     def solver(self):
-        """The scene's solver at its start."""
-        if self.scene.solver == "points":
-            return PointSolver(
-                self.frame, self.terrain, self.effects, self.numerics, self.stress, self.places.zone_values, self.walls,
-                self.affine,
-            )  # fmt: skip
-        return ColumnSolver(self.frame, self.terrain, self.effects, self.numerics, self.places, self.grid)
+        """The first stage's solver at its start."""
+        return self.stages[0].solver(self.terrain, self.frame, self.vertical_stress, self.affine)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What moves: columns or points at the start as `frame`, everything that may ever move as columns, `seen`."""
+
+    frame: object
+    seen: object
+    events: Events
+    facts: dict
+    reference_thickness: float | None
+    vertical_stress: np.ndarray | None = None
+    affine: np.ndarray | None = None
 
 
 def prepare(scene_path, say=lambda text: None, laws=None):
@@ -78,10 +114,37 @@ def prepare(scene_path, say=lambda text: None, laws=None):
 
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
-    terrain = _terrain(scene, say)
-    scene = _completed(scene, scene.numerics.cell_size or terrain.grid.cell_size)
-    grid = ColumnGrid.on(terrain, scene.numerics.cell_size)
-    return (_points if scene.solver == "points" else _columns)(scene, terrain, grid, say)
+    say, terrain = _once(say), _terrain(scene, say)
+    scene = _completed(scene, terrain.grid.cell_size)
+    alone = [_with_courant_number(one) for one in scene.alone()]
+    grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
+    start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
+    require_inflow_over(scene.stage, start.events)
+    stages = []
+    for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
+        stage = _stage(one, terrain, grid, start, number > 0, say)
+        stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
+    frame, lakes = start.frame, stages[0].places.lake_level
+    if lakes is not None:
+        frame = levelled(frame, lakes, grids[0], say)
+    shapes = [shape for stage in stages for shape in stage.shapes()]
+    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.places for s in stages), shapes=shapes))
+    frame = replace(frame, digest=digest)
+    return Prepared(
+        scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine
+    )
+
+
+def _once(say):
+    """`say` that tells nothing twice: what each stage reads anew."""
+    told = set()
+
+    def saying(text):
+        if text not in told:
+            told.add(text)
+            say(text)
+
+    return saying
 
 
 def _terrain(scene, say):
@@ -100,71 +163,79 @@ def _terrain(scene, say):
     return terrain.cropped(window, 0)
 
 
-def _columns(scene, terrain, grid, say):
-    """Everything for a depth-averaged run."""
+def _start_of_columns(scene, terrain, grid, say):
+    """What moves in a run that begins with columns."""
     sources = read_sources(scene, terrain, grid, say)
-    frame = sources.frame
-    _tell_of_release(frame.particles, frame.header, scene, say)
+    _tell_of_release(sources.frame.particles, sources.frame.header, scene, say)
     tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
-    known = read_places(scene, terrain, grid, frame, sources.everything, say)
-    if known.lake_level is not None:
-        frame = levelled(frame, known.lake_level, grid, say)
-    facts, deciding = _facts(scene, terrain, sources.everything, known)
-    facts = facts._replace(**sources.facts)
+    return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
+
+
+def _start_of_points(scene, terrain, grid, say):
+    """What moves in a run that begins with points."""
+    start = read_point_start(scene, terrain, grid, say)
+    _tell_of_release(start.seen.particles, start.frame.header, scene, say)
+    return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
+
+
+def _stage(scene, terrain, grid, start, later, say):
+    """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins."""
+    at_start = start.frame if start.frame.dimension == 2 else start.seen
+    known = read_places(scene, terrain, grid, at_start, start.seen, say)
+    facts, deciding = _facts(scene, terrain, start.seen, known)
+    facts = facts._replace(**start.facts)
     effects, decisions = resolve(deciding, facts)
+    if scene.solver == "points":
+        numerics, places = _point_numerics(scene, grid, start), known.in_3d(effects)
+    else:
+        thickness = start.reference_thickness or (facts.release_thickness if later else None)
+        numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
+    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls)
+
+
+def _column_numerics(scene, grid, start, reference_thickness):
     stop = scene.output.stop_at_rest
-    numerics = ColumnNumerics(
+    return ColumnNumerics(
         cell_size=grid.cell_size,
         cfl=scene.numerics.cfl,
         edges=scene.numerics.edges,
         clamp=scene.numerics.clamp,
-        density=frame.header["density"],
+        density=start.frame.header["density"],
         stop_at_rest=scene.numerics.form == "slope" if stop is None else stop,
         maxima=scene.output.maxima,
         arrival_thickness=scene.output.arrival_thickness or ColumnNumerics.arrival_thickness,
-        reference_thickness=sources.reference_thickness,
+        reference_thickness=reference_thickness,
     )
-    places = known.on_grid(effects)
-    digest = scene.digest(start_digest(terrain, frame, sources.events, places))
-    return Prepared(
-        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places,
-        sources.events, digest, grid=grid,
-    )  # fmt: skip
 
 
-def _points(scene, terrain, grid, say):
-    """Everything for a 3D run."""
-    start = read_point_start(scene, terrain, grid, say)
-    frame, seen, events = start.frame, start.seen, Events()
-    _tell_of_release(seen.particles, frame.header, scene, say)
-    known = read_places(scene, terrain, grid, seen, seen, say)
-    facts, deciding = _facts(scene, terrain, seen, known)
-    effects, decisions = resolve(deciding, facts)
+def _point_numerics(scene, grid, start):
     stop = scene.output.stop_at_rest
-    numerics = PointNumerics(
+    return PointNumerics(
         cell_size=grid.cell_size,
         cfl=scene.numerics.cfl,
         edges=scene.numerics.edges,
-        density=frame.header["density"],
+        density=start.frame.header["density"],
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
-    places, material, stress = known.in_3d(effects), effects.material, None
-    if start.vertical_stress is not None:
-        stress = kirchhoff_stress(start.vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
-    digest = scene.digest(start_digest(terrain, frame, events, places))
-    return Prepared(
-        scene, terrain, replace(frame, digest=digest), effects, tuple(decisions), facts, numerics, places, events,
-        digest, stress, known.walls if places.barrier_names else (), start.affine,
-    )  # fmt: skip
 
 
 def _completed(scene, cell_size):
-    """The scene with the numbers that stand for keys left out."""
+    """The scene with the numbers that stand for keys left out; Courant numbers and cells of stages are their own."""
     output = scene.output
     if output.maxima and output.arrival_thickness is None:
         output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
-    numerics = replace(scene.numerics, cell_size=cell_size, cfl=scene.numerics.cfl or CFL[scene.solver])
-    return replace(scene, numerics=numerics, output=output)
+    if scene.stage:
+        given = scene.numerics.cell_size or cell_size
+        stages = (replace(stage, cell_size=stage.cell_size or given) for stage in scene.stage)
+        return replace(scene, stage=tuple(stages), output=output)
+    return replace(_with_courant_number(scene, cell_size), output=output)
+
+
+def _with_courant_number(scene, cell_size=None):
+    """A scene of one solver with its Courant number, and with cells of `cell_size` [m] where it does not say."""
+    numerics = scene.numerics
+    cfl = numerics.cfl or CFL[scene.solver]
+    return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
 
 
 def scene_to_prepare(path, laws=None):

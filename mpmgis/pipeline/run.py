@@ -5,17 +5,19 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError, SceneError, UnphysicalError
 from ..io.barrier_table import BarrierTable
-from ..io.run_folder import BARRIER_FILE, TERRAIN_FILE, RunFolder
+from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..scene import scene_text
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d
-from ..solvers.march import March
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..solvers.points import MACH_WARNING
 from .prepare import prepare
+from .sequence import Sequence
 
 ANEW, RESUMED, FINISHED = range(3)  # where a run starts
 PARTICLES_PER_THREAD = 10_000
@@ -36,6 +38,7 @@ class RunSummary:
     particle_steps_per_second: float
     balances: dict
     solver: str = "columns"
+    mass: dict | None = None  # where it is, of a run in several stages
 
 
 def use_threads(particles, asked=None):
@@ -56,24 +59,29 @@ def require_affordable(prepared, threads, confirm):
     question = f"{need} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
-        if prepared.scene.solver == "points":
+        if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
 
 
 def predicted_cost(prepared, threads):
-    """(seconds, bytes) that the run will need."""
+    """(seconds, bytes) that the run will need: what its stages need one after the other, and the largest of them."""
+    needs = [_predicted_of(prepared, number, threads) for number in range(len(prepared.stages))]
+    return sum(seconds for seconds, _ in needs), max(memory for _, memory in needs)
+
+
+def _predicted_of(prepared, number, threads):
     west, south, east, north = prepared.terrain.grid.bounds
-    scene, numerics, facts = prepared.scene, prepared.numerics, prepared.facts
+    stage, particles = prepared.stages[number], prepared.particles_of(number)
+    numerics, facts, seconds = stage.numerics, stage.facts, prepared.longest(number)
     nodes = (east - west) * (north - south) / numerics.cell_size**2
-    elevation_bytes, end_time = prepared.terrain.elevation.nbytes, scene.output.end_time
-    if scene.solver == "points":
+    elevation_bytes = prepared.terrain.elevation.nbytes
+    if stage.scene.solver == "points":
         return predicted_in_3d(
-            prepared.particles, prepared.effects.material, numerics, nodes, elevation_bytes, end_time, facts.speed,
-            threads,
-        )  # fmt: skip
+            particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
+        )
     return predicted(
-        prepared.particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, end_time,
+        particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, seconds,
         facts.speed, threads,
     )  # fmt: skip
 
@@ -101,41 +109,48 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     output = output or Path(scene_path).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene_path, say, laws)
-    used = use_threads(prepared.particles, threads)
+    used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     require_affordable(prepared, used, confirm)
-    solver = prepared.solver()
-    for decision in prepared.decisions:
-        if decision.called_for:
-            say(decision.line())
+    sequence = Sequence(prepared, _telling_mach(watch, say), say)
+    _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
     to_come = prepared.particles - len(prepared.frame.particles)
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
     say(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
-    start = _restored(folder, prepared, solver, say) if resume else ANEW
+    start = _restored(folder, sequence, say) if resume else ANEW
     if start == FINISHED:
-        return _summary(folder, prepared, folder.record()["reason"], solver, 0.0, 0)
+        return _summary(folder, sequence, folder.record()["reason"], 0.0)
     folder.open()
     try:
-        return _march(folder, prepared, solver, _telling_mach(solver, watch, say), start == RESUMED)
+        return _march(folder, sequence, start == RESUMED)
     finally:
         folder.remove_if_empty()
 
 
-def _restored(folder, prepared, solver, say):
-    """Set solver and events to the last whole frame; answers RESUMED, ANEW where there is none, or FINISHED."""
-    record = folder.record()
+def _tell_of_stages(prepared, say):
+    """Each stage with when it ends and the effects that it is decided to have."""
+    for number, stage in enumerate(prepared.stages, 1):
+        if stage.table is not None:
+            say(f"stage {number}: {stage.words()}")
+        for decision in stage.decisions:
+            if decision.called_for:
+                say(decision.line())
+
+
+def _restored(folder, sequence, say):
+    """Set the sequence to the last whole frame; answers RESUMED, ANEW where there is none, or FINISHED."""
+    record, digest = folder.record(), sequence.prepared.digest
     if not record:
         return ANEW
-    if record.get("digest") != prepared.digest:
+    if record.get("digest") != digest:
         raise InputError(
             f"{folder.path} holds the run of another scene, or of inputs that have changed since (its digest is "
-            f"{record.get('digest')}, now {prepared.digest}); give another -o, or --overwrite"
+            f"{record.get('digest')}, now {digest}); give another -o, or --overwrite"
         )
     frame = folder.last_frame()
     if frame is None:
         return ANEW
-    solver.restore(frame)
-    prepared.events.restore(frame)
+    sequence.restore(frame)
     if record.get("state") == "finished":
         say(f"{folder.path} is finished: {record.get('reason')}")
         return FINISHED
@@ -143,69 +158,106 @@ def _restored(folder, prepared, solver, say):
     return RESUMED
 
 
-def _telling_mach(solver, watch, say):
+def _telling_mach(watch, say):
     """`watch` that says once when a 3D flow gets so fast that its stiffness is felt."""
     told = []
 
     def watching(now, end_time):
-        if not told and now.mach > MACH_WARNING:
+        mach = getattr(now, "mach", 0.0)
+        if not told and mach > MACH_WARNING:
             told.append(True)
             say(
-                f"t = {now.time:.1f} s: the flow moves at {now.mach:.2f} times the speed of pressure waves (more than "
+                f"t = {now.time:.1f} s: the flow moves at {mach:.2f} times the speed of pressure waves (more than "
                 f"{MACH_WARNING:g}): it is compressed, and impacts are too soft; give a larger [material] bulk_modulus"
             )
         watch(now, end_time)
 
-    return watching if hasattr(solver, "mach") else watch
+    return watching
 
 
-def _summary(folder, prepared, reason, solver, wall, particle_steps):
+def _summary(folder, sequence, reason, wall):
+    solver, steps = sequence.solver, sequence.particle_steps
+    mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
-        folder.path, reason, folder.frames, solver.step, solver.time, wall, particle_steps / wall if wall else 0.0,
-        solver.balances(), prepared.scene.solver,
+        folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
+        solver.balances(), sequence.stage.scene.solver, mass,
     )  # fmt: skip
 
 
-def _march(folder, prepared, solver, watch, resumed):
+def _march(folder, sequence, resumed):
     """March and write; the record says at any moment how far the run is."""
-    scene = prepared.scene
-    end = scene.output.end_time
-    march = March(solver, end, scene.output.frame_interval, lambda s: watch(s, end), resumed, prepared.events)
-    barriers = _barrier_table(folder, prepared, solver.time if resumed else None)
-    began = time.perf_counter()
+    prepared, began = sequence.prepared, time.perf_counter()
+    barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
 
     def record(state):
-        wall = time.perf_counter() - began
+        wall, solver = time.perf_counter() - began, sequence.solver
         folder.write_record(
-            state=state, reason=march.reason, digest=prepared.digest, time=solver.time, steps=solver.step,
+            state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
-            scene=scene.as_tables(), effects=[d._asdict() for d in prepared.decisions],
-            terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
-            events=prepared.events.record(),
+            scene=prepared.scene.as_tables(), effects=[d._asdict() for d in prepared.decisions],
+            terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
+            **_record_of_stages(sequence),
         )  # fmt: skip
         return wall
 
     record("running")  # first of all files: what holds a record is gone on with
-    folder.write_scene(scene_text(_beside(scene, folder.path), "resolved by mpmgis run"))
+    folder.write_scene(scene_text(_beside(prepared.scene, folder.path), "resolved by mpmgis run"))
     sha256 = folder.write_terrain(prepared.terrain)
+    number = sequence.number
     try:
-        for frame in march:
-            if barriers is not None:  # before its frame: what is too late for a run that goes on is dropped then
-                barriers.add(frame.time, frame.state["barriers"])
+        for frame in sequence:
+            barriers.add(frame)  # before its frame: what is too late for a run that goes on is dropped then
             folder.write_frame(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
+            if sequence.number != number:
+                number = sequence.number
+                record("running")
     except KeyboardInterrupt:
         record("interrupted")
         raise
     except UnphysicalError:
         record("unphysical")
         raise
-    return _summary(folder, prepared, march.reason, solver, record("finished"), march.particle_steps)
+    except InputError:  # at a switch
+        record("refused")
+        raise
+    return _summary(folder, sequence, sequence.reason, record("finished"))
 
 
-def _barrier_table(folder, prepared, resumed):
-    """The table of what barriers take up, None without barriers; `resumed` is the time that the run goes on from."""
-    names, sums = prepared.places.barrier_names, BARRIER_SUMS[prepared.scene.solver]
-    return BarrierTable(folder.path / BARRIER_FILE, names, sums, resumed) if names else None
+def _record_of_stages(sequence):
+    """What a record tells of several stages: the effects of each, how those that are over ended, where the mass is."""
+    stages = sequence.prepared.stages
+    if stages[0].table is None:
+        return {}
+    effects = [[decision._asdict() for decision in stage.decisions] for stage in stages]
+    told = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
+    for stage, over in zip(told, sequence.past, strict=False):
+        stage.update(over)
+    return {"stages": told, "mass": sequence.mass_account()}
+
+
+class _BarrierTables:
+    """The tables of what barriers take up: one file, or where there are stages one for each."""
+
+    def __init__(self, folder, sequence, resumed):
+        self._folder, self._sequence = folder, sequence
+        self._number, self._table = sequence.number, self._opened(resumed)
+
+    def _opened(self, resumed):
+        stage, number = self._sequence.stage, self._sequence.number
+        name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
+        names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
+        return BarrierTable(self._folder.path / name, names, sums, resumed) if names else None
+
+    def add(self, frame):
+        """The rows of a `frame` that is about to be written; a stage that is over has a last one of its end."""
+        if self._sequence.number != self._number:
+            if self._table is not None:
+                over = self._sequence.past[-1]
+                taken = over["balances"]["barriers"].values()
+                self._table.add(over["time"], np.array([[one[name] for name in self._table.sums] for one in taken]))
+            self._number, self._table = self._sequence.number, self._opened(None)
+        if self._table is not None:
+            self._table.add(frame.time, frame.state["barriers"])
 
 
 def _beside(scene, folder):

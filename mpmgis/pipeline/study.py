@@ -97,6 +97,8 @@ def _study(request, confirm, say, watch):
     scene = scene_to_prepare(request.scene, request.law)
     if scene.output.end_time <= 0.0 or (scene.release is None and scene.hydrograph is None):
         raise SceneError(f"{request.scene}: nothing moves in it; there is nothing to study")
+    if scene.stage:
+        raise SceneError(f"{request.scene}: a study is of one solver, and the scene has [[stage]]; study each alone")
     base = prepare_scene(scene, say)
     scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])

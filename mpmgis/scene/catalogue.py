@@ -8,7 +8,7 @@ from ..geo.inflow import COLUMNS
 from .materials import MATERIALS
 from .tables import TABLES
 
-NO_EFFECTS = ("terrain", "release", "numerics", "output")  # tables that say where, what and how, and nothing else
+NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they say where, what and how, and nothing else
 # table with a law by name -> {name: (law, {parameter: Parameter})}
 LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
 # what a table takes besides its own keys with a unit

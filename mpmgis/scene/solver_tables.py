@@ -6,6 +6,7 @@ from ..errors import SceneError
 from .materials import OPTIONS
 
 NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
+OTHER = {"columns": "points", "points": "columns"}
 # tables that only one solver has -> that solver, and what to do with the other
 ONLY = {
     "material": ("points", "its material is told by [friction] and its kin"),
@@ -21,22 +22,23 @@ ONLY = {
 }
 
 
-def check_solver(tables, solver, kinds, where):
-    """Refuse tables and keys, `tables` as TOML gave them, that `solver` does not have; `kinds` are their classes.
+def check_solver(tables, solvers, kinds, where):
+    """Refuse tables and keys, `tables` as TOML gave them, that none of `solvers` has; `kinds` are their classes.
 
     Raises
     ------
     SceneError
     """
     for name, given in tables.items():
-        only, cure = ONLY.get(name, (solver, ""))
-        if only != solver:
-            raise SceneError(f"{where}: {NAMES[solver]} has no [{name}]; {cure}")
+        only, cure = ONLY.get(name, (None, ""))
+        if only not in (None, *solvers):
+            raise SceneError(f"{where}: {NAMES[OTHER[only]]} has no [{name}]; {cure}")
         own = {f.name: f.metadata.get("solver") for f in fields(kinds[name])}
         for key in given if isinstance(given, dict) else ():
-            if own.get(key) not in (None, solver):
+            if own.get(key) not in (None, *solvers):
                 raise SceneError(
-                    f"{where} [{name}]: {key} belongs to solver = {own[key]!r}, this is {solver!r}; take it out"
+                    f"{where} [{name}]: {key} belongs to solver = {own[key]!r}, this is {OTHER[own[key]]!r}; take it "
+                    "out"
                 )
 
 
@@ -50,7 +52,7 @@ def check_points(scene, where):
     material, softening = scene.material, scene.softening
     if material is None:
         raise SceneError(f"{where}: solver = 'points' needs [material] with its law; `mpmgis effects` lists them")
-    if scene.numerics.cell_size is None:
+    if any(alone.solver == "points" and alone.numerics.cell_size is None for alone in scene.alone()):
         raise SceneError(
             f"{where} [numerics]: solver = 'points' needs cell_size [m], the side of its cells in 3D: a third of the "
             "flow's thickness or less"

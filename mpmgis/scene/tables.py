@@ -18,11 +18,15 @@ from ..effects import curvature, entrainment, friction, metric
 from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from ..errors import SceneError, one_line
 from . import materials
-from .solver_tables import check_points, check_solver
+from .solver_tables import ONLY, check_points, check_solver
+from .stages import CLIFF, WALLS, check_stages
 
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
-KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
+KIND_WORDS = {
+    float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers",
+    dict: "a table like {time = 30}",
+}  # fmt: skip
 
 
 def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False,
@@ -312,6 +316,32 @@ class OutputTable:
 
 
 @dataclass(frozen=True)
+class StageTable:
+    """A part of the run in time, by one solver; the next one goes on from where it ends."""
+
+    solver: str = _key("of this stage", kind=str, choices=("columns", "points"), example="columns")
+    until: dict | None = _key(  # noqa: RUF009
+        'when it ends: {time = 30} [s], {reach = "barrier"}, "cliff" or a file, of points {calm = 1} [s]; or several',
+        None, kind=dict, example={"time": 30.0},
+    )  # fmt: skip
+    window: str | None = _key("of points: only what lies in these polygons becomes points", None, kind=str,
+                              example="box.gpkg", file=True)  # fmt: skip
+    outside: str | None = _key("what lies outside window: ledger, booked and gone; without it ledger", None, kind=str,
+                               choices=("ledger",), example="ledger")  # fmt: skip
+    cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)
+
+    @property
+    def reach(self):
+        """What the flow has to come near to; None where that ends nothing."""
+        return (self.until or {}).get("reach")
+
+    @property
+    def reached_file(self):
+        """Name of the file of polygons that the flow has to come near to; None where it is no file."""
+        return None if self.reach in (WALLS, CLIFF) else self.reach
+
+
+@dataclass(frozen=True)
 class Scene:
     """A whole scene. Paths are as written, `folder` is what they are relative to."""
 
@@ -332,14 +362,29 @@ class Scene:
     still_water: StillWaterTable | None = None
     entrainment: EntrainmentTable | None = None
     barrier: tuple = ()  # of BarrierTable
+    stage: tuple = ()  # of StageTable
     solver: str = "columns"
     folder: str = "."
     own_laws: OwnLaws = NO_OWN_LAWS
 
     @property
     def laws(self):
-        """Name -> (law, parameters) of all laws of friction that this scene may name."""
-        return materials.CONTACTS if self.solver == "points" else {**friction.LAWS, **self.own_laws.laws}
+        """Name -> (law, parameters) of all laws of friction that this scene may name: those that its solvers have."""
+        return _laws(self.solvers, self.own_laws)
+
+    @property
+    def solvers(self):
+        """The solvers that the scene uses."""
+        return {stage.solver for stage in self.stage} or {self.solver}
+
+    def alone(self):
+        """A scene of one solver for each stage, as if that were all; of a scene without stages itself."""
+        return tuple(self._alone(stage) for stage in self.stage) or (self,)
+
+    def _alone(self, stage):
+        others = {name: () if name in LISTED else None for name, (only, _) in ONLY.items() if only != stage.solver}
+        numerics = replace(self.numerics, cell_size=stage.cell_size or self.numerics.cell_size)
+        return replace(self, **others, numerics=numerics, solver=stage.solver, stage=())
 
     @property
     def columns_per_cell(self):
@@ -383,6 +428,8 @@ class Scene:
     def _renamed(self, table, renamed):
         """`table` with the names of its files passed through `renamed(name)`."""
         moved = {key: renamed(name) for key, name in self._named(table).items()}
+        if "reach" in moved:
+            moved["until"] = {**table.until, "reach": moved.pop("reach")}
         own = {key: moved.pop(key) for key in getattr(table, "parameters", {}) if key in moved}
         return replace(table, **moved, **({"parameters": {**table.parameters, **own}} if own else {}))
 
@@ -391,6 +438,8 @@ class Scene:
         values = {f.name: (getattr(table, f.name), f.metadata["kind"]) for f in fields(table) if f.metadata.get("file")}
         if isinstance(table, ZoneTable):
             values |= {key: (value, (float, str)) for key, value in table.parameters.items()}
+        if isinstance(table, StageTable):
+            values["reach"] = (table.reached_file, str)
         return {
             key: value for key, (value, kind) in values.items()
             if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
@@ -398,12 +447,12 @@ class Scene:
 
     def as_tables(self):
         """The scene as the plain dictionary that TOML and JSON hold; absent tables and unset keys are left out."""
-        tables = {"solver": self.solver}
+        tables = {} if self.stage else {"solver": self.solver}
         for name, table in self.tables():
             if name in LISTED:
-                tables.setdefault(name, []).append(_plain(table, self.solver))
+                tables.setdefault(name, []).append(_plain(table, self.solvers))
             else:
-                tables[name] = _plain(table, self.solver)
+                tables[name] = _plain(table, self.solvers)
         return tables
 
     def digest(self, *inputs):
@@ -413,9 +462,17 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _plain(table, solver):
-    """One table as a dictionary of what TOML holds; unset keys and another solver's are left out."""
-    others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, solver)}
+def _laws(solvers, own_laws):
+    """Name -> (law, parameters) of the laws of friction that all of `solvers` have."""
+    columns = {**friction.LAWS, **own_laws.laws}
+    if "points" not in solvers:
+        return columns
+    return {name: law for name, law in materials.CONTACTS.items() if "columns" not in solvers or name in columns}
+
+
+def _plain(table, solvers):
+    """One table as a dictionary of what TOML holds; unset keys and those of no solver in use are left out."""
+    others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, *solvers)}
     values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters" and k not in others}
     values.update(getattr(table, "parameters", {}))
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
@@ -439,8 +496,9 @@ TABLES = {
     "barrier": BarrierTable,
     "numerics": NumericsTable,
     "output": OutputTable,
+    "stage": StageTable,
 }
-LISTED = ("secondary_release", "zones", "barrier")  # tables that a scene may have several of, written [[name]]
+LISTED = ("secondary_release", "zones", "barrier", "stage")  # tables that a scene may have several of, written [[name]]
 REQUIRED = ("terrain", "output")
 SOLVERS = ("columns", "points")
 
@@ -483,8 +541,8 @@ def _cure(text, error):
 def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     """Check a plain dictionary and make the Scene of it; raises SceneError naming table, key, value and cure."""
     tables = dict(tables)
-    solver = tables.pop("solver", "columns")
-    if solver not in SOLVERS:
+    solver = tables.pop("solver", None)
+    if solver not in (None, *SOLVERS):
         raise SceneError(f"{where}: solver = {solver!r}, this version has {_listed(SOLVERS)}")
     for name in tables:
         if name not in TABLES:
@@ -497,15 +555,30 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
-    check_solver(tables, solver, TABLES, where)
+    stages = _made("stage", tables.pop("stage", ()), where, own_laws, (), None)
+    solver = _first_solver(solver, stages, where)
+    solvers = {stage.solver for stage in stages} or {solver}
+    check_solver(tables, solvers, TABLES, where)
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
-    contacts = materials.CONTACTS if solver == "points" else None
+    contacts = _laws(solvers, NO_OWN_LAWS) if "points" in solvers else None
     made = {name: _made(name, values, where, own_laws, by_place, contacts) for name, values in tables.items()}
-    scene = Scene(**made, solver=solver, folder=str(folder), own_laws=own_laws)
+    scene = Scene(**made, stage=stages, solver=solver, folder=str(folder), own_laws=own_laws)
     if own_laws.laws and (scene.friction is None or scene.friction.law not in own_laws.laws):
         raise SceneError(f"{where}: --law {own_laws.path} was given, but [friction] does not name it; leave --law out")
     _check_together(scene, where)
     return scene
+
+
+def _first_solver(solver, stages, where):
+    """The solver that a run begins with: that of the first stage, or `solver` as the scene says (None: it does not)."""
+    if not stages:
+        return solver or "columns"
+    if solver not in (None, stages[0].solver):
+        raise SceneError(
+            f"{where}: solver = {solver!r}, but the first [[stage]] has {stages[0].solver!r}; take the line out, the "
+            "stages say it"
+        )
+    return stages[0].solver
 
 
 def _made(name, values, where, own_laws, by_place, contacts):
@@ -522,7 +595,8 @@ def _check_together(scene, where):
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
-    if scene.solver == "points":
+    check_stages(scene, where)
+    if "points" in scene.solvers:
         check_points(scene, where)
     _check_material(scene, where)
     _check_zones(scene, where)

@@ -21,6 +21,8 @@ def _toml(value):
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return repr(value)
@@ -47,7 +49,7 @@ def template():
     lines = [
         "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
         "",
-        'solver = "columns"  # depth-averaged; "points": 3D',
+        'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], which say theirs',
     ]
     for name, kind in TABLES.items():
         shown = name in _SHOWN_TABLES

@@ -8,7 +8,9 @@ from ..effects.metric import SlopeMetric, WaterMetric
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
 from ..kernels import columns as kernel
+from ..kernels.column_rows import CXX
 from ..particles import Frame, Particles
+from .flow import Flow
 from .grid import ColumnGrid
 from .places import Places
 
@@ -62,9 +64,11 @@ class ColumnSolver:
         What the effects know by place, on this solver's grid.
     grid : ColumnGrid, optional
         That of `terrain` and the cell size, where it is known already.
+    gradient : float64[n, 2, 2], optional [s-1]
+        Velocity gradient du_i/dx_j that the columns start with; default none.
     """
 
-    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None):
+    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
         if frame.dimension != 2 or frame.particles.area is None:
             raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
@@ -77,9 +81,9 @@ class ColumnSolver:
             )
         if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
             raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
-        self._load(frame)
+        self._load(frame, gradient)
 
-    def _load(self, frame):
+    def _load(self, frame, gradient):
         """The state of a run that starts with the columns of `frame`; there may be none yet."""
         grid, numerics = self.grid, self.numerics
         self._rows = np.zeros((2, 0, kernel.ROW))
@@ -102,6 +106,8 @@ class ColumnSolver:
         ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
         self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
         self.bed_start = self._add(frame, ids)
+        if gradient is not None:
+            self._rows[0, : len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[kernel.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
         self.energy_start = self.energy()
@@ -391,6 +397,23 @@ class ColumnSolver:
             self._peaks.reshape(-1, 4)[state["peak_nodes"]] = state["peaks"]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
         kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
+
+    def started(self):
+        """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
+
+    def start_from(self, started):
+        """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
+        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+        self._first_new_id = started["first_new_id"]
+
+    def flow(self):
+        """The Flow now."""
+        rows, _ = self._alive()
+        u, v = rows[:, kernel.U], rows[:, kernel.V]
+        speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
+        mass, x, y = rows[:, kernel.MASS], rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
+        return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
 
     def maxima(self):
         """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.

@@ -177,6 +177,8 @@ def secondary_releases(named_frames, grid):
 class Events:
     """All that happens between the steps of one run, and how far it has got.
 
+    While it is not `awake`, in a stage of points, nothing happens.
+
     Parameters
     ----------
     inlets : sequence of Inlet
@@ -186,6 +188,7 @@ class Events:
     def __init__(self, inlets=(), secondary=()):
         self.inlets, self.secondary = tuple(inlets), tuple(secondary)
         self.ended = 0  # why the run ended, in the kernel's words
+        self.awake = True
         self._batches = np.zeros(len(self.inlets), np.int64)
         self._released = np.zeros(len(self.secondary), np.int64)
         self._window = {}
@@ -200,6 +203,8 @@ class Events:
 
         That is a batch, or the end of the inflow: from then on the run may come to rest.
         """
+        if not self.awake:
+            return float("inf")
         due = [inlet.times[k, 0] for inlet, k in self._unfinished()]
         due += [inlet.times[-1, 1] for inlet in self.inlets if inlet.times[-1, 1] > time]
         return float(min(due, default=np.inf))
@@ -211,8 +216,19 @@ class Events:
     def _unfinished(self):
         return [(inlet, k) for inlet, k in zip(self.inlets, self._batches, strict=True) if k < len(inlet.times)]
 
+    def ends(self):
+        """Time [s] at which the last inflow is over; 0 where there is none."""
+        return max((float(inlet.times[-1, 1]) for inlet in self.inlets), default=0.0)
+
+    def move_to(self, grid):
+        """Go on with a solver on another `grid`: areas are reached where its nodes stand."""
+        named = [(area.name, area.frame, area.trigger_thickness) for area in self.secondary]
+        self.secondary, self._window = secondary_releases(named, grid), {}
+
     def let_in(self, solver):
         """Let in the batches that are due at the solver's time."""
+        if not self.awake:
+            return
         for number, inlet in enumerate(self.inlets):
             while self._batches[number] < len(inlet.times) and inlet.times[self._batches[number], 0] <= solver.time:
                 solver.insert(inlet.batch(int(self._batches[number])), self._window_of(solver, inlet), inlet.slabs)
@@ -233,6 +249,8 @@ class Events:
 
     def arm(self, solver):
         """Ask the solver to come back when the flow reaches an area that is not released yet."""
+        if not self.awake:
+            return
         for number, area in enumerate(self.secondary):
             if not self._released[number]:
                 solver.arm(number + 1, area.nodes, area.trigger_thickness)

@@ -79,6 +79,14 @@ class ColumnGrid:
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]
         return cls(x0, y0, float(cell_size), spared(bed), gradient, inside.astype(np.uint8))
 
+    def holds(self, x, y):
+        """bool[n]: map points `x`, `y` [m] on cells that the DTM covers; elsewhere is off the terrain."""
+        x, y = x - self.x0, y - self.y0
+        ny, nx = self.inside.shape
+        there = (x >= 0) & (y >= 0) & (x < nx * self.cell_size) & (y < ny * self.cell_size)
+        i, j = ((np.where(there, v, 0.0) / self.cell_size).astype(int) for v in (x, y))
+        return there & (self.inside[np.minimum(j, ny - 1), np.minimum(i, nx - 1)] == 1)
+
     def cells_of(self, frame, grown=0):
         """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
         x, y = frame.map_xy()

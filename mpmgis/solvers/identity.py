@@ -3,9 +3,10 @@
 import hashlib
 
 import numpy as np
+import shapely
 
 
-def start_digest(terrain, frame, events, places):
+def start_digest(terrain, frame, events, *places, shapes=()):
     """Hex digest of all that the files of a scene tell its run.
 
     It is made of what was read and not of files: a note in a table or statistics beside a raster change nothing, while
@@ -18,6 +19,9 @@ def start_digest(terrain, frame, events, places):
         The columns at the start.
     events : Events
     places : Places
+        Of each stage.
+    shapes : sequence of shapely.Geometry
+        What stages know besides: windows, and what ends them.
     """
     digest = hashlib.sha256()
     crs = terrain.grid.crs
@@ -32,8 +36,11 @@ def start_digest(terrain, frame, events, places):
     for area in events.secondary:
         _add_frame(digest, area.frame)
         _add(digest, trigger=area.trigger_thickness or 0.0)
-    given = {name: values for name, values in vars(places).items() if isinstance(values, np.ndarray)}
-    _add(digest, **given)
+    for known in places:
+        given = {name: values for name, values in vars(known).items() if isinstance(values, np.ndarray)}
+        _add(digest, **given)
+    for shape in shapes:
+        _add(digest, shape=np.frombuffer(shapely.to_wkb(shape), np.uint8))
     return digest.hexdigest()
 
 

@@ -1,11 +1,13 @@
 """Marching a solver through time: frames at their times, progress between them, and why it ended."""
 
+import math
 import time as wall_clock
 from dataclasses import replace
 
 from ..errors import UnphysicalError
 from .events import Events
 from .marched import marched
+from .stage_end import StageEnd
 
 SLICE_SECONDS = 0.25  # wall time between two looks at progress and Ctrl+C
 
@@ -18,11 +20,12 @@ class March:
     Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
     in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
     and events were restored from. After the last frame `reason` says why it ended. `observe(solver)` is called a few
-    times a second.
+    times a second. With `stage_end`, a StageEnd, the march may end before: then `switch` says why, there is no frame of
+    that time, and the next stage of the run goes on.
 
     Attributes
     ----------
-    reason : str
+    reason, switch : str
     particle_steps : int
         Sum over the steps of the particles there were.
 
@@ -33,11 +36,12 @@ class March:
         leak through the ground. Frames before are whole.
     """
 
-    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None):
+    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None):
         self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
         self.observe = observe or (lambda solver: None)
         self.resumed, self.events = resumed, events or Events()
-        self.reason, self.particle_steps = "", 0
+        self.stage_end = stage_end or StageEnd()
+        self.reason, self.switch, self.particle_steps = "", "", 0
         self._side, self._observed = marched(solver), 0.0
 
     def __iter__(self):
@@ -48,11 +52,13 @@ class March:
         else:
             events.let_in(solver)
             yield from self._frames()
-        number = round(solver.time / self.interval)
+        number = math.floor(solver.time / self.interval + 1e-9)
         while not self.reason:
             number += 1
             until = self._frame_time(number)
             code = self._advance(until, self._frame_time(number + 1))
+            if self.switch:
+                return
             if code == side.REACHED_TIME and until < self.end_time:
                 code = side.at_frame(code)
             if code != side.REACHED_TIME or until >= self.end_time:
@@ -73,15 +79,16 @@ class March:
     def _advance(self, until, after):
         """March to `until`, from event to event, in slices of a quarter second of wall time.
 
-        `after` is the time that will be asked for next; the end once more is as good as none.
+        `after` is the time of the frame that comes next; the end once more is as good as none.
         """
         solver, events, side, steps = self.solver, self.events, self._side, 10
-        after = after if after > until else float("inf")
+        after = after if after > until else math.inf
         while True:
             over = events.over(solver.time)
-            target = min(until, events.next_time(solver.time))
+            target = self._target(until, solver.time)
+            then = self._target(after if target == until else until, target)
             began, step, particles = wall_clock.perf_counter(), solver.step, side.particles
-            code = side.advance(target, after, steps, over)
+            code = side.advance(target, then, steps, over)
             spent, taken = wall_clock.perf_counter() - began, solver.step - step
             self.particle_steps += taken * particles
             if code == side.RUNNING:
@@ -97,10 +104,17 @@ class March:
                 events.release(solver)
             if code == side.REACHED_TIME:
                 events.let_in(solver)
-            done = code == side.REACHED_TIME and target == until
+                if solver.time < self.end_time and side.particles:
+                    self.switch = self.stage_end.over(solver)
+            done = bool(self.switch) or (code == side.REACHED_TIME and target == until)
             self._look(done)
             if done or code not in (side.RUNNING, side.TRIGGER_REACHED, side.REACHED_TIME):
                 return code
+
+    def _target(self, until, time):
+        """What comes next after `time`: an event, a look whether the stage is over, or `until` [s]."""
+        due = min(self.events.next_time(time), self.stage_end.next_time(time))
+        return due if due < until - 1e-9 * self.interval else until
 
     def _look(self, always):
         """Call `observe`, not more often than anybody can look unless `always`."""

@@ -11,6 +11,7 @@ from ..geo.barriers import margin_in_3d, wall_nodes
 from ..geo.terrain import bilinear
 from ..kernels import points as kernel
 from ..particles import Frame, Particles
+from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 
 EDGE_NAMES = ("west", "south", "east", "north")
@@ -307,6 +308,25 @@ class PointSolver:
         window = self._counts[kernel.WINDOW_FIRST :]
         kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
         self._stress, self._affine = state.get("stress"), state.get("affine")
+
+    def started(self):
+        """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        return {"mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist()}
+
+    def start_from(self, started):
+        """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
+        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+        self._momentum_start = np.array(started["momentum"])
+
+    def flow(self):
+        """The Flow now; as deep as what each cell holds would stand in it."""
+        frame, grid = self.frame(), self.grid
+        (x, y), particles, dx = frame.map_xy(), frame.particles, grid.cell_size
+        row, column = (((place - corner) / dx).astype(np.int64) for place, corner in ((y, grid.y0), (x, grid.x0)))
+        cell = row * (grid.inside.shape[1] + 1) + column
+        depth = np.bincount(cell, particles.mass)[cell] / (self.numerics.density * dx * dx)
+        speed = np.sqrt((particles.velocity**2).sum(axis=1))
+        return Flow(x, y, particles.velocity[:, 0], particles.velocity[:, 1], speed, depth, particles.mass)
 
     def energy(self):
         """(kinetic, potential, elastic) energy [J] of the points now; potential counts from the lowest ground."""

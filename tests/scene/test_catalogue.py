@@ -11,7 +11,7 @@ from mpmgis.scene import catalogue
 from mpmgis.scene.tables import TABLES
 
 ENTRIES = catalogue()
-EFFECTS = [name for name in TABLES if name not in ("terrain", "release", "numerics", "output")]
+EFFECTS = [name for name in TABLES if name not in ("terrain", "release", "numerics", "output", "stage")]
 UNITS = {
     "1", "m", "s", "Pa", "Pa s", "degrees", "m s-1", "m s-2", "m3 s-1", "kg m-3", "J kg-1", "as the law has them",
 }  # fmt: skip

@@ -1,0 +1,151 @@
+"""A flow handed from one solver to the other amid a run, with what that keeps (design notes 2.4, E5, E11)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..fields import GRAVITY
+from .columns import points_to_columns
+from .options import LAY, ColumnOptions
+from .points import columns_to_points
+from .sums import NOTHING, Sums, conservation_error, sums_of
+
+
+@dataclass(frozen=True)
+class SwitchAccount:
+    """What a switch kept and changed: sums over the flow before it, and over what became of it.
+
+    Parameters
+    ----------
+    before, after : Sums
+        Of the flow of the solver before, and of the one that goes on.
+    outside : Sums
+        Of what lies outside the window.
+    off : Sums
+        Of what has no ground, or no whole cell of the next solver, under it: it has left the terrain.
+    laid : float [kg]
+        Of `after`: what was clear of the bed, or moved across it, and was laid onto it.
+    """
+
+    before: Sums
+    after: Sums
+    outside: Sums = NOTHING
+    off: Sums = NOTHING
+    laid: float = 0.0
+
+    def errors(self):
+        """Relative errors of (mass, horizontal momentum) [1]."""
+        return conservation_error(self.before, self.after, self.outside, self.off)
+
+    def as_numbers(self):
+        """All of it as plain numbers for a record."""
+        mass, momentum = self.errors()
+        sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off")}
+        return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
+
+    def lines(self):
+        """The account in plain lines."""
+        before, after, (mass, momentum) = self.before, self.after, self.errors()
+        lines = [
+            f"{before.count} particles became {after.count}; mass {before.mass:.9g} kg and horizontal momentum "
+            f"({before.momentum[0]:.6g}, {before.momentum[1]:.6g}) kg m s-1 are kept to {mass:.1e} and {momentum:.1e}",
+            f"vertical momentum {before.momentum[2]:.6g}, now {after.momentum[2]:.6g} kg m s-1; kinetic energy "
+            f"{before.kinetic:.6g}, now {after.kinetic:.6g} J",
+        ]
+        for part, what in ((self.outside, "outside the window"), (self.off, "off the terrain of the next solver")):
+            if part.count:
+                momentum = ", ".join(f"{value:.6g}" for value in part.momentum)
+                lines.append(
+                    f"{what}: {part.mass:.9g} kg ({100 * part.mass / before.mass:.3g} %), momentum ({momentum}) "
+                    f"kg m s-1, kinetic energy {part.kinetic:.6g} J"
+                )
+        if self.laid:
+            lines.append(f"{self.laid:.6g} kg clear of the bed, or moving across it, were laid onto it")
+        return lines
+
+
+@dataclass(frozen=True)
+class Switched:
+    """What goes on: `frame`; of points their `vertical_stress` [n] [Pa], of both the velocity `gradient` [n, k, k]
+    [s-1] (None: not known); `rest`, the Frame of columns outside the window (None: there are none); the `account`."""
+
+    frame: object
+    vertical_stress: np.ndarray | None
+    gradient: np.ndarray | None
+    rest: object
+    account: SwitchAccount
+
+
+def switch_to_points(frame, terrain, options, holds, window=None):
+    """The columns of `frame` as points on `terrain`, those in `window` (shapely.Geometry) or all.
+
+    Parameters
+    ----------
+    options : PointOptions
+    holds : callable
+        (x, y) [m] -> bool[n]: places on the next solver's grid.
+
+    Returns
+    -------
+    Switched
+
+    Raises
+    ------
+    InputError
+        Nothing in the window, or on the terrain.
+    """
+    points, gravity = columns_to_points(frame, terrain, options, window), options.gravity
+    kept, off = _parted(points.frame, holds, gravity)
+    rest, bare = _on_ground(points.rest, terrain, gravity)
+    outside = NOTHING if rest is None else _sums(rest, gravity)
+    account = SwitchAccount(points.report.before, _sums(kept, gravity), outside, _together(off, bare))
+    state = kept.state
+    return Switched(replace(kept, state={}), state["vertical_stress"], state.get("affine"), rest, account)
+
+
+def switch_to_columns(frame, terrain, cell, holds, gravity=GRAVITY):
+    """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`."""
+    columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
+    kept, off = _parted(columns.frame, holds, gravity)
+    if columns.rest is not None:
+        off = _together(off, _sums(columns.rest, gravity))
+    account = SwitchAccount(columns.report.before, _sums(kept, gravity), off=off, laid=columns.report.laid)
+    return Switched(replace(kept, state={}), None, kept.state["velocity_gradient"], None, account)
+
+
+def _parted(frame, holds, gravity):
+    """(`frame` with what the next solver's grid holds, Sums of the others)."""
+    held = holds(*frame.map_xy())
+    if held.all():
+        return frame, NOTHING
+    if not held.any():
+        raise InputError("nothing of the flow lies on the grid of the next [[stage]]; use a larger DTM")
+    rows = {name: values[held] for name, values in frame.state.items() if np.shape(values)[:1] == held.shape}
+    kept = replace(frame, particles=frame.particles.take(held), state=rows)
+    return kept, _sums(replace(frame, particles=frame.particles.take(~held)), gravity)
+
+
+def _on_ground(rest, terrain, gravity):
+    """(those of the Frame `rest` with ground under them or None, Sums of the others)."""
+    if rest is None:
+        return None, NOTHING
+    known = np.isfinite(terrain.sample(*rest.map_xy()))
+    parts = [replace(rest, particles=rest.particles.take(some), state={}) for some in (known, ~known)]
+    return parts[0] if known.any() else None, NOTHING if known.all() else _sums(parts[1], gravity)
+
+
+def _sums(frame, gravity):
+    particles = frame.particles
+    middle = particles.position[:, 2] + frame.origin[2]
+    if particles.thickness is not None:
+        middle = middle + 0.5 * particles.thickness
+    return sums_of(particles.mass, particles.velocity, middle, gravity)
+
+
+def _together(one, other):
+    momentum = tuple(a + b for a, b in zip(one.momentum, other.momentum, strict=True))
+    return Sums(
+        one.count + other.count, one.mass + other.mass, momentum, one.kinetic_horizontal + other.kinetic_horizontal,
+        one.kinetic_vertical + other.kinetic_vertical, one.potential + other.potential,
+    )  # fmt: skip

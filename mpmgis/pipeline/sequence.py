@@ -1,0 +1,166 @@
+"""The stages of a run, one after the other: frames of one solver after those of the other, what each switch kept."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import FormatError, InputError
+from ..solvers.march import March
+
+STATE = "stages"  # of a frame: what the stages so far have left behind, as JSON
+
+
+class Sequence:
+    """An iterator of the frames of a run, from its first stage to its last.
+
+    At a switch there is one frame: the first of the stage that begins. A scene without [[stage]] is one stage.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    observe : callable
+        Told (solver, end time) a few times a second.
+    say : callable
+
+    Attributes
+    ----------
+    number : int
+        Of the stage now, from 0.
+    solver : ColumnSolver or PointSolver
+    past : list of dict
+        What the stages that are over told at their end, and what the switch after each kept, in plain numbers.
+    reason : str
+        Why the run ended.
+    particle_steps : int
+    """
+
+    def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
+        self.prepared, self.observe, self._say = prepared, observe, say
+        self.number, self.past, self.reason, self.particle_steps = 0, [], "", 0
+        self.solver, self._resumed = prepared.solver(), False
+        self._end = self._stage_end()
+
+    @property
+    def stage(self):
+        """The Stage now."""
+        return self.prepared.stages[self.number]
+
+    @property
+    def steps(self):
+        """Number of steps taken, in all stages."""
+        return sum(stage["steps"] for stage in self.past) + self.solver.step
+
+    def __iter__(self):
+        prepared = self.prepared
+        output = prepared.scene.output
+        while True:
+            march = March(
+                self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
+                self._resumed, prepared.events, self._end,
+            )  # fmt: skip
+            for frame in march:
+                yield self._told(frame)
+            self.particle_steps += march.particle_steps
+            if not march.switch:
+                self.reason = march.reason
+                return
+            self._switch(march.switch)
+
+    def _told(self, frame):
+        """`frame` with what a restart needs of the stages, and with the steps of all of them."""
+        if len(self.prepared.stages) == 1:
+            return frame
+        told = {
+            "number": self.number, "past": self.past, "started": self.solver.started(),
+            "calm_since": self._end.calm_since,
+        }  # fmt: skip
+        state = frame.state | {STATE: np.frombuffer(json.dumps(told).encode(), np.uint8)}
+        return replace(frame, step=self.steps, state=state)
+
+    def restore(self, frame):
+        """Go on from a `frame` of this run that carries its state.
+
+        Raises
+        ------
+        FormatError
+        """
+        if len(self.prepared.stages) > 1:
+            self._restore_stage(frame)
+        self.solver.restore(frame)
+        self.prepared.events.restore(frame)
+        self._resumed = True
+
+    def _restore_stage(self, frame):
+        if STATE not in frame.state:
+            raise FormatError(f"the frame at t = {frame.time:g} s tells no stage; start with --overwrite")
+        told = json.loads(bytes(frame.state[STATE]))
+        self.number, self.past = told["number"], told["past"]
+        self._end = self._stage_end()
+        self._end.calm_since = told["calm_since"]
+        if self.number:
+            self._wake_events()
+            self.solver = self.stage.solver(self.prepared.terrain, self._on_grid(frame))
+            self.solver.start_from(told["started"])
+
+    def _on_grid(self, frame):
+        """`frame` as its stage's solver takes it for a start; rounded places may lie a hair off the grid."""
+        held = self.stage.grid.holds(*frame.map_xy())
+        position = frame.particles.position.copy()
+        position[~held] = position[np.argmax(held)]  # the solver's own state comes next
+        return replace(
+            frame, particles=replace(frame.particles, position=position), crs=self.prepared.terrain.grid.crs, dem="",
+            dem_sha256="",
+        )  # fmt: skip
+
+    def _stage_end(self):
+        following = self.prepared.stages[self.number + 1 :]
+        return self.stage.end(self.prepared.terrain, following[0] if following else None)
+
+    def _wake_events(self):
+        """Events happen between steps of columns, on the grid of the stage."""
+        events = self.prepared.events
+        events.awake = self.stage.scene.solver == "columns"
+        if events.awake:
+            events.move_to(self.stage.grid)
+
+    def _switch(self, why):
+        """Hand the flow to the next stage's solver."""
+        before, solver, terrain = self.stage, self.solver, self.prepared.terrain
+        after = self.prepared.stages[self.number + 1]
+        frame = solver.frame()
+        where = f"t = {frame.time:g} s: stage {self.number + 2}, of {after.scene.solver}, begins"
+        try:
+            switched = after.switched_from(before, replace(frame, maxima={}), terrain)
+        except InputError as error:
+            raise type(error)(f"{where}, but {error}") from error
+        self.past.append({
+            "solver": before.scene.solver, "time": frame.time, "steps": solver.step, "reason": why,
+            "balances": solver.balances(), "switch": switched.account.as_numbers(),
+        })  # fmt: skip
+        self._say(f"{where}: {why}")
+        for line in switched.account.lines():
+            self._say(f"  {line}")
+        self.number += 1
+        self._resumed, self._end = False, self._stage_end()
+        self._wake_events()
+        start = replace(switched.frame, time=frame.time, step=0)
+        self.solver = after.solver(terrain, start, switched.vertical_stress, switched.gradient)
+
+    def mass_account(self):
+        """Where all mass is [kg]: what was ever in the run is on the terrain, left it, or was left out at a switch."""
+        told = [stage["balances"] for stage in self.past] + [self.solver.balances()]
+        switches = [stage["switch"] for stage in self.past]
+        released = told[0].get("mass_released", told[0]["mass_start"])
+        released += sum(balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]
+                        for balances in told[1:])  # fmt: skip
+        account = {
+            "released": released,
+            "entrained": sum(balances.get("mass_entrained", 0.0) for balances in told),
+            "on_terrain": told[-1]["mass_now"],
+            "left_terrain": sum(b["mass_out"] for b in told) + sum(switch["off"]["mass"] for switch in switches),
+            "outside_windows": sum(switch["outside"]["mass"] for switch in switches),
+        }
+        come = account["released"] + account["entrained"]
+        found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]
+        return account | {"error_relative": (found - come) / come}

@@ -1,0 +1,150 @@
+"""A stage of a run: one solver with all that it needs, decided before the run begins, and what ends it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ..conversion.columns import unsettled_share
+from ..conversion.starting import kirchhoff_stress, point_options
+from ..conversion.switching import switch_to_columns, switch_to_points
+from ..errors import SceneError
+from ..io.by_place import read_polygons
+from ..scene.stages import CLIFF, WALLS
+from ..scene.tables import StageTable
+from ..solvers.columns import ColumnSolver
+from ..solvers.cost import require_memory_for_points
+from ..solvers.grid import ColumnGrid
+from ..solvers.places import Places
+from ..solvers.points import PointSolver
+from ..solvers.stage_end import CALM_NORMAL, Cliff, Near, StageEnd
+
+WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
+
+    `known_walls` are all barriers of the scene; `window` and `area` (shapely) what becomes points, and the area that
+    the flow has to come near to.
+    """
+
+    scene: object
+    grid: ColumnGrid
+    effects: object
+    decisions: tuple
+    facts: object
+    numerics: object  # ColumnNumerics or PointNumerics
+    places: Places
+    known_walls: tuple = ()
+    table: StageTable | None = None
+    window: shapely.Geometry | None = None
+    area: shapely.Geometry | None = None
+
+    @property
+    def walls(self):
+        """The barriers that are on in 3D."""
+        return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
+
+    def words(self):
+        """Its solver, its cells and when it ends, in words."""
+        ends = {"time": "t = {:g} s", "reach": "within reach of {}", "calm": "calm for {:g} s"}
+        until = " or ".join(ends[key].format(value) for key, value in (self.table.until or {}).items())
+        where = "" if self.window is None else f" in {self.table.window}"
+        return f"{self.scene.solver}{where}, cells of {self.grid.cell_size:g} m, until {until or 'the end'}"
+
+    def shapes(self):
+        """What it knows by place besides `places`."""
+        walls = [wall.footprint for wall in self.known_walls] if self.table is not None else []
+        return [shape for shape in (self.window, self.area, *walls) if shape is not None]
+
+    def solver(self, terrain, frame, vertical_stress=None, gradient=None):
+        """Its solver, which starts with `frame`; `vertical_stress` [n] [Pa] is of points, `gradient` of both."""
+        if self.scene.solver == "points":
+            return PointSolver(
+                frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
+                self.walls, gradient,
+            )  # fmt: skip
+        return ColumnSolver(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
+
+    def stress(self, vertical_stress):
+        """float64[n, 6] [Pa], Kirchhoff, of points under their weight; None where nothing tells it."""
+        if vertical_stress is None:
+            return None
+        material = self.effects.material
+        return kirchhoff_stress(vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
+
+    def end(self, terrain, following):
+        """A StageEnd to look at on the way; `following` is the next Stage, None after the last."""
+        if following is None:
+            return StageEnd()
+        until, least = self.table.until, WET_SHARE * self.facts.release_thickness
+        walls = self._near_walls(least)
+        reached = {WALLS: walls, CLIFF: Cliff(terrain)}.get(self.table.reach)
+        if self.area is not None:
+            reached = Near(f"the area of {self.table.reach}", self.area, least)
+        calm = until.get("calm")
+        if calm is None:
+            return StageEnd(until.get("time"), reached)
+        disturbing = [thing for thing in (walls, Cliff(terrain)) if thing is not None]
+        cell = following.cell_of_columns(self.grid.cell_size)
+        return StageEnd(
+            until.get("time"), reached, calm, disturbing,
+            lambda frame: unsettled_share(frame, terrain, cell, CALM_NORMAL),
+        )  # fmt: skip
+
+    def _near_walls(self, least):
+        if not self.known_walls:
+            return None
+        names = ", ".join(f"'{wall.name}'" for wall in self.known_walls)
+        return Near(f"barrier {names}", shapely.union_all([wall.footprint for wall in self.known_walls]), least)
+
+    def cell_of_columns(self, point_cell):
+        """Side [m] of the cells in which points of a grid of `point_cell` [m] become its columns.
+
+        As many to a cell of its own as columns are seeded, none smaller than a cell of the points' grid.
+        """
+        along = min(round(np.sqrt(self.scene.columns_per_cell)), int(self.grid.cell_size / point_cell + 1e-9))
+        return self.grid.cell_size / max(along, 1)
+
+    def switched_from(self, before, frame, terrain):
+        """The flow `frame` of the Stage `before` as this one goes on with it; a Switched."""
+        if self.scene.solver == "columns":
+            return switch_to_columns(frame, terrain, self.cell_of_columns(before.grid.cell_size), self.grid.holds)
+        options = self.point_options()
+        require_memory_for_points(options.predicted_points(frame.particles), options.cell)
+        return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
+
+    def point_options(self):
+        """How a flow of columns becomes its points: where columns lie over each other they are raised (E10)."""
+        options = point_options(self.grid.cell_size, self.scene.numerics.points_per_side)
+        return replace(options, relevel=True)
+
+
+def read_areas(scene, number, terrain, say):
+    """What stage `number`, from 0, of `scene` has by place: `table`, `window` and `area` of a Stage."""
+    if not scene.stage:
+        return {}
+    table = scene.stage[number]
+    named = {"window": table.window, "area": table.reached_file}
+    read = {key: read_polygons(scene.path(name), terrain, say) for key, name in named.items() if name is not None}
+    return {"table": table} | {key: shapely.union_all([part.shape for part in parts]) for key, parts in read.items()}
+
+
+def require_inflow_over(stages, events):
+    """Refuse inflow that a stage of points would miss: it comes in between steps of columns.
+
+    Raises
+    ------
+    SceneError
+    """
+    over = events.ends()
+    if len(stages) < 2 or not events.inlets:
+        return
+    until = stages[0].until
+    if set(until) != {"time"} or until["time"] < over:
+        raise SceneError(
+            f"[hydrograph] flows in until t = {over:g} s, and the [[stage]] of points after the first may begin before "
+            f"that; give the first until = {{time = ...}} of {over:g} s or more, and nothing else"
+        )

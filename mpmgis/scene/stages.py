@@ -1,0 +1,106 @@
+"""What the stages of a scene need together: their order, when they end, what two solvers cannot share."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+from ..errors import SceneError
+
+WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name besides a file of polygons
+UNTIL = ("time", "reach", "calm")
+
+
+def check_stages(scene, where):
+    """Refuse stages that contradict each other or the scene's tables; `until` is left with floats.
+
+    Raises
+    ------
+    SceneError
+    """
+    for number, stage in enumerate(scene.stage, 1):
+        here = f"{where} [[stage]] number {number}"
+        _check_until(stage, here, last=number == len(scene.stage))
+        if stage.reach == WALLS and all(barrier.use == "off" for barrier in scene.barrier):
+            raise SceneError(f"{here}: until reach = 'barrier' needs a [[barrier]] in the scene; add it")
+        if stage.solver != "points" and (stage.window or stage.outside):
+            key = "window" if stage.window else "outside"
+            raise SceneError(f"{here}: {key} belongs to solver = 'points', this is {stage.solver!r}; take it out")
+        if stage.outside and not stage.window:
+            raise SceneError(f"{here}: outside is of a window, and there is none; give window, or take outside out")
+    for number, (before, stage) in enumerate(pairwise(scene.stage), 2):
+        if before.solver == stage.solver:
+            raise SceneError(
+                f"{where} [[stage]] number {number} has the solver of the one before, {stage.solver!r}; make them one"
+            )
+    if scene.stage:
+        _check_times(scene, where)
+        _check_tables(scene, where)
+
+
+def _check_until(stage, here, last):
+    """The keys of `until`, each by itself."""
+    if last:
+        if stage.until is not None:
+            raise SceneError(f"{here} is the last and lasts to [output] end_time; take until out, or add a [[stage]]")
+        return
+    if not stage.until:
+        raise SceneError(f"{here}: until is missing, for example until = {{time = 30}}; the next stage begins then")
+    for key, value in stage.until.items():
+        if key not in UNTIL:
+            raise SceneError(f"{here}: until has no {key!r}; it takes {', '.join(UNTIL)}")
+        if key == "reach":
+            _check_reach(value, here)
+            continue
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not (math.isfinite(value) and value > 0.0):
+            raise SceneError(f"{here}: until {key} = {value!r}, wanted a finite number of seconds above 0")
+        stage.until[key] = float(value)
+    if "calm" in stage.until and stage.solver != "points":
+        raise SceneError(f"{here}: until calm is of points, which may become columns then; this is {stage.solver!r}")
+
+
+def _check_reach(value, here):
+    if not isinstance(value, str) or (value not in (WALLS, CLIFF) and not Path(value.partition("|")[0]).suffix):
+        raise SceneError(
+            f"{here}: until reach = {value!r}, wanted 'barrier', 'cliff' or a file of polygons such as 'area.gpkg'"
+        )
+
+
+def _check_times(scene, where):
+    """Times at which stages end go up and lie within the run."""
+    before = 0.0
+    for number, stage in enumerate(scene.stage, 1):
+        time = (stage.until or {}).get("time")
+        if time is None:
+            continue
+        here = f"{where} [[stage]] number {number}: until time = {time:g}"
+        if time <= before:
+            raise SceneError(f"{here} s is not after the {before:g} s of a stage before; correct one of them")
+        if time >= scene.output.end_time:
+            raise SceneError(f"{here} s is not before [output] end_time = {scene.output.end_time:g} s")
+        before = time
+
+
+def _check_tables(scene, where):
+    """Tables of one solver that the other stages would leave half done."""
+    solvers = [stage.solver for stage in scene.stage]
+    inflow, release = scene.hydrograph, scene.release
+    events = [table for table in (inflow, *scene.secondary_release) if table is not None and table.use != "off"]
+    if events and solvers[0] != "columns":
+        raise SceneError(f"{where}: [hydrograph] and [[secondary_release]] want a first [[stage]] of columns")
+    if release is not None and release.window is not None and solvers[0] != "points":
+        raise SceneError(f"{where} [release]: window cuts points at the start; a [[stage]] has a window of its own")
+    if "points" not in solvers:
+        return
+    if scene.output.maxima:
+        raise SceneError(
+            f"{where} [output]: maxima are running peaks of columns alone, and a [[stage]] is of points; take it out, "
+            "the export has maxima over the frames"
+        )
+    bed = scene.entrainment
+    if bed is not None and bed.use != "off" and (bed.lower_bed or solvers.count("columns") > 1):
+        what = "a bed that it lowers" if bed.lower_bed else "what is left of its bed"
+        raise SceneError(
+            f"{where} [entrainment]: {what} is not handed on through a [[stage]] of points; take "
+            f"{'lower_bed' if bed.lower_bed else 'the table, or the later stage of columns,'} out"
+        )

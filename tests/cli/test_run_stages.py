@@ -1,0 +1,344 @@
+"""Scenes with [[stage]] as a user meets them: columns, points, columns in one run; killed, exported, refused."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from slope_site import SOUTH, WEST, contents, record, refused, run, write_shapes, write_site
+
+from mpmgis.cli.main import main
+from mpmgis.io.frames import read_frame
+from mpmgis.pipeline.prepare import prepare
+
+SCENE = f"""
+[terrain]
+dem = "dtm.tif"
+window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
+[release]
+source = "block.geojson"
+thickness = 12.0
+density = 1500
+[material]
+law = "DruckerPrager"
+bulk_modulus = 4e6
+shear_modulus = 2e6
+friction_angle = 35
+[friction]
+law = "Coulomb"
+mu = 0.3
+[numerics]
+cell_size = 5.0
+particles_per_cell = 4
+[output]
+end_time = 5
+frame_interval = 1
+"""
+DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 6\nname = "dam"\n'
+AREAS = '[[secondary_release]]\nsource = "{}.geojson"\nthickness = 1.0\nthickness_mode = "vertical"\n'
+BEFORE = '[[stage]]\nsolver = "columns"\nuntil = {reach = "barrier"}\n'
+AMID = '[[stage]]\nsolver = "points"\nwindow = "box.geojson"\nuntil = {time = 4.7}\n'
+AFTER = '[[stage]]\nsolver = "columns"\ncell_size = 4\n'
+ALL = SCENE + DAM + AREAS.format("near") + AREAS.format("foot") + BEFORE + AMID + AFTER
+
+# Ends itself by a signal once a solver of this kind has reached a time, or instead of the n-th time that a file gets
+# its name.
+CHILD = """
+import os, sys
+from mpmgis.cli.main import main
+from mpmgis.solvers.columns import ColumnSolver
+from mpmgis.solvers.points import PointSolver
+what, where, *arguments = sys.argv[1:]
+replace, seen = os.replace, []
+
+def watched(march):
+    def advance(solver, *given, **named):
+        code = march(solver, *given, **named)
+        if solver.time >= float(where):
+            os.kill(os.getpid(), 9)
+        return code
+    return advance
+
+def name(part, path):
+    if os.path.basename(path) == where.split(":")[0]:
+        seen.append(path)
+        if len(seen) == int(where.split(":")[1]):
+            os.kill(os.getpid(), 9)
+    replace(part, path)
+
+solvers = {"columns": ColumnSolver, "points": PointSolver}
+if what in solvers:
+    solvers[what].advance = watched(solvers[what].advance)
+else:
+    os.replace = name
+sys.exit(main(arguments))
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The slope with a block, a dam, two areas at rest, a window, and one run of all of it, never stopped."""
+    folder = write_site(tmp_path_factory.mktemp("stages"))
+    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    write_shapes(folder / "near.geojson", [shapely.box(150, 190, 160, 210)])
+    write_shapes(folder / "foot.geojson", [shapely.box(195, 190, 205, 210)])
+    write_shapes(folder / "dam.geojson", [shapely.box(220, 120, 240, 280)])
+    write_shapes(folder / "box.geojson", [shapely.box(145, 100, 390, 300)])
+    (folder / "all.toml").write_text(ALL)
+    assert main(["run", str(folder / "all.toml"), "-q", "-o", str(folder / "whole")]) == 0
+    return folder
+
+
+def frames(site, folder="whole"):
+    return [read_frame(path) for path in sorted((site / folder).glob("frame_*.h5"))]
+
+
+def momentum(frame):
+    """Of its particles (east, north, up) [kg m s-1], about as float32 keeps it."""
+    return (frame.particles.mass[:, None] * frame.particles.velocity).sum(axis=0)
+
+
+def test_frames_go_on_through_the_stages(site):
+    """One frame at each switch, the first of the stage that begins, whenever it begins."""
+    shown, told = frames(site), record(site, "whole")
+    first, second = (stage["time"] for stage in told["stages"][:2])
+    assert second == 4.7 and 2.0 < first < 4.0 and first % 0.25 == 0.0
+    times = sorted({0.0, 1.0, 2.0, 3.0, 4.0, 5.0, first, second})
+    assert [frame.time for frame in shown] == times
+    assert [frame.dimension for frame in shown] == [3 if first <= t < second else 2 for t in times]
+    assert {frame.digest for frame in shown} == {told["digest"]}
+    steps = [frame.step for frame in shown]
+    assert steps == sorted(steps) and steps[-1] == told["steps"]
+    assert steps[times.index(first)] == told["stages"][0]["steps"]
+    assert [bool(frame.state) for frame in shown] == [False] * (len(shown) - 2) + [True] * 2
+
+
+def test_mass_and_momentum_are_kept_across_each_switch(site):
+    """What was before is what goes on and what is booked, to rounding; vertical momentum and energy are told."""
+    told = record(site, "whole")
+    for stage, after in zip(told["stages"][:2], told["stages"][1:], strict=True):
+        kept = stage["switch"]
+        assert abs(kept["mass_error_relative"]) <= 1e-12 and kept["momentum_error_relative"] <= 1e-12
+        parts = [kept[name] for name in ("after", "outside", "off")]
+        assert sum(part["mass"] for part in parts) == pytest.approx(kept["before"]["mass"], rel=1e-12)
+        scale = np.hypot(*kept["before"]["momentum"][:2])
+        for axis in (0, 1):
+            gap = sum(part["momentum"][axis] for part in parts) - kept["before"]["momentum"][axis]
+            assert abs(gap) <= 1e-12 * scale
+        assert kept["before"]["mass"] == pytest.approx(stage["balances"]["mass_now"], rel=1e-12)
+        begun = after["balances"]["mass_start"] if "balances" in after else told["balances"]["mass_start"]
+        assert begun == pytest.approx(kept["after"]["mass"], rel=1e-12)
+        assert kept["after"]["kinetic_horizontal"] > 0.0 and kept["before"]["momentum"][2] < 0.0
+    assert told["stages"][0]["switch"]["outside"]["mass"] > 0.02 * told["mass"]["released"]
+    assert told["stages"][1]["switch"]["outside"]["count"] == 0
+
+
+def test_the_ledger_of_all_stages_closes(site):
+    told = record(site, "whole")
+    mass = told["mass"]
+    assert abs(mass["error_relative"]) <= 1e-12
+    areas = 2 * 1500.0 * 10 * 20
+    assert mass["released"] == pytest.approx(1500 * 40 * 40 * 12 * np.sqrt(1.25) + areas, rel=1e-9)
+    assert mass["outside_windows"] == told["stages"][0]["switch"]["outside"]["mass"]
+    assert mass["on_terrain"] == pytest.approx(frames(site)[-1].particles.mass.sum(), rel=1e-12)
+    assert told["events"]["secondary_releases"] == ["near", "foot"]  # the second by the columns after the points
+    assert told["stages"][0]["balances"]["mass_released"] == pytest.approx(mass["released"] - 0.5 * areas, rel=1e-9)
+
+
+def test_the_first_frame_of_a_stage_is_what_the_switch_says(site):
+    """A frame of points is rounded to float32; one of columns is not."""
+    shown, told = frames(site), record(site, "whole")
+    for stage, tolerance in ((told["stages"][0], 1e-5), (told["stages"][1], 1e-12)):
+        frame = next(frame for frame in shown if frame.time == stage["time"])
+        after = stage["switch"]["after"]
+        assert len(frame.particles) == after["count"]
+        assert frame.particles.mass.sum() == pytest.approx(after["mass"], rel=tolerance)
+        assert momentum(frame)[0] == pytest.approx(after["momentum"][0], rel=tolerance)
+    first = next(frame for frame in shown if frame.dimension == 3)
+    assert (first.map_xy()[0] - WEST).min() > 145.0
+    assert told["stages"][0]["reason"] == "the flow is within reach of barrier 'dam'"
+
+
+def test_the_flow_came_within_two_seconds_of_the_dam(site):
+    """At the switch and not a look before: 3 depths or what it covers in 2 s."""
+    told = record(site, "whole")
+    points = next(frame for frame in frames(site) if frame.dimension == 3)
+    speed = np.linalg.norm(points.particles.velocity, axis=1)
+    ahead = WEST + 220.0 - points.map_xy()[0]
+    assert (ahead - 2.0 * speed).min() < 3.0  # points are spread over their columns
+    before = [frame for frame in frames(site) if frame.time < told["stages"][0]["time"] - 0.25][-1]
+    speed, thickness = np.linalg.norm(before.particles.velocity, axis=1), before.particles.thickness
+    assert (WEST + 220.0 - before.map_xy()[0] > np.maximum(2.0 * speed, 3.0 * thickness)).all()
+
+
+def test_each_stage_has_its_own_table_of_barriers(site):
+    """Their columns are the solver's; the last row of a stage is that of its end."""
+    told, rows = record(site, "whole"), {}
+    for number in (1, 2, 3):
+        with open(site / "whole" / f"barriers_{number}.csv", newline="") as file:
+            rows[number] = list(csv.reader(file))
+    assert not (site / "whole" / "barriers.csv").exists()
+    first, second = told["stages"][0]["time"], told["stages"][1]["time"]
+    assert (
+        float(rows[1][-1][0]) == float(rows[2][1][0]) == first
+        and float(rows[2][-1][0]) == float(rows[3][1][0]) == second
+    )
+    assert "mean moment up [N m]" in rows[2][0] and "mean moment up [N m]" not in rows[1][0]
+    assert float(rows[2][1][9]) == 0.0
+    taken = told["stages"][1]["balances"]["barriers"]["dam"]["normal_impulse"]
+    assert float(rows[2][-1][rows[2][0].index("normal impulse [N s]")]) == taken > 0.0
+
+
+def test_all_stages_export_as_one_flow(site, tmp_path):
+    paths = map(str, sorted((site / "whole").glob("*.h5")))
+    given = ["-o", str(tmp_path / "gis"), "--cs-e", "5", "--products", "t_vol", "-q"]
+    assert main(["export-raster", *paths, *given]) == 0
+    steps = sorted((tmp_path / "gis" / "rasters").glob("whole_000?.tif"))
+    assert len(steps) == len(frames(site))
+    for path, frame in zip(steps, frames(site), strict=True):
+        with rasterio.open(path) as file:
+            band = [name.split()[0] for name in file.descriptions].index("t_vol") + 1
+            volume = file.read(band, masked=True).sum() * 25 * np.sqrt(1.25)  # t_vol is normal to the slope
+        assert volume == pytest.approx(frame.particles.mass.sum() / 1500, rel=1e-5)
+
+
+def test_the_resolved_scene_runs_again_to_the_same_bytes(site, tmp_path):
+    again = ["run", str(site / "whole" / "scene.toml"), "-q", "-o", str(tmp_path / "again"), "--threads", "2"]
+    assert main(again) == 0
+    one, two = contents(tmp_path / "again"), contents(site / "whole")
+    assert one.keys() == two.keys()
+    assert all(one[key] == two[key] for key in one if key[1] not in ("time", "state/stages"))  # which tell the digest
+
+
+# --------------------------------------------------------------------------------------------------- kill and resume
+
+KILLS = {
+    "in the first stage": ("columns", 2.2),
+    "between the first switch and its frame": ("name", "barriers_2.csv:1"),
+    "after the first switch": ("points", 3.3),
+    "between the frame of a switch and what older ones lose": ("name", "frame_000003.h5:2"),
+    "at the second switch": ("points", 4.7),
+    "in the last stage": ("columns", 4.9),
+}
+
+
+@pytest.mark.parametrize("when", KILLS)
+def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
+    what, where = KILLS[when]
+    command = [sys.executable, "-c", CHILD, what, str(where), "run", str(site / "all.toml"), "-q", "-o"]
+    done = subprocess.run([*command, str(tmp_path / "cut")], capture_output=True, text=True, timeout=300)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert record(tmp_path, "cut")["state"] == "running"
+    before = contents(tmp_path / "cut")
+    assert 0 < len(before) < len(contents(site / "whole"))
+    assert main(["run", str(site / "all.toml"), "-q", "-o", str(tmp_path / "cut"), "--resume"]) == 0
+    assert contents(tmp_path / "cut") == contents(site / "whole")
+    again, whole = record(tmp_path, "cut"), record(site, "whole")
+    for part in ("state", "reason", "time", "steps", "frames", "digest", "balances", "events", "stages", "mass"):
+        assert again[part] == whole[part], part
+    names = sorted(path.name for path in (site / "whole").iterdir())
+    assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == names
+    for number in (1, 2, 3):
+        name = f"barriers_{number}.csv"
+        assert (tmp_path / "cut" / name).read_bytes() == (site / "whole" / name).read_bytes()
+
+
+def test_a_finished_run_says_so_and_another_scene_is_refused(site, tmp_path, capsys):
+    given = ["-o", str(site / "whole"), "--resume"]
+    assert main(["run", str(site / "all.toml"), *given]) == 0
+    err = capsys.readouterr().err
+    assert "is finished: end_time reached" in err and "mass of all stages" in err
+    (site / "other.toml").write_text(ALL.replace("time = 4.7", "time = 4.8"))
+    assert main(["run", str(site / "other.toml"), *given, "-q"]) == 2
+    assert "another scene" in capsys.readouterr().err
+    write_shapes(site / "box.geojson", [shapely.box(146, 100, 390, 300)])
+    try:
+        assert main(["run", str(site / "all.toml"), *given, "-q"]) == 2
+        assert "another scene" in capsys.readouterr().err
+    finally:
+        write_shapes(site / "box.geojson", [shapely.box(145, 100, 390, 300)])
+
+
+# ------------------------------------------------------------------------------------------------- what else is told
+
+
+def test_effects_are_told_for_each_stage(site, capsys):
+    capsys.readouterr()
+    assert main(["effects", str(site / "all.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "stage 1: columns, cells of 5 m, until within reach of barrier" in out
+    assert "stage 2: points in box.geojson, cells of 5 m, until t = 4.7 s" in out
+    assert "stage 3: columns, cells of 4 m, until the end" in out
+    assert main(["effects", str(site / "all.toml"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    names = {number: {d["effect"] for d in told if d["stage"] == number} for number in (1, 2, 3)}
+    assert "plasticity" in names[2] and "curvature" not in names[2]
+    assert "curvature" in names[1] and names[1] == names[3]
+    assert main(["effects", str(site / "all.toml"), "--measure", "-q"]) == 2
+    assert "solver = 'columns' only" in capsys.readouterr().err
+
+
+def test_a_deposit_becomes_columns_when_it_is_calm(site, tmp_path):
+    """A block on level ground slumps in 3D; a second after the last of it moves off the bed it goes on as columns."""
+    for path in site.glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    write_shapes(tmp_path / "block.geojson", [shapely.box(500, 180, 540, 220)])
+    level = SCENE.replace(f"window = [{WEST}", f"window = [{WEST + 410}").replace(f"{WEST + 400}", f"{WEST + 620}")
+    text = level.replace("thickness = 12.0", "thickness = 6.0").replace("end_time = 5", "end_time = 12")
+    calm = '[[stage]]\nsolver = "points"\nuntil = {calm = 1}\n[[stage]]\nsolver = "columns"\n'
+    assert run(tmp_path, text.replace("cell_size = 5.0", "cell_size = 2.5") + calm, "-q") == 0
+    told = record(tmp_path)
+    over = told["stages"][0]
+    assert over["reason"] == "the flow was calm for 1 s" and 1.0 <= over["time"] < 8.0
+    assert abs(told["mass"]["error_relative"]) <= 1e-12
+    assert (
+        over["switch"]["momentum_error_relative"] <= 1e-12
+        and over["switch"]["laid_mass"] < 0.02 * told["mass"]["released"]
+    )
+    assert told["balances"]["thickness_max"] < 6.5
+
+
+REFUSED = {
+    "a window that is nowhere": (ALL.replace("box.geojson", "nowhere.geojson"), "no such file"),
+    "an area that is nowhere": (ALL.replace('"barrier"', '"nowhere.geojson"'), "no such file"),
+    "inflow until points may begin": (
+        ALL + '[hydrograph]\nsource = "foot.geojson"\nfile = "inflow.csv"\n', "flows in until t = 3 s"),
+    "a law that points have not": (ALL.replace('"Coulomb"', '"Voellmy"\nxi = 1000').replace("xi", "xi"), "Voellmy"),
+    "cells too large": (ALL.replace("cell_size = 4\n", "cell_size = 100\n"), "3 x 3 at least"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_wrong_is_refused_before_anything_is_written(site, tmp_path, capsys, name):
+    for path in site.glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "inflow.csv").write_text("time,discharge\n0,5\n3,5\n")
+    text, words = REFUSED[name]
+    assert words in refused(tmp_path, capsys, text)
+
+
+def test_inflow_may_come_before_a_stage_of_points(site, tmp_path):
+    for path in site.glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "inflow.csv").write_text("time,discharge\n0,5\n2,5\n")
+    text = SCENE + DAM + BEFORE.replace('reach = "barrier"', "time = 2") + '[[stage]]\nsolver = "points"\n'
+    (tmp_path / "scene.toml").write_text(text + '[hydrograph]\nsource = "foot.geojson"\nfile = "inflow.csv"\n')
+    assert prepare(tmp_path / "scene.toml").events.ends() == 2.0
+
+
+def test_nothing_in_the_window_is_told_at_the_switch(site, tmp_path, capsys):
+    for path in site.glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    write_shapes(tmp_path / "box.geojson", [shapely.box(300, 100, 390, 300)])
+    early = BEFORE.replace('reach = "barrier"', "time = 0.5")
+    capsys.readouterr()
+    assert run(tmp_path, SCENE + DAM + early + AMID + AFTER, "-q") == 2
+    line = capsys.readouterr().err
+    assert "t = 0.5 s: stage 2, of points, begins, but none of the" in line and line.count("\n") == 1
+    told = record(tmp_path)
+    assert told["state"] == "refused" and len(frames(tmp_path, "results")) == told["frames"] == 1
