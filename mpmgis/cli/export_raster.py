@@ -3,20 +3,25 @@
 import argparse
 from pathlib import Path
 
-from . import talk
+from . import foreign_options, talk
 from .progress import frame_progress
 from .values import count, number, positive
 
 EXAMPLE = """
 mpmgis export-raster results/*.h5
 mpmgis export-raster results/*.h5 --cs-e 1 --dt-e 0.2 --products t_vol,p,maxima -o avalanche_gis
+mpmgis export-raster matter/particles_f*.ply --dem dtm.tif --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 AUTO = "auto"
 
 
 def add_arguments(parser):
     """Declare the verb's options."""
-    parser.add_argument("frames", nargs="+", help="frames (*.h5) of one run, or the folder that holds them")
+    parser.add_argument(
+        "frames",
+        nargs="+",
+        help="frames (*.h5) of one run, another code's particle files, or the folder that holds them",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -30,13 +35,16 @@ def add_arguments(parser):
     _add_averaging_options(parser.add_argument_group("averaging"))
     _add_file_options(parser.add_argument_group("files"))
     _add_machine_options(parser.add_argument_group("machine"))
+    foreign_options.add_arguments(parser.add_argument_group("another code's particle files"))
 
 
 def _add_terrain_options(group):
     group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frames name)")
     group.add_argument("--dem-band", type=count, metavar="N", help="band of the DTM, where it has several")
     group.add_argument(
-        "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
+        "--crs",
+        metavar="EPSG:n|local",
+        help="CRS of a DTM that carries none, and of another code's files; local: metres without a place",
     )
 
 

@@ -5,11 +5,14 @@ import sys
 from pathlib import Path
 
 from ..fields import BAND
+from . import foreign_options
+from .values import positive
 
 EXAMPLE = """
 mpmgis info dtm.tif release.shp
 mpmgis info results/
 mpmgis info --json seed.h5
+mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 
 UNITS = {
@@ -24,6 +27,7 @@ UNITS = {
     **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),
     **dict.fromkeys(("bbox", "cell_size"), "m"),
     "density": "kg m-3",
+    "particle_volume": "m3",
     "xi": "m s-2",
     "slope_median": "(tangent)",
 }
@@ -35,6 +39,7 @@ LABELS = {
     "crs": "CRS",
     "qgis": "QGIS",
     "max_speed": "largest speed now",
+    "own_axes": "its own axes",
     "speed_so_far": "largest speed so far",
     "thickness_so_far": "largest thickness so far",
     "thickness": "column thickness",
@@ -49,6 +54,10 @@ def add_arguments(parser):
     """The files, and --json."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="any file or folder of the chain")
     parser.add_argument("--json", action="store_true", help="one JSON object a file, one a line, in SI units")
+    group = parser.add_argument_group("another code's particle files")
+    foreign_options.add_arguments(group, with_times=False)
+    group.add_argument("--crs", metavar="EPSG:n|local", help="their CRS")
+    group.add_argument("--density", type=positive, metavar="R", help="of the material [kg m-3]")
 
 
 def run(arguments):
@@ -56,10 +65,11 @@ def run(arguments):
     from ..errors import MpmgisError, one_line
     from ..io.inspect import inspect
 
+    terms = foreign_options.terms(arguments)
     code, gap = 0, []
     for path in arguments.files:
         try:
-            facts = inspect(path)
+            facts = inspect(path, terms)
         except MpmgisError as error:
             print(f"mpmgis info: {one_line(error)}", file=sys.stderr)
             code = error.exit_code

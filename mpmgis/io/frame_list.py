@@ -1,57 +1,39 @@
 """The frames of one run, listed by time without their particles, and read one at a time.
 
-A reader is two functions, `read_header(path)` and `read(path, density, memory)`, that answer `Frame`; other codes'
-files come in by a row in `READERS`.
+mpmgis' own frames and those of other codes (`mpmgis.io.foreign`) come as the same `Frame`.
 """
 
 import re
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..geo.georeference import name_of, same_place
 from ..particles import Frame
+from .foreign.file import foreign_header, foreign_particles, require_told, times_of
+from .foreign.readers import FOREIGN, OWN, reader_of
+from .foreign.terms import ForeignTerms
 from .frames import read_frame, read_maxima
 
+PATTERN = "*.h5"
 _memory = threading.local()
 _NUMBERED = re.compile(r"(.*?)(\d+)(\.\w+)")
 
 
-class Reader(NamedTuple):
-    """How one code's frames are read: `suffix`, `read_header(path)`, `read(path, density [kg m-3], memory)`, and
-    `read_maxima(path)`, the running peaks of the solver.
-
-    `memory` is a dict that a reader may keep arrays in, to fill them anew; see `FrameEntry.read`.
-    """
-
-    suffix: str
-    read_header: Callable
-    read: Callable
-    read_maxima: Callable = lambda path: {}
-
-
-READERS = {
-    "mpmgis": Reader(
-        ".h5",
-        lambda path: read_frame(path, with_state=False, with_particles=False),
-        lambda path, density, memory: read_frame(path, with_state=False, density=density, memory=memory),
-        read_maxima,
-    )
-}
-
-
 @dataclass(frozen=True)
 class FrameEntry:
-    """One frame on disk: its `path`, its `header` (a Frame without particles), and the name of its `reader`."""
+    """One frame on disk: its `path`, its `header` (a Frame without particles), and the name of its `reader`.
+
+    `terms` is what the user said about another code's files.
+    """
 
     path: Path
     header: Frame
-    reader: str = "mpmgis"
+    reader: str = OWN
+    terms: ForeignTerms | None = None
 
     @property
     def time(self):
@@ -68,15 +50,20 @@ class FrameEntry:
 
         Its arrays are good until the same thread reads the next frame.
         """
-        return READERS[self.reader].read(self.path, density, vars(_memory))
+        if self.reader == OWN:
+            return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
+        particles = foreign_particles(self.path, FOREIGN[self.reader].open(self.path), self.terms)
+        return replace(self.header, particles=particles)
 
     def read_maxima(self):
         """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""
-        return READERS[self.reader].read_maxima(self.path)
+        return read_maxima(self.path) if self.reader == OWN else {}
 
 
-def list_frames(paths, reader="mpmgis"):
+def list_frames(paths, terms=None):
     """List the frames in `paths` (files, patterns, folders) by time.
+
+    `terms` (ForeignTerms) is what the user says about another code's files.
 
     Returns
     -------
@@ -85,12 +72,48 @@ def list_frames(paths, reader="mpmgis"):
     Raises
     ------
     FormatError, InputError
-        A file that is no frame, none at all, two frames of the same time, several folders, CRSs or runs.
+        A file that is no frame, none at all, two frames of the same time, several folders, CRSs, codes or runs; what
+        another code's files do not say.
     """
-    entries = [FrameEntry(path, READERS[reader].read_header(path), reader) for path in _files(paths, reader)]
+    terms = terms or ForeignTerms()
+    files = _files(paths, terms.reader)
+    reader = _one_reader(files, terms.reader)
+    if reader == OWN:
+        _refuse_terms(files[0], terms)
+        entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
+    else:
+        entries = _foreign_entries(files, reader, terms)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
     _require_one_run(entries)
     return tuple(entries)
+
+
+def _foreign_entries(paths, reader, terms):
+    files = [FOREIGN[reader].open(path) for path in paths]
+    for path, file in zip(paths, files, strict=True):
+        require_told(path, reader, file, terms)
+    times = times_of(paths, reader, files, terms)
+    return [
+        FrameEntry(path, foreign_header(path, reader, file, terms, float(time)), reader, terms)
+        for path, file, time in zip(paths, files, times, strict=True)
+    ]
+
+
+def _one_reader(files, asked):
+    """Name of the reader of all `files`."""
+    found = [reader_of(path, asked) for path in files]
+    for path, reader in zip(files, found, strict=True):
+        if reader != found[0]:
+            raise InputError(f"{files[0]} is of {found[0]}, {path} of {reader}; export one code's frames at a time")
+    return found[0]
+
+
+def _refuse_terms(path, terms):
+    idle = terms.only_for_foreign()
+    if idle:
+        raise InputError(
+            f"{path} is a frame of mpmgis, which says all that itself; {', '.join(idle)} is for other codes' files"
+        )
 
 
 def missing_frames(entries, most=5):
@@ -104,13 +127,11 @@ def missing_frames(entries, most=5):
 
 
 def _files(paths, reader):
-    suffix, files = READERS[reader].suffix, {}
+    files = {}
     for given in paths:
         path = Path(given)
         if path.is_dir():
-            found = sorted(path.glob(f"*{suffix}"))
-            if not found:
-                raise FormatError(f"{path}: no frame (*{suffix}) in this folder")
+            found = _in_folder(path, reader)
         elif not path.exists() and any(sign in str(given) for sign in "*?["):
             found = sorted(Path(name) for name in glob(str(given)))
             if not found:
@@ -121,8 +142,21 @@ def _files(paths, reader):
             if file == path or not file.name.startswith("."):  # hidden ones are in the making
                 files.setdefault(file.resolve(), file)
     if not files:
-        raise InputError(f"no frame is named; give files, for example results/*{suffix}")
+        raise InputError(f"no frame is named; give files, for example results/{PATTERN}")
     return list(files.values())
+
+
+def _in_folder(folder, reader):
+    """The frames in a folder: of `reader`, else mpmgis' own, else those of the first other code that knows any."""
+    patterns = {OWN: PATTERN} | {name: code.pattern for name, code in FOREIGN.items()}
+    for name in patterns if reader is None else (reader_of(folder, reader),):
+        found = sorted(folder.glob(patterns[name]))
+        if name != OWN:
+            found = [path for path in found if FOREIGN[name].recognises(path)]
+        if found:
+            return found
+    wanted = ", ".join(dict.fromkeys(patterns.values() if reader is None else (patterns[reader],)))
+    raise FormatError(f"{folder}: no frame ({wanted}) in this folder")
 
 
 def _require_one_run(entries):

@@ -13,15 +13,17 @@ from xml.etree import ElementTree
 import netCDF4
 import numpy as np
 
-from ..errors import FormatError, MpmgisError, one_line
+from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..scene import read_scene
+from .foreign.readers import FOREIGN, OWN, reader_of
+from .foreign.terms import ForeignTerms
 from .inspect_maps import raster_facts, vector_facts
-from .inspect_particles import PEAKS, frame_facts, particle_table_facts
+from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 
 
-def inspect(path):
-    """Facts about the file or folder at `path`.
+def inspect(path, terms=None):
+    """Facts about the file or folder at `path`; `terms` (ForeignTerms) is what is said about another code's files.
 
     Returns
     -------
@@ -34,17 +36,21 @@ def inspect(path):
     FormatError
         Missing, empty, damaged, or nothing of this chain.
     """
-    path = Path(path)
-    return _plain(_facts(path))
+    path, terms = Path(path), terms or ForeignTerms()
+    return _plain(_facts(path, terms))
 
 
-def _facts(path):
+def _facts(path, terms):
     if path.is_dir():
-        return {"file": str(path), **_folder_facts(path)}
+        return {"file": str(path), **_folder_facts(path, terms)}
     if not path.exists():
         raise FormatError(f"{path}: no such file or folder")
     if path.stat().st_size == 0:
         raise FormatError(f"{path} is empty (0 bytes)")
+    foreign = reader_of(path, terms.reader)
+    if foreign != OWN:
+        return {"file": str(path), "bytes": path.stat().st_size, **foreign_facts(path, foreign, terms)}
+    _refuse_idle(path, terms)
     known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
     return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
 
@@ -62,11 +68,23 @@ def _plain(value):
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _folder_facts(path):
-    """A folder of frames, or one that `export-raster` wrote."""
+def _refuse_idle(path, terms):
+    idle = terms.only_for_foreign()
+    if idle:
+        raise InputError(f"{path} is no particle file of another code, which {', '.join(idle)} is about; leave it out")
+
+
+def _folder_facts(path, terms):
+    """A folder of frames, ours or another code's, or one that `export-raster` wrote."""
     frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
     if frames:
+        _refuse_idle(path, terms)
         return _results_facts(path, frames)
+    found = [(file, reader_of(file, terms.reader)) for file in sorted(path.iterdir()) if file.is_file()]
+    found = [(file, name) for file, name in found if name != OWN and FOREIGN[name].recognises(file)]
+    if found:
+        return _foreign_results_facts([file for file, name in found if name == found[0][1]], found[0][1], terms)
+    _refuse_idle(path, terms)
     projects = sorted([*path.glob("*.qgz"), *path.glob("*.qgs")])
     rasters = sorted((path / "rasters").glob("*.tif")) + sorted((path / "rasters").glob("*.vrt"))
     if projects or rasters:
@@ -91,6 +109,21 @@ def _results_facts(path, frames):
         record = _read_json(path / RECORD_FILE)
         facts |= {name: record[name] for name in ("state", "reason", "steps", "wall_seconds") if name in record}
     return facts
+
+
+def _foreign_results_facts(files, reader, terms):
+    """The frames of another code in a folder: the first and the last by number, and what is to be told about them."""
+    numbered = sorted(files, key=lambda file: FOREIGN[reader].open(file).number or 0)
+    first, last = (foreign_facts(file, reader, terms) for file in (numbered[0], numbered[-1]))
+    return {
+        "kind": "results",
+        "frames": len(files),
+        "first_time": first["time"],
+        **{name: last[name] for name in ("time", "dimension", "n", "mass", "volume", "max_speed", "crs", "bbox")},
+        "n_at_start": first["n"],
+        "reader": reader,
+        **{name: last[name] for name in ("own_axes", "cell_size", "particle_volume", "arrays", "to_be_told")},
+    }
 
 
 def _export_facts(path, projects, rasters):

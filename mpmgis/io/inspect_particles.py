@@ -13,8 +13,10 @@ import pyarrow.parquet
 import pyogrio
 import pyproj
 
-from ..errors import FormatError, one_line
+from ..errors import FormatError, InputError, one_line
 from ..geo.georeference import name_of
+from .foreign.file import foreign_particles, named_columns, times_of, untold
+from .foreign.readers import FOREIGN
 from .frames import read_frame, read_maxima
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
@@ -46,6 +48,45 @@ def frame_facts(path):
         facts["groups"] = sorted(set(file) - {"particles"})
     facts["header"] = dict(frame.header)
     return facts
+
+
+def foreign_facts(path, reader, terms):
+    """Facts about another code's file, with what `terms` (ForeignTerms) says besides; what nobody says is None.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    file = FOREIGN[reader].open(path)
+    particles = foreign_particles(path, file, terms)
+    origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)
+    facts = particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume)
+    if terms.axes is None or terms.origin is None:
+        facts |= {"bbox": None, "elevation": None}
+    if not np.isfinite(facts["mass"]):
+        facts |= {"mass": None, "density": None}
+    if not np.isfinite(facts["volume"]):
+        facts |= {"volume": None, "density": None}
+    try:
+        (time,) = times_of([path], reader, [file], terms)
+    except InputError:
+        time = None
+    named = named_columns(path, file, terms)
+    own = file.read(tuple(named[name] for name in "xyz" if name in named))
+    return {
+        "kind": "particles",
+        "reader": reader,
+        "dimension": 3,
+        "time": time,
+        "step": file.number,
+        "crs": name_of(terms.crs) if terms.crs is not None else None,
+        **facts,
+        "own_axes": {name: [float(values.min()), float(values.max())] for name, values in own.items()},
+        "cell_size": file.cell_size,
+        "particle_volume": file.particle_volume,
+        "arrays": list(file.columns),
+        "to_be_told": untold(path, file, terms) + (["the time (--fps F or --dt S)"] if time is None else []),
+    }
 
 
 def particle_facts(position, velocity, mass, volume):

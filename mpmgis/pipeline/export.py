@@ -2,15 +2,18 @@
 
 import shutil
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from ..geo.georeference import parse_crs
 from ..geo.terrain import Terrain
 from ..io import qgis_folder
 from ..io.ascii_grid import require_square
 from ..io.atomic import whole_folder
-from ..io.frame_list import list_frames, missing_frames
+from ..io.foreign.terms import ForeignTerms
+from ..io.frame_list import OWN, list_frames, missing_frames
 from ..io.step_spool import StepSpool
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
@@ -25,6 +28,7 @@ from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write
 from .frame_pool import frame_pool
 
 AUTO = "auto"
+MOST_FRAMES_TOLD = 12  # of another code, a line each
 SPOOL_FOLDER = ".steps"  # in the folder that is being made, on the disk that must hold as much anyway
 
 
@@ -54,6 +58,19 @@ class ExportRequest:
     qgis_min: str = "3.38"
     workers: int | None = None
     dask: str | None = None
+    reader: str | None = None  # and what else is said about another code's files
+    origin: tuple | None = None
+    axes: tuple | None = None
+    times: tuple | None = None
+    frame_step: float | None = None  # [s]
+    frames_per_second: float | None = None
+    columns: tuple = ()
+    particle_volume: float | None = None  # [m3]
+
+    def terms(self):
+        """ForeignTerms: what is said about another code's files."""
+        crs = None if self.crs is None else parse_crs(self.crs)
+        return ForeignTerms.named(vars(self) | {"crs": crs, "time_step": self.frame_step})
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     MpmgisError
     """
     products = choose_products(request.products)
-    entries = list_frames(request.frames)
+    entries = list_frames(request.frames, request.terms())
     output = output_folder(request, entries)
     terrain = run_terrain(request, entries, output, say)
     if request.naming == "iseesnow":
@@ -137,7 +154,7 @@ def make_plan(request, entries, terrain, products, pool, say):
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
-    peaks = solver_peaks(entries[-1])
+    peaks = solver_peaks(next((entry for entry in reversed(entries) if entry.header.dimension == 2), entries[-1]))
     grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts, peaks))
     time_step = _time_step(request, entries, bed, grid, density, pool, say)
     steps = choose_steps([entry.time for entry in entries], time_step)
@@ -191,7 +208,8 @@ def _bounds(request, facts, peaks):
 def _cell_size(request, facts, terrain, say):
     if request.cell_size != AUTO:
         return request.cell_size
-    cell_size, why = automatic_cell_size(facts, terrain.grid.cell_size)
+    points = [fact for fact in facts if fact.column_side == 0]  # of a run of columns and points, the finer kind
+    cell_size, why = automatic_cell_size(points or facts, terrain.grid.cell_size)
     say(f"--cs-e auto: {cell_size:.4g} m; {why}")
     return cell_size
 
@@ -219,6 +237,9 @@ def _release(run, plan):
 
 def tell(request, plan, tally, say):
     """Say what the user should know about the frames, each thing once."""
+    if plan.entries[0].reader != OWN:
+        _tell_of_foreign(plan, tally, say)
+    _tell_of_kinds(plan.entries, say)
     if plan.peaks is not None:
         say(_word_on_peaks(plan))
     count, mass, name = tally.outside
@@ -228,9 +249,9 @@ def tell(request, plan, tally, say):
     if count:
         say(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")
     share, lowest, name = tally.below
-    if share >= 0.01 and request.standoff != AUTO:
+    if share >= 0.01 and request.standoff == 0:
         say(
-            f"{name}: {100 * share:.0f} % of the mass lies below the bed (lowest {lowest:.2f} m), as grid-based codes "
+            f"{name}: {100 * share:.0f} % of the mass lies below the DTM (lowest {lowest:.2f} m), as grid-based codes "
             "leave it; --standoff auto moves the surface, t_vol comes from mass and is right as it is"
         )
     missing = missing_frames(plan.entries)
@@ -240,6 +261,37 @@ def tell(request, plan, tally, say):
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
     _tell_of_time(request, plan, tally, say)
+
+
+def _tell_of_foreign(plan, tally, say):
+    """Number, mass and volume of every frame; of a long series where they change, besides first and last."""
+    density, before = plan.averaging.density, None
+    for k, (entry, (count, mass, below)) in enumerate(zip(plan.entries, tally.frames, strict=True)):
+        now = (count, f"{mass:.6g}")
+        if now != before or len(plan.entries) <= MOST_FRAMES_TOLD or k == len(plan.entries) - 1:
+            say(
+                f"{entry.path.name}: {entry.time:g} s, {count} particles, {mass:.6g} kg, {mass / density:.6g} m3 at "
+                f"{density:g} kg m-3; {100 * below:.0f} % of the mass below the DTM"
+            )
+        before = now
+    (first, first_mass, _), (last, last_mass, _) = tally.frames[0], tally.frames[-1]
+    if last < first or last_mass < first_mass * (1 - 1e-9):
+        say(
+            f"the last frame has {first - last} particles and {first_mass - last_mass:.4g} kg less than the first: the "
+            "code left them out, or they left its grid; maxima and deposit go without them"
+        )
+
+
+def _tell_of_kinds(entries, say):
+    """Where a run goes from columns to points or back: the two kinds measure depth each in its own way."""
+    kinds = {2: "columns", 3: "points"}
+    for before, entry in pairwise(entries):
+        if before.header.dimension != entry.header.dimension:
+            say(
+                f"{before.path.name} and before are {kinds[before.header.dimension]}, {entry.path.name} is "
+                f"{kinds[entry.header.dimension]}: h of columns is their thickness, of points the highest of them; "
+                "t_vol is the same in both"
+            )
 
 
 def _word_on_peaks(plan):

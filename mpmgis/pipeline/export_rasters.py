@@ -35,15 +35,18 @@ class StepShapes:
     shown: dict
 
 
-def average_entry(entry, averaging, traced):
-    """The values of one frame on disk and its shapes, particles thinned as if from `traced` (0: no shapes)."""
+def average_entry(entry, averaging, totals):
+    """The values of one frame on disk and its shapes, particles thinned as if from `totals[dimension]` (or no shapes).
+
+    One run may hold columns first and points then: each kind is shown by as many.
+    """
     frame = entry.read(averaging.density)
     values = average_frame(frame, averaging)
-    if not traced:
+    if not totals:
         return values, None
     bands = values.values
     outline = step_outline(values.index, bands["h"], bands["Ut"], averaging.grid, averaging.min_depth)
-    return values, StepShapes(outline, shown_particles(frame, traced))
+    return values, StepShapes(outline, shown_particles(frame, totals[frame.dimension]))
 
 
 @dataclass
@@ -56,9 +59,11 @@ class Tally:
     column_side: float = 0.0
     fastest: float = 0.0
     largest: dict = field(default_factory=dict)
+    frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
 
     def add(self, name, values):
         """Take in the values of the frame called `name`."""
+        self.frames.append((values.count, values.mass, values.below))
         self.outside = max(self.outside, (values.outside, values.mass_outside, name))
         self.without_slope = max(self.without_slope, (values.without_slope, name))
         self.below = max(self.below, (values.below, values.lowest, name))
@@ -97,9 +102,9 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     maxima = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth)
     second = _second_maxima(averaging)
     tally, step_of = Tally(), {frame: step for step, frame in enumerate(plan.steps)}
-    traced = plan.entries[0].count if spool is not None else 0
+    totals = {entry.header.dimension: entry.count for entry in reversed(plan.entries)} if spool is not None else {}
     with finished(_step_writer(request, plan, rasters, pool)) as writer:
-        results = pool.map(average_entry, plan.entries, averaging, traced)
+        results = pool.map(average_entry, plan.entries, averaging, totals)
         for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
             if values.outside == values.count:
                 refuse_nowhere(entry, plan.terrain)

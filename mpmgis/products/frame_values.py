@@ -1,6 +1,6 @@
 """One frame turned into the values of its cells: the unit of work that is mapped over frames."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class FrameValues:
     Parameters
     ----------
     time : float [s]
-    count : int
+    count, mass : int, float [kg]
         Particles in the frame.
     index : int64[k]
         Flat index in the export grid of the cells that hold any, ascending.
@@ -61,17 +61,16 @@ class FrameValues:
     outside, mass_outside, without_slope : int, float [kg], int
         Particles off the DTM, their mass, and particles on it where it has no slope.
     below, lowest : float, float [m]
-        Share of the mass below the bed (points), and the smallest distance from it.
+        Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
     column_side : float [m]
         Side of the mean column, 0 for points.
     fastest : float [m s-1]
         Largest depth-averaged speed in the map plane where the flow is at least min_depth deep.
-    traced : tuple
-        Particles to show, chosen by whoever maps this over frames.
     """
 
     time: float
     count: int
+    mass: float
     index: np.ndarray
     values: dict
     second: tuple | None
@@ -82,7 +81,6 @@ class FrameValues:
     lowest: float
     column_side: float
     fastest: float
-    traced: tuple = field(default=())
 
 
 def average_frame(frame, averaging):
@@ -99,10 +97,11 @@ def average_frame(frame, averaging):
         there = _bin(frame, placed, averaging, averaging.second_grid)
         second = there.index, _stored(cell_values(there, averaging.second_names, averaging.min_depth))
     values = cell_values(cells, averaging.names, averaging.min_depth)
-    below, lowest = _below_bed(frame, placed, cells.spacing)
+    below, lowest = _below_terrain(frame, placed.distance + averaging.bed.standoff, cells.spacing)
     return FrameValues(
         time=frame.time,
         count=len(frame.particles),
+        mass=float(frame.particles.mass.sum()),
         index=cells.index,
         values=_stored(values),
         second=second,
@@ -129,10 +128,10 @@ def _fastest(cells, depth, min_depth):
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
 
 
-def _below_bed(frame, placed, spacing):
-    """(share of the mass below the bed, smallest distance [m]) of points; (0, 0) for columns, which stand on it."""
-    if frame.dimension == 2 or not np.isfinite(placed.distance).any():
+def _below_terrain(frame, distance, spacing):
+    """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns, which stand on it."""
+    if frame.dimension == 2 or not np.isfinite(distance).any():
         return 0.0, 0.0
     mass = frame.particles.mass
-    below = placed.distance < -_ROUNDING * spacing
-    return float(mass[below].sum() / mass.sum()), float(np.nanmin(placed.distance))
+    below = distance < -_ROUNDING * spacing
+    return float(mass[below].sum() / mass.sum()), float(np.nanmin(distance))

@@ -1,0 +1,100 @@
+"""What the user says about another code's files: all that the files do not say themselves."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ...errors import InputError
+
+EAST, NORTH, UP = np.eye(3)
+DIRECTIONS = {"e": EAST, "n": NORTH, "u": UP, "w": -EAST, "s": -NORTH, "d": -UP}
+NAMES = ("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "id")  # ours, that --columns may give a column each
+
+
+@dataclass(frozen=True)
+class ForeignTerms:
+    """The command line's options for another code's files, as text and numbers.
+
+    Parameters
+    ----------
+    reader : str or None
+        Name of the code; None to find it out from the files.
+    crs : pyproj.CRS or None
+        Of the particles; None where it is not said, or metres without a place.
+    origin : tuple of 3 floats or None
+        (E, N, H) [m] of the file's own origin.
+    axes : tuple of 3 str or None
+        Where the file's x, y and z point: e, n, u, w, s, d, or one of the first three with a minus.
+    times : tuple of float or None
+        Time [s] of each file, in the order of their numbers.
+    time_step, frames_per_second : float or None
+        Time [s] from one file's number to the next, or its inverse [s-1].
+    columns : tuple of (str, str)
+        Names of NAMES and the file's own columns for them.
+    density : float or None
+        [kg m-3]
+    particle_volume : float or None
+        [m3] of every particle.
+    """
+
+    reader: str | None = None
+    crs: object = None
+    origin: tuple | None = None
+    axes: tuple | None = None
+    times: tuple | None = None
+    time_step: float | None = None
+    frames_per_second: float | None = None
+    columns: tuple = ()
+    density: float | None = None
+    particle_volume: float | None = None
+
+    def __post_init__(self):
+        given = [option for option, value in self._of_time().items() if value is not None]
+        if len(given) > 1:
+            raise InputError(f"{' and '.join(given)} all say the time of the frames; give one of them")
+        if self.axes is not None:
+            axis_matrix(self.axes)
+        for name, _ in self.columns:
+            if name not in NAMES:
+                raise InputError(f"--columns: there is no quantity {name!r}; choose from {', '.join(NAMES)}")
+
+    def _of_time(self):
+        return {"--times": self.times, "--dt": self.time_step, "--fps": self.frames_per_second}
+
+    def only_for_foreign(self):
+        """Options given that mean nothing for mpmgis' own frames, which say all of that themselves."""
+        options = {
+            "--origin": self.origin, "--axes": self.axes, **self._of_time(), "--columns": self.columns or None,
+            "--particle-volume": self.particle_volume,
+        }  # fmt: skip
+        return [option for option, value in options.items() if value is not None]
+
+    @classmethod
+    def named(cls, values):
+        """The terms in a mapping that may hold more than them."""
+        return cls(**{field.name: values[field.name] for field in fields(cls) if field.name in values})
+
+
+def axis_matrix(axes):
+    """float64[3, 3]: map vector (E, N, up) of the file's x, y and z, one a row.
+
+    Raises
+    ------
+    InputError
+        Not three directions at right angles to each other, or a mirror image.
+    """
+    rows = []
+    for word in axes:
+        sign, letter = (-1.0, word[1:]) if word[:1] == "-" else (1.0, word)
+        if letter not in DIRECTIONS:
+            raise InputError(f"--axes {','.join(axes)}: {word!r} is no direction, wanted e, n, u (or -e, -n, -u)")
+        rows.append(sign * DIRECTIONS[letter])
+    matrix = np.array(rows)
+    if matrix.shape != (3, 3) or abs(np.linalg.det(matrix)) < 0.5:
+        raise InputError(f"--axes {','.join(axes)}: wanted three directions at right angles, for example e,u,-n")
+    if np.linalg.det(matrix) < 0:
+        raise InputError(
+            f"--axes {','.join(axes)} is a mirror image of the terrain: right-handed axes are, for example, e,n,u or "
+            "e,u,-n (y up)"
+        )
+    return matrix
