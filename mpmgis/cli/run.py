@@ -77,7 +77,8 @@ def tell(summary):
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6
-    talk.say(f"wall time {summary.wall_seconds:.1f} s, {rate:.1f} million particle-steps a second")
+    foreseen = "" if summary.predicted_seconds is None else f" (predicted {summary.predicted_seconds:.2g} s)"
+    talk.say(f"wall time {summary.wall_seconds:.1f} s{foreseen}, {rate:.1f} million particle-steps a second")
 
 
 def _tell_mass(mass):

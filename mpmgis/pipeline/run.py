@@ -13,7 +13,8 @@ from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunF
 from ..kernels.jit import set_threads
 from ..scene import scene_text
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
-from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d
+from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d, slower_than_nominal
+from ..solvers.pace import measured_pace
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..solvers.points import MACH_WARNING
 from .prepare import prepare
@@ -23,6 +24,7 @@ ANEW, RESUMED, FINISHED = range(3)  # where a run starts
 PARTICLES_PER_THREAD = 10_000
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
 ASK_SECONDS = 3600.0
+MEASURE_SECONDS = 20.0  # predicted for a typical machine, above which two seconds go into measuring this one
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class RunSummary:
     wall_seconds: float
     particle_steps_per_second: float
     balances: dict
+    predicted_seconds: float | None  # of the whole run's steps; None where there is nothing to hold it against
     solver: str = "columns"
     mass: dict | None = None  # where it is, of a run in several stages
 
@@ -49,19 +52,37 @@ def use_threads(particles, asked=None):
     return set_threads(asked or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
-def require_affordable(prepared, threads, confirm):
-    """Refuse, or ask `confirm(question)`, where a run would take over an hour or most of the memory."""
+def require_affordable(prepared, threads, confirm, say):
+    """Tell what a run is predicted to take; refuse, or ask `confirm(question)`, over an hour or most of the memory.
+
+    What is more than a few seconds is predicted from two seconds of its own steps, measured here and now. Answers the
+    predicted wall time of its steps [s].
+    """
     seconds, memory = predicted_cost(prepared, threads)
-    available = available_memory()
+    how, available = "", available_memory()
+    if seconds > MEASURE_SECONDS and memory < MEMORY_SHARE * available:
+        pace = measured_pace(prepared.solver())
+        if pace is not None:
+            seconds *= slower_than_nominal(prepared.stages[0].scene.solver, pace, threads)
+            how = f", at {1e9 * pace:.0f} ns a particle and step as measured"
+    need = f"{duration(seconds)} and {memory / 1e9:.2g} GB"
+    say(f"predicted: {need}{how}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available:
-        return
-    need = f"this run is predicted to take {seconds / 3600:.1f} h and {memory / 1e9:.1f} GB"
-    question = f"{need} ({available / 1e9:.1f} GB are free)"
+        return seconds
+    question = f"this run is predicted to take {need} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
+    return seconds
+
+
+def duration(seconds):
+    """A wall time in words."""
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
 
 
 def predicted_cost(prepared, threads):
@@ -110,7 +131,7 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene_path, say, laws)
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    require_affordable(prepared, used, confirm)
+    foreseen = require_affordable(prepared, used, confirm, say)
     sequence = Sequence(prepared, _telling_mach(watch, say), say)
     _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
@@ -122,7 +143,7 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
         return _summary(folder, sequence, folder.record()["reason"], 0.0)
     folder.open()
     try:
-        return _march(folder, sequence, start == RESUMED)
+        return _march(folder, sequence, start == RESUMED, foreseen)
     finally:
         folder.remove_if_empty()
 
@@ -175,16 +196,16 @@ def _telling_mach(watch, say):
     return watching
 
 
-def _summary(folder, sequence, reason, wall):
+def _summary(folder, sequence, reason, wall, foreseen=None):
     solver, steps = sequence.solver, sequence.particle_steps
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
         folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
-        solver.balances(), sequence.stage.scene.solver, mass,
+        solver.balances(), foreseen, sequence.stage.scene.solver, mass,
     )  # fmt: skip
 
 
-def _march(folder, sequence, resumed):
+def _march(folder, sequence, resumed, foreseen):
     """March and write; the record says at any moment how far the run is."""
     prepared, began = sequence.prepared, time.perf_counter()
     barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
@@ -194,7 +215,8 @@ def _march(folder, sequence, resumed):
         folder.write_record(
             state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
-            scene=prepared.scene.as_tables(), effects=[d._asdict() for d in prepared.decisions],
+            predicted_seconds=foreseen, scene=prepared.scene.as_tables(),
+            effects=[decision._asdict() for decision in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
             **_record_of_stages(sequence),
         )  # fmt: skip
@@ -220,7 +242,7 @@ def _march(folder, sequence, resumed):
     except InputError:  # at a switch
         record("refused")
         raise
-    return _summary(folder, sequence, sequence.reason, record("finished"))
+    return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed else foreseen)
 
 
 def _record_of_stages(sequence):

@@ -17,6 +17,7 @@ BYTES_PER_START = 320  # of a point while columns become points
 MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
 NANOSECONDS_PER_POINT_STEP = 110.0  # of one point on one thread, sort and grid included
+SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
 
 
 def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_time, line_speed, threads):
@@ -28,7 +29,7 @@ def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_ti
     signal = 0.5 * line_speed + np.sqrt(GRAVITY * thickness)
     steps = end_time * signal / (cfl * cell_size)
     memory = columns * BYTES_PER_COLUMN + nodes * BYTES_PER_NODE + 3 * elevation_bytes
-    return steps * columns * NANOSECONDS_PER_STEP * 1e-9 / threads, memory
+    return steps * (columns * NANOSECONDS_PER_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory
 
 
 def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time, line_speed, threads):
@@ -43,7 +44,13 @@ def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time
     steps = end_time / (numerics.cfl * min(limits))
     row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
     memory = points * (3 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
-    return steps * points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads, memory
+    return steps * (points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory
+
+
+def slower_than_nominal(solver_name, pace, threads):
+    """Times [1] by which a particle's step takes longer on this machine, `pace` [s], than is taken above."""
+    nominal = {"columns": NANOSECONDS_PER_STEP, "points": NANOSECONDS_PER_POINT_STEP}[solver_name]
+    return pace / (nominal * 1e-9 / threads)
 
 
 def require_memory_for_points(count, cell_size):

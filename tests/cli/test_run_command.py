@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -353,3 +354,23 @@ def test_scenes_compare_and_digest_by_what_they_say(site):
     (site / "scene.toml").write_text(SCENE.replace("mu = 0.25", "mu    =    0.25  # the same"))
     b = read_scene(site / "scene.toml")
     assert a == b and a.digest("x") == b.digest("x") != a.digest("y")
+
+
+def test_a_run_says_before_what_it_will_take_and_after_what_it_took(site, capsys):
+    assert main(["run", str(site / "scene.toml")]) == 0
+    err = capsys.readouterr().err
+    assert re.search(r"predicted: [\d.]+ s and [\d.]+ GB\n", err)
+    assert re.search(r"wall time [\d.]+ s \(predicted [\d.]+ s\)", err)
+    record = json.loads((site / "results" / "run.json").read_text())
+    assert 0 < record["predicted_seconds"] < 60
+
+
+def test_a_longer_run_is_predicted_from_its_own_steps(site, capsys, monkeypatch):
+    monkeypatch.setattr("mpmgis.pipeline.run.MEASURE_SECONDS", 0.0)
+    assert main(["run", str(site / "scene.toml")]) == 0
+    measured = digests(site / "results")
+    err = capsys.readouterr().err
+    assert re.search(r"predicted: [\d.]+ s and [\d.]+ GB, at \d+ ns a particle and step as measured", err)
+    monkeypatch.undo()
+    assert main(["run", str(site / "scene.toml"), "--overwrite", "-q"]) == 0
+    assert digests(site / "results") == measured
