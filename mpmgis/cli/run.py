@@ -123,9 +123,12 @@ def _tell_points(b):
     out = b["mass_out"] / max(b["mass_start"], 1e-300)
     mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
     talk.say(f"{mass}, error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}")
-    ground, lost = b["energy_lost_to_ground"], b["energy_lost"]
-    energy = f"energy: {lost:.4g} J lost, of it {ground:.4g} J to the ground, kinetic now {b['kinetic_energy']:.3g} J"
-    talk.say(f"{energy}, elastic {b['elastic_energy']:.3g} J")
+    takers = {"the bed": "ground", "barriers": "barriers", "yielding": "yielding"}
+    taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
+    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules)
+    rest = f"{b['energy_lost'] - sum(taken.values()):.3g} J to blows, viscosity and the grid"
+    talk.say(f"energy: {b['energy_lost']:.4g} J lost: {to + ', ' if to else ''}{rest}")
+    talk.say(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
     talk.say(f"largest speed {b['speed_max']:.1f} m/s, {b['mach_max']:.2f} times that of pressure waves")
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]

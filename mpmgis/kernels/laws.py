@@ -35,6 +35,8 @@ METHODS = (
     "volume_ratio",
     "kept_slip",  # contact of points with the ground
     "sticks",
+    "drag_active",
+    "kept_by_drag",
     "kept_along",  # barriers of points
 )
 

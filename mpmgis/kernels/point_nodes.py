@@ -7,12 +7,14 @@ from .block_order import CHUNKS
 from .jit import jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
 from .point_barriers import BARRIER, at_barrier
+from .point_drag import bed_per_mass
+from .point_ground import exact_at, fold_at, plane_at
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
 
-# what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]
-FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, NODE_REPORT = range(8)
-# of the ground at a node: height [m], slopes, and how low near it a point may be before it is looked at [m]
-GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, GROUND_DEEP, GROUND_ENTRIES = range(5)
+# what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
+# that the flow did against the ground and against barriers [J]
+FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, BARRIER_WORK, NODE_REPORT = range(9)
+STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
 
 
 @jit_inline
@@ -33,32 +35,42 @@ def _gather(block, sources, tiles):
                     store(block, n + 4 * i, multiply_add(1.0, load(tile, t + 4 * i), load(block, n + 4 * i)))
 
 
+@jit_parallel
+def gather_nodes(nodes, tiles, sources, n_touched):
+    """Mass and momentum at the nodes of all touched blocks, for what must know them before the nodes move."""
+    for c in prange(CHUNKS):
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            _gather(nodes[t], sources[t], tiles)
+
+
 @jit_inline
-def _on_ground(u, v, w, slope_x, slope_y, contact, zones, zone_values, j, i):
-    """Velocity of a node under the ground's surface after its contact with it."""
-    steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    nx, ny, nz = -slope_x / steep, -slope_y / steep, 1.0 / steep
+def _on_ground(u, v, w, nx, ny, nz, law, drag):
+    """Velocity of a node on the ground, whose unit normal is (nx, ny, nz), after its contact with it."""
     into = u * nx + v * ny + w * nz
-    law = zones.local(contact, zone_values, j, i)
-    if into < 0.0 or law.sticks():
+    held = into < 0.0 or law.sticks()
+    if held or law.drag_active():
         u, v, w = u - into * nx, v - into * ny, w - into * nz
         slip = sqrt(u * u + v * v + w * w)
+        kept = 0.0
         if slip > 0.0:
             kept = law.kept_slip(slip, max(-into, 0.0))
-            u, v, w = u * kept, v * kept, w * kept
+            kept *= law.kept_by_drag(kept * slip, drag)
+        leaves = 0.0 if held else into
+        u, v, w = kept * u + leaves * nx, kept * v + leaves * ny, kept * w + leaves * nz
     return u, v, w
 
 
 @jit_parallel
 def update_points_nodes(
-    nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, report, barrier_report,
-    dx, dt, gravity, clearance, wall, nx, ny, contact, zones, barrier,
+    nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, column_mass, report, barrier_report,
+    dx, dt, density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
 ):  # fmt: skip
     """Velocities at the nodes of all touched blocks; contact where a node lies under the ground by `clearance` [m].
 
     A node that moves into the ground keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t
     max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). Barriers come after it, and the ground is seen to once more. On
-    walls the velocity outwards is taken away.
+    walls the velocity outwards is taken away. Where the contact has drag, the nodes are gathered already and
+    `column_mass` is what `kernels/point_drag` has weighed.
     """
     for c in prange(CHUNKS):
         mine = report[c]
@@ -67,14 +79,17 @@ def update_points_nodes(
         booked[:] = 0.0
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block = nodes[t]
-            _gather(block, sources[t], tiles)
+            if not contact.drag_active():
+                _gather(block, sources[t], tiles)
             j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
                 for i in range(BLOCK):
-                    jj, ii = min(j_first + j, ground.shape[0] - 1), min(i_first + i, ground.shape[1] - 1)
-                    height = ground[jj, ii, GROUND_HEIGHT]
-                    slope_x, slope_y = ground[jj, ii, GROUND_SLOPE_X], ground[jj, ii, GROUND_SLOPE_Y]
-                    flat = 1.0 / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+                    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
+                    height, gx, gy, gz = plane_at(ground.nodes, jj, ii)
+                    first, lowest, levels = fold_at(ground.folds, jj, ii)
+                    law, drag = zones.local(contact, zone_values, jj, ii), 0.0
+                    if contact.drag_active():
+                        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
                     for k in range(BLOCK):
                         n = ((k * BLOCK + j) * BLOCK + i) * 4
                         mass = block[n + NODE_MASS]
@@ -82,22 +97,27 @@ def update_points_nodes(
                             continue
                         u, v = block[n + NODE_X] / mass, block[n + NODE_Y] / mass
                         w = block[n + NODE_Z] / mass - dt * gravity
-                        above = (k_first + k - GHOSTS) * dx - height
-                        if above * flat <= clearance:
-                            before = u * u + v * v + w * w
-                            u1, v1, w1 = _on_ground(u, v, w, slope_x, slope_y, contact, zones, zone_values, jj, ii)
-                            mine[GROUND_X] += mass * (u1 - u)
-                            mine[GROUND_Y] += mass * (v1 - v)
-                            mine[GROUND_Z] += mass * (w1 - w)
+                        away = ((k_first + k - GHOSTS) * dx - height) * gz
+                        ox, oy, oz = gx, gy, gz
+                        if levels > 0:
+                            away, ox, oy, oz = exact_at(ground.exact, first, lowest, levels, k_first + k)
+                        if away <= clearance:
+                            u1, v1, w1 = _on_ground(u, v, w, ox, oy, oz, law, drag)
+                            jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
+                            mine[GROUND_X] += jx
+                            mine[GROUND_Y] += jy
+                            mine[GROUND_Z] += jz
+                            mine[GROUND_WORK] -= jx * u1 + jy * v1 + jz * w1
                             u, v, w = u1, v1, w1
-                            mine[GROUND_WORK] += 0.5 * mass * (before - u * u - v * v - w * w)
                         if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
                             height_here = (k_first + k - GHOSTS) * dx
-                            u, v, w = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], booked, barrier)
-                            if above * flat <= clearance and w - u * slope_x - v * slope_y < 0.0:
-                                w1 = u * slope_x + v * slope_y  # out of the ground again, without a further loss
-                                mine[GROUND_Z] += mass * (w1 - w)
-                                w = w1
+                            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], booked, barrier)
+                            mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
+                            u, v, w = u1, v1, w1
+                            into = u * ox + v * oy + w * oz
+                            if away <= clearance and into < 0.0 and oz > STEEPEST_LIFT:
+                                mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
+                                w -= into / oz
                         if wall:
                             if (i_first + i <= GHOSTS and u < 0.0) or (i_first + i >= GHOSTS + nx and u > 0.0):
                                 mine[WALL_X] -= mass * u

@@ -26,7 +26,7 @@ from .lanes import (
     without_last,
 )
 from .point_blocks import packed
-from .point_nodes import GROUND_DEEP
+from .point_ground import GROUND_DEEP
 from .point_rows import (
     AXX,
     AXY,
@@ -56,6 +56,7 @@ from .point_rows import (
     SPEED2_MAX,  # [m2 s-2]
     AT_TIP,  # points without tension
     FAR,  # points whose strain left the series' range
+    PLASTIC,  # work done in yielding [J]
     UNDER,  # mass lifted back onto the ground [kg]
     NOT_FINITE,  # points
     BAD_X,
@@ -66,7 +67,7 @@ from .point_rows import (
     BLOCK_NORTH,
     BLOCK_TALL,
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(16)
+) = range(17)
 EDGES = 4  # west, south, east, north
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -408,18 +409,28 @@ def _keep_in(scratch, count, dx, length_x, length_y):
 
 
 @jit
-def _survey(scratch, count, turn, gravity, mine):
-    """Energies and the largest speed and |C| of the batch, into the chunk's report."""
-    kinetic, potential, tip = mine[KINETIC], mine[POTENTIAL], mine[AT_TIP]
+def _survey(scratch, count, turn, density, gravity, mine):
+    """Energies and the largest speed and |C| of the batch, into the chunk's report.
+
+    Yielding takes q de_d a volume: q = sqrt(3/2) |dev tau|, e_d is the state's plastic strain (`effects/material`).
+    """
+    kinetic, potential, plastic, tip = mine[KINETIC], mine[POTENTIAL], mine[PLASTIC], mine[AT_TIP]
     fastest, shear2 = mine[SPEED2_MAX], 0.0
     for q in range(count):
         mass, speed2 = get(scratch, L_MASS, q), get(scratch, L_SPEED2, q)
         kinetic += 0.5 * mass * speed2
         potential += mass * gravity * get(scratch, L_Z, q)
+        txx, tyy, tzz = get(scratch, L_TXX, q), get(scratch, L_TYY, q), get(scratch, L_TZZ, q)
+        txy, txz, tyz = get(scratch, L_TXY, q), get(scratch, L_TXZ, q), get(scratch, L_TYZ, q)
+        mean = (txx + tyy + tzz) / 3.0
+        square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
+        square += 2.0 * (txy * txy + txz * txz + tyz * tyz)
+        plastic += mass / density * sqrt(1.5 * square) * (get(scratch, L_N6, q) - get(scratch, L_S6, q))
         fastest = max(fastest, speed2)
         shear2 = max(shear2, get(scratch, L_SHEAR2, q))
         tip += 1.0 if get(scratch, L_CODE, q) == TIP_CODE else 0.0
-    mine[KINETIC], mine[POTENTIAL], mine[AT_TIP], mine[SPEED2_MAX] = kinetic, potential, tip, fastest
+    mine[KINETIC], mine[POTENTIAL], mine[PLASTIC] = kinetic, potential, plastic
+    mine[AT_TIP], mine[SPEED2_MAX] = tip, fastest
     mine[SHEAR_MAX] = max(mine[SHEAR_MAX], turn * turn * shear2)
 
 
@@ -576,7 +587,7 @@ def grid_to_points(
                 _move(scratch, count, turn, dt, next_dt, dx, density)
                 if wall:
                     _keep_in(scratch, count, dx, length_x, length_y)
-                _survey(scratch, count, turn, gravity, mine)
+                _survey(scratch, count, turn, density, gravity, mine)
                 if not _locate(scratch, integers, count, inverse_dx, length_x, length_y):
                     _book_out(scratch, integers, count, length_x, length_y, gravity, mine)
                 _give_keys(scratch, integers, keys, order, first, count, ground, lowest, dx, mine)

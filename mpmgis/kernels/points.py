@@ -27,9 +27,11 @@ from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
 from .point_blocks import WINDOW as BLOCKS_WINDOW
+from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
+from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, GROUND_ENTRIES, Ground
 from .point_nodes import (
+    BARRIER_WORK,
     FASTEST2,
-    GROUND_ENTRIES,
     GROUND_WORK,
     GROUND_X,
     GROUND_Y,
@@ -37,6 +39,7 @@ from .point_nodes import (
     NODE_REPORT,
     WALL_X,
     WALL_Y,
+    gather_nodes,
     update_points_nodes,
 )
 from .point_rows import (
@@ -76,6 +79,7 @@ from .point_transfer import (
     NOT_FINITE,
     OUT,
     OUT_ENTRIES,
+    PLASTIC,
     POTENTIAL,
     REPORT,
     SHEAR_MAX,
@@ -89,6 +93,8 @@ __all__ = [  # what the solver needs beside its own
     "AXX",
     "AXY",
     "AXZ",
+    "EXACT_ENTRIES",
+    "FOLD_ENTRIES",
     "GHOSTS",
     "GONE",
     "GROUND_ENTRIES",
@@ -102,6 +108,7 @@ __all__ = [  # what the solver needs beside its own
     "ROW_LONG",
     "ROW_SHORT",
     "STATE",
+    "Ground",
     "X",
     "Z",
     "advance",
@@ -140,9 +147,11 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     IMPULSE_WALL_X,
     IMPULSE_WALL_Y,
     IMPULSE_GRAVITY,  # downwards [N s]
-    GROUND_LOSS,  # energy lost to contact with the ground [J]
+    GROUND_LOSS,  # work done against the ground's friction and drag [J]
+    BARRIER_LOSS,  # and against that of barriers [J]
+    PLASTIC_LOSS,  # work done in yielding [J]
     CLOCK,
-) = range(25)
+) = range(27)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -209,6 +218,7 @@ def collect(report, ledger, clock, counts, window):
         clock[SHEAR] = max(clock[SHEAR], sqrt(mine[SHEAR_MAX]))
         clock[TIP_TOTAL] += mine[AT_TIP]
         clock[FAR_TOTAL] += mine[FAR]
+        clock[PLASTIC_LOSS] += mine[PLASTIC]
         lifted += mine[UNDER]
         if mine[NOT_FINITE] > 0.0:
             counts[BAD] += int(mine[NOT_FINITE])
@@ -241,6 +251,7 @@ def collect_nodes(node_report, clock):
         clock[IMPULSE_WALL_X] += mine[WALL_X]
         clock[IMPULSE_WALL_Y] += mine[WALL_Y]
         clock[GROUND_LOSS] += mine[GROUND_WORK]
+        clock[BARRIER_LOSS] += mine[BARRIER_WORK]
     clock[FASTEST] = sqrt(fastest2)
 
 
@@ -301,6 +312,10 @@ def advance(
     node_room = 256
     nodes = np.zeros((node_room, BLOCK_SIZE))
     sources, touched = np.zeros((node_room, 8), np.int32), np.zeros((node_room, 3), np.int32)
+    drags = effects.contact.drag_active()
+    rows_of_ground, columns_of_ground = ground.nodes.shape[0], ground.nodes.shape[1]
+    column_mass = np.zeros((rows_of_ground if drags else 1, columns_of_ground if drags else 1, COLUMN_MASSES))
+    block_mass = np.zeros((node_room if drags else 1, BLOCK_COLUMNS))
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
@@ -339,6 +354,7 @@ def advance(
         )
         if n_touched > nodes.shape[0]:
             nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE))
+            block_mass = np.zeros((nodes.shape[0] if drags else 1, BLOCK_COLUMNS))
         for a in range(active):
             own = targets[a, 0]
             for axis in range(3):
@@ -347,18 +363,24 @@ def advance(
         dt, hits = clock[STEP_NOW], clock[HITS] > 0.0
         end = until if hits else clock[TIME] + dt
         points_to_grid(rows, order, start, bounds, active_nodes, tiles, inverse_dx)
+        if drags:
+            gather_nodes(nodes, tiles, sources, n_touched)
+            weigh_contact(nodes, touched, n_touched, ground, dx, settings.clearance, block_mass)
+            spread_contact(block_mass, touched, n_touched, column_mass)
         update_points_nodes(
-            nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, node_report, barrier_report,
-            dx, dt, gravity, settings.clearance, settings.wall, settings.cells_x, settings.cells_y,
-            effects.contact, effects.zones, effects.barrier,
+            nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, column_mass, node_report,
+            barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall, settings.cells_x,
+            settings.cells_y, effects.contact, effects.zones, effects.barrier,
         )  # fmt: skip
+        if drags:
+            clear_contact(touched, n_touched, column_mass)
         collect_nodes(node_report, clock)
         if effects.barrier.barrier_active():
             collect_point_barriers(barrier_report, barrier_sums, dt)
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
-            rows, keys, order, start, bounds, active_nodes, targets, nodes, tiles, ground, lowest, report,
+            rows, keys, order, start, bounds, active_nodes, targets, nodes, tiles, ground.nodes, lowest, report,
             dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.length_x, settings.length_y,
             effects.material, effects.softening,
         )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from math import radians, tan
 
-from ..effects.contact import CoulombContact, StickingContact
+from ..effects.contact import CoulombContact, StickingContact, VoellmyContact
 from ..effects.fluid import Fluid
 from ..effects.friction import LAWS as FRICTION_LAWS
 from ..effects.friction import Parameter
@@ -54,6 +54,7 @@ OPTIONS = {
 # what the 3D solver has on the bed: name -> (law, {parameter: Parameter})
 CONTACTS = {
     "Coulomb": (CoulombContact, FRICTION_LAWS["Coulomb"][1]),
+    "Voellmy": (VoellmyContact, FRICTION_LAWS["Voellmy"][1]),
     "Sticking": (StickingContact, {}),
 }
 

@@ -3,6 +3,7 @@
 from math import sqrt
 
 from ..effects import cohesion, earth_pressure, friction, viscosity
+from ..effects.contact import CoulombContact, VoellmyContact
 from ..fields import GRAVITY
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
 from .points import mu_least_of_points
@@ -14,6 +15,7 @@ COHESION_THRESHOLD = 0.005
 EARTH_PRESSURE_THRESHOLD = 0.03
 LATERAL_THRESHOLD = 0.01
 SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user's own law is looked at
+NO_DRAG = "the law of friction has none"
 LEAST_DRIVE = 0.01  # of gravity: what is left of the drive where friction balances the slope
 
 
@@ -53,16 +55,38 @@ def decide_drag(scene, facts, slots):
     """Voellmy's turbulent part: left out where the flow cannot become fast enough for it to matter."""
     law = slots.get("friction")
     if not hasattr(law, "xi"):
-        return not_called_for("turbulent_drag", "the law of friction has none")
-    ratio = (facts.speed / _terminal_speed(law, facts)) ** 2
-    reason = f"(U / U_t)^2, U = {facts.speed:.0f} m/s of the energy line, U_t = {_terminal_speed(law, facts):.0f} m/s"
+        return not_called_for("turbulent_drag", NO_DRAG)
     if not isinstance(law, friction.Voellmy):
-        return as_asked("turbulent_drag", "auto", reason, ratio)
-    without = friction.Coulomb(law.mu)
-    decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, THRESHOLD, reason)
+        return as_asked("turbulent_drag", "auto", *_drag_felt(law, facts))
+    decision = _drag_by_number(scene, law, facts)
     if decision.state == "off":
-        slots["friction"] = without
-    return _with_change(decision, runout(facts, law), runout(facts, without))
+        slots["friction"] = friction.Coulomb(law.mu)
+    return decision
+
+
+def decide_point_drag(scene, facts, slots):
+    """The same of a 3D flow on its bed."""
+    law = slots.get("contact")
+    if not isinstance(law, VoellmyContact):
+        return not_called_for("turbulent_drag", NO_DRAG)
+    decision = _drag_by_number(scene, friction.Voellmy(law.mu, law.xi), facts)
+    if decision.state == "off":
+        slots["contact"] = CoulombContact(law.mu)
+    return decision
+
+
+def _drag_by_number(scene, law, facts):
+    """The decision on the drag of Voellmy's `law`, with what it changes in the runout of a point."""
+    reason, ratio = _drag_felt(law, facts)
+    decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, THRESHOLD, reason)
+    return _with_change(decision, runout(facts, law), runout(facts, friction.Coulomb(law.mu)))
+
+
+def _drag_felt(law, facts):
+    """(reason, number) by which drag is felt."""
+    terminal = _terminal_speed(law, facts)
+    reason = f"(U / U_t)^2, U = {facts.speed:.0f} m/s of the energy line, U_t = {terminal:.0f} m/s"
+    return reason, (facts.speed / terminal) ** 2
 
 
 def _terminal_speed(law, facts):

@@ -23,6 +23,7 @@ from .resistance import (
     decide_earth_pressure,
     decide_friction,
     decide_lateral_pressure,
+    decide_point_drag,
     decide_viscosity,
 )
 from .sources import decide_hydrograph, decide_secondary_release
@@ -59,6 +60,7 @@ POINT_DECIDERS = (
     decide_fluid_viscosity,
     decide_volume_correction,
     decide_contact,
+    decide_point_drag,
     decide_zones,
     decide_point_barrier,
     decide_outflow,

@@ -148,8 +148,10 @@ class MaterialTable:
     """What a 3D flow is made of."""
 
     law: str = _key("law of the material", kind=str, choices=tuple(materials.MATERIALS), example="DruckerPrager")
-    match: str | None = _key("of DruckerPrager: where its cone meets Mohr-Coulomb; without it triaxial", None, kind=str,
-                             choices=("triaxial", "plane_strain"), example="triaxial")  # fmt: skip
+    match: str | None = _key(
+        "of DruckerPrager: where its cone meets Mohr-Coulomb; without it triaxial (too strong for slides)", None,
+        kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
+    )  # fmt: skip
     tension_limit: float | None = _key("of DruckerPrager: largest tension [Pa]; without it 10 times the cohesion", None,
                                        low=0.0, high=1e9, example=1000.0)  # fmt: skip
     volume_correction: bool | None = _key(

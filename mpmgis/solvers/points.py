@@ -13,6 +13,7 @@ from ..kernels import points as kernel
 from ..particles import Frame, Particles
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
+from .ground_folds import folded_ground
 
 EDGE_NAMES = ("west", "south", "east", "north")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
@@ -32,7 +33,7 @@ NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 class PointNumerics:
     """How the points are marched; what is marched is in `PointEffects`.
 
-    `clearance` [cells] is the height above the ground at which a node touches it (0: at the ground; design notes 4.7).
+    `clearance` [cells] is the height above the ground up to which a node touches it (design notes 4.7).
     `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey.
     """
 
@@ -41,7 +42,7 @@ class PointNumerics:
     edges: str = "open"
     gravity: float = GRAVITY
     density: float = 1000.0
-    clearance: float = 0.0
+    clearance: float = 0.5
     time_step: float | None = None
     stop_at_rest: bool = False
 
@@ -94,6 +95,8 @@ class PointSolver:
         height = bed - self.floor
         deep = ndimage.maximum_filter(height, 3) - dx  # nobody above it is a cell under the ground
         self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
+        terrain_height = self._padded(grid.bed[..., None] - self.floor)[..., 0]
+        self._known_ground = folded_ground(self._ground, terrain_height, dx, self.numerics.clearance)
         self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
         ny, nx = grid.inside.shape
         self._lengths = nx * dx, ny * dx
@@ -243,7 +246,7 @@ class PointSolver:
             self._make_impulses(float(until), float(after))
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger,
-            self._barrier_sums, self._ground, self._lowest, self._zone_values, self._barriers,
+            self._barrier_sums, self._known_ground, self._lowest, self._zone_values, self._barriers,
             float(until), float(after), int(max_steps), self._settings, self.effects,
         )  # fmt: skip
 
@@ -301,6 +304,8 @@ class PointSolver:
         rows, n = state["rows"], len(ids)
         if rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
+        if any(state[name].shape != array.shape for name, array in self._changing().items()):
+            raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
         self._rows[0, :n], self._ids[0, :n] = rows, ids
         for name, array in self._changing().items():
             array[:] = state[name]
@@ -366,6 +371,8 @@ class PointSolver:
             "elastic_energy": stored,
             "energy_lost": sum(self.energy_start) - kinetic - potential - stored - float(ledger[:, 4:6].sum()),
             "energy_lost_to_ground": float(clock[kernel.GROUND_LOSS]),
+            "energy_lost_to_barriers": float(clock[kernel.BARRIER_LOSS]),
+            "energy_lost_to_yielding": float(clock[kernel.PLASTIC_LOSS]),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
             "mach_max": self.mach,

@@ -6,7 +6,7 @@ import pytest
 
 from mpmgis.cli.main import main
 from mpmgis.effects.barrier import NoBarrier
-from mpmgis.effects.contact import CoulombContact, StickingContact
+from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import DruckerPrager, Elastic, MuI
 from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
@@ -84,7 +84,9 @@ REFUSED = {
     "linear without a rate": (
         {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}}, "coefficient above 0"),
     "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
-    "Voellmy on the bed": ({"friction": {"law": "Voellmy", "mu": 0.2, "xi": 1000}}, "wanted Coulomb, Sticking"),
+    "mud on the bed": (
+        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}}, "wanted Coulomb, Voellmy, Sticking"),
+    "drag without its number": ({"friction": {"law": "Voellmy", "mu": 0.2}}, "xi"),
     "a law of one's own": ({"friction": {"law": "my_law.py:Mine", "mu": 0.2}}, "no my_law.py:Mine on the bed"),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
     "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "Sticking has no parameter 'mu'"),
@@ -132,6 +134,20 @@ def test_laws_fill_the_slots():
     assert (plain[0].material.volume_correction, plain[0].material.tension_limit) == (0.0, 10.0)
     assert plain[0].material.slope == pytest.approx(3**0.5 * 0.6427876)
     assert plain[1]["vol_correction"].state == "off"
+
+
+def test_drag_on_the_bed_is_left_out_where_it_is_not_felt():
+    """As of columns, with which a scene shares the table: (U / U_t)^2 against 0.05, mu alone where it is less."""
+    voellmy = {"law": "Voellmy", "mu": 0.2, "xi": 1000}
+    effects, decisions = decided(scene(friction=voellmy))
+    assert effects.contact == VoellmyContact(0.2, 1000.0)
+    drag = decisions["turbulent_drag"]
+    assert drag.state == "on" and drag.indicator == pytest.approx(1600 / (1000 * 5 * 0.8 * 0.3 * 0.8944), rel=0.2)
+    slow = FACTS._replace(speed=3.0)
+    effects, decisions = decided(scene(friction=voellmy), slow)
+    assert effects.contact == CoulombContact(0.2) and decisions["turbulent_drag"].state == "off"
+    assert decided(scene(friction={**voellmy, "use": "on"}), slow)[0].contact == VoellmyContact(0.2, 1000.0)
+    assert decided(scene())[1]["turbulent_drag"].state == "off"
 
 
 def test_softening_is_on_where_it_takes_something_away():

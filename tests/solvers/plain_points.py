@@ -6,6 +6,7 @@ Runs as Python, and compiled as it stands, which is the scalar version that the 
 import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
+CLEARANCE = 0.5  # [cells] above the ground up to which nodes touch it
 
 
 def stencil(place, dx):
@@ -16,8 +17,28 @@ def stencil(place, dx):
     return base, f, (0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2)
 
 
+def bed_per_mass(nodes, ground, dx):
+    """float64[rows, columns] [m2 kg-1]: bed of each node column over the mass of it that lies under the ground; less
+    where the column has under five sixths of the mass of the heaviest around it."""
+    bed = np.zeros(nodes.shape[1:3])
+    for j in range(1, nodes.shape[1] - 1):
+        for i in range(1, nodes.shape[2] - 1):
+            steep = np.sqrt(1.0 + ground[j, i, 1] ** 2 + ground[j, i, 2] ** 2)
+            touching, heaviest = 0.0, 0.0
+            for k in range(nodes.shape[0]):
+                away = ((k - GHOSTS) * dx - ground[j, i, 0]) / steep
+                touching += nodes[k, j, i, 3] if away <= CLEARANCE * dx else 0.0
+            for b in range(j - 1, j + 2):
+                for a in range(i - 1, i + 2):
+                    heaviest = max(heaviest, nodes[:, b, a, 3].sum())
+            if touching > 0.0:
+                share = min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
+                bed[j, i] = share * dx * dx * steep / touching
+    return bed
+
+
 def plain_step(
-    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft
+    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft, xi=0.0
 ):
     """Advance by `dt` [s]; all arrays are changed in place.
 
@@ -33,6 +54,8 @@ def plain_step(
         Room for mass and momentum.
     ground : float64[rows, columns, 3]
         Elevation [m] and slopes.
+    xi : float [m s-2], optional
+        Of Voellmy's drag on the ground; 0: none.
     """
     nodes[:] = 0.0
     for p in range(len(mass)):
@@ -56,6 +79,7 @@ def plain_step(
                         moved = velocity[p, a] + c[a, 0] * r[0] + c[a, 1] * r[1] + c[a, 2] * r[2]
                         node[a] += w * (mass[p] * moved - pushes[a])
                     node[3] += w * mass[p]
+    bed = bed_per_mass(nodes, ground, dx) if xi > 0.0 else np.zeros(nodes.shape[1:3])
     for k in range(nodes.shape[0]):
         for j in range(nodes.shape[1]):
             for i in range(nodes.shape[2]):
@@ -67,10 +91,16 @@ def plain_step(
                 height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
                 normal = np.array([-sx, -sy, 1.0]) / np.sqrt(1.0 + sx * sx + sy * sy)
                 into = node[:3] @ normal
-                if (k - GHOSTS) * dx <= height and into < 0.0:
+                touches = ((k - GHOSTS) * dx - height) / np.sqrt(1.0 + sx * sx + sy * sy) <= CLEARANCE * dx
+                if touches and into < 0.0:
                     along = node[:3] - into * normal
                     slip = np.sqrt(along @ along)
                     node[:3] = along * max(0.0, 1.0 + mu * into / slip) if slip > 0.0 else along
+                if touches and xi > 0.0:
+                    into = node[:3] @ normal
+                    along = node[:3] - into * normal
+                    rate = dt * density * gravity * bed[j, i] * np.sqrt(along @ along) / xi
+                    node[:3] = into * normal + along * 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * rate))
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)
         j0, fy, wy = stencil(place[p, 1], dx)

@@ -5,7 +5,7 @@ import pytest
 from plain_points import plain_step
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.material import Elastic, drucker_prager
 from mpmgis.effects.softening import NoSoftening
 
@@ -13,7 +13,7 @@ MATERIALS = {"elastic": Elastic(6.7e6, 4e6), "frictional": drucker_prager(6.7e6,
 STEPS, DT, DX = 3, 2e-3, 1.0
 
 
-def plain(solver, frame, material, mu):
+def plain(solver, frame, material, mu, xi=0.0):
     """Places, velocities and stresses of the frame's points after STEPS plain steps."""
     place = frame.particles.position - solver._origin
     n = len(place)
@@ -24,23 +24,30 @@ def plain(solver, frame, material, mu):
     for _ in range(STEPS):
         plain_step(
             place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, DX, DT, 1000.0, 9.81, mu,
-            material, NoSoftening(),
+            material, NoSoftening(), xi,
         )  # fmt: skip
     return place, velocity
 
 
-@pytest.mark.parametrize("name", MATERIALS)
-def test_steps_equal_the_plain_loop(name):
-    """Places and velocities to 1e-12 of themselves after three steps, on a slope with friction."""
-    material, mu = MATERIALS[name], 0.3
+@pytest.mark.parametrize(
+    ("material", "contact"),
+    [
+        (MATERIALS["elastic"], CoulombContact(0.3)),
+        (MATERIALS["frictional"], CoulombContact(0.3)),
+        (MATERIALS["elastic"], VoellmyContact(0.3, 40.0)),
+    ],
+    ids=["elastic", "frictional", "drag"],
+)
+def test_steps_equal_the_plain_loop(material, contact):
+    """Places and velocities to 1e-12 of themselves after three steps, on a slope with friction and with drag."""
     corner = (20.3, 5.2, 60.0 - 20.3 * np.tan(np.radians(30)))
     velocity = (4.0, -1.0, -2.0)
     frame = block_of((2.0, 1.5, 1.5), 0.5, corner, velocity=velocity, turned=np.radians(30))
     rng = np.random.default_rng(3)
     frame.particles.velocity[:] += rng.normal(size=frame.particles.velocity.shape)
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
-    solver = points_on(terrain, frame, DX, material, CoulombContact(mu), time_step=DT)
-    place, velocity = plain(solver, frame, material, mu)
+    solver = points_on(terrain, frame, DX, material, contact, time_step=DT)
+    place, velocity = plain(solver, frame, material, *contact)
     solver.advance(STEPS * DT)
     now = sorted_points(solver)
     assert solver.step == STEPS

@@ -1,0 +1,73 @@
+"""Drag of the bed on a 3D flow: which mass of each node column it slows (design notes 4.7, Voellmy's term).
+
+The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows the nodes of it that touch the
+ground, whose summed mass is M_c. At a steep rim a column stands on less bed than that: splines carry a flow's mass a
+cell and a half beyond it, and three columns too many would drag at its two sides, whatever its width. A column with
+less than RIM of the mass of the heaviest beside it is taken to stand on the share of the bed that this tells, so that a
+steep side has an eighth of a column too much and a flow whose thickness changes by less than a fifth a cell none.
+"""
+
+from .block_order import CHUNKS
+from .jit import jit, jit_inline, jit_parallel, prange
+from .point_ground import exact_at, fold_at, plane_at
+from .point_rows import BLOCK, GHOSTS, NODE_MASS
+
+# of a node column [kg]: what touches the ground, and all; so many numbers has a block of such columns
+TOUCHING, WHOLE, COLUMN_MASSES = range(3)
+BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
+RIM = 5.0 / 6.0
+
+
+@jit_parallel
+def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
+    """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
+    for c in prange(CHUNKS):
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            block, mine = nodes[t], masses[t]
+            j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
+            for j in range(BLOCK):
+                for i in range(BLOCK):
+                    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
+                    height, _, _, flat = plane_at(ground.nodes, jj, ii)
+                    first, lowest, levels = fold_at(ground.folds, jj, ii)
+                    touching = whole = 0.0
+                    for k in range(BLOCK):
+                        mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
+                        away = ((k_first + k - GHOSTS) * dx - height) * flat
+                        if levels > 0:
+                            away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
+                        touching += mass if away <= clearance else 0.0
+                        whole += mass
+                    mine[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
+                    mine[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
+
+
+@jit
+def spread_contact(masses, touched, n_touched, columns):
+    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, COLUMN_MASSES] of all the ground."""
+    for t in range(n_touched):
+        for j in range(BLOCK):
+            for i in range(BLOCK):
+                jj, ii = touched[t, 0] * BLOCK + j, touched[t, 1] * BLOCK + i
+                if jj < columns.shape[0] and ii < columns.shape[1]:
+                    for entry in range(COLUMN_MASSES):
+                        columns[jj, ii, entry] += masses[t, (j * BLOCK + i) * COLUMN_MASSES + entry]
+
+
+@jit
+def clear_contact(touched, n_touched, columns):
+    """Set `columns` to 0 again where `spread_contact` has been."""
+    for t in range(n_touched):
+        j, i = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK
+        columns[j : j + BLOCK, i : i + BLOCK] = 0.0
+
+
+@jit_inline
+def bed_per_mass(columns, j, i, area):
+    """Bed [m2 kg-1] that a node column of bed `area` [m2] stands on, over the mass of it that touches the bed."""
+    heaviest = 0.0
+    for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
+        for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):
+            heaviest = max(heaviest, columns[jj, ii, WHOLE])
+    covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, 1e-30), 1.0)
+    return covered * area / max(columns[j, i, TOUCHING], 1e-30)
