@@ -1,0 +1,54 @@
+"""`mpmgis run` in 3D with Voellmy's law on the bed, by place: one [friction] table as of columns."""
+
+import numpy as np
+import pytest
+import shapely
+from slope_site import SOUTH, WEST, decisions, run, write_shapes, write_site
+
+from mpmgis.io.frames import read_frame
+
+SCENE = f"""
+solver = "points"
+[terrain]
+dem = "dtm.tif"
+window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
+[release]
+source = "block.geojson"
+thickness = 12.0
+density = 1500
+[material]
+law = "DruckerPrager"
+bulk_modulus = 4e6
+shear_modulus = 2e6
+friction_angle = 35
+[friction]
+law = "Voellmy"
+mu = 0.2
+xi = 2000
+[numerics]
+cell_size = 4.0
+[output]
+end_time = 4
+frame_interval = 4
+"""
+ZONES = '[[zones]]\nsource = "rough.geojson"\nxi = 50\n'
+
+
+def speed(site):
+    """Mean speed [m s-1] in the last frame."""
+    last = read_frame(sorted((site / "results").glob("frame_*.h5"))[-1]).particles
+    return float(np.linalg.norm(last.velocity.mean(axis=0)))
+
+
+@pytest.mark.slow
+def test_drag_by_place_slows_a_slide_in_3d(tmp_path, capsys):
+    """Smooth ground, then the same with a rough zone under the release: xi 50 in place of 2000."""
+    site = write_site(tmp_path)
+    write_shapes(site / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    write_shapes(site / "rough.geojson", [shapely.box(0, 100, 200, 300)])
+    assert run(site, SCENE, "-q") == 0
+    smooth = speed(site)
+    both = decisions(site, SCENE + ZONES, capsys)
+    assert both["turbulent_drag"]["state"] == both["zones"]["state"] == "on"
+    assert run(site, SCENE + ZONES, "-q", "--overwrite") == 0
+    assert 0.3 * smooth < speed(site) < 0.9 * smooth
