@@ -125,7 +125,7 @@ def _tell_points(b):
     talk.say(f"{mass}, error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}")
     takers = {"the bed": "ground", "barriers": "barriers", "yielding": "yielding"}
     taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
-    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules)
+    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules > 1e-6 * b["energy_lost"])
     rest = f"{b['energy_lost'] - sum(taken.values()):.3g} J to blows, viscosity and the grid"
     talk.say(f"energy: {b['energy_lost']:.4g} J lost: {to + ', ' if to else ''}{rest}")
     talk.say(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")

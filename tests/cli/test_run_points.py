@@ -102,7 +102,10 @@ def test_balances_of_a_run_close(shared_site):
     balances = record(shared_site)["balances"]
     assert balances["mass_error_relative"] == 0.0 and abs(balances["momentum_error_relative"]) <= 1e-10
     assert 0.0 < balances["mach_max"] < 0.3 and balances["mass_lifted_onto_ground"] == 0.0
+    takers = [balances[f"energy_lost_to_{name}"] for name in ("ground", "yielding", "barriers")]
     assert 0.0 < balances["energy_lost"] < 1e10
+    assert min(takers[:2]) > 0.0 and takers[2] == 0.0
+    assert 0.8 < sum(takers) / balances["energy_lost"] < 1.0  # the rest goes to blows and the grid
 
 
 def test_the_flow_starts_under_its_own_weight(shared_site):
