@@ -441,7 +441,7 @@ def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cel
 
 def test_v15_low_columns_run_out_in_proportion():
     """A column so low that its far side stays put knows no length but its height: exponent 1 (asked 1 +- 0.15) on as
-    many cells in each height. Measured from a = 0.25 to 0.5 on 8 cells: 1.00; runouts 1.1, 1.3 and 1.6 a on 8, 12, 20."""
+    many cells in each height. Measured from a = 0.25 to 0.5 on 8 cells: 1.00; runouts 1.1, 1.3, 1.6 a on 8, 12, 20."""
     assert np.log2(runout(0.5, 0.5 / 8) / runout(0.25, 0.25 / 8)) == pytest.approx(1.0, abs=0.15)
 
 
