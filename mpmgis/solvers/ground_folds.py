@@ -8,11 +8,13 @@ others cost nothing.
 import numpy as np
 from scipy import ndimage
 
+from ..errors import SceneError
 from ..kernels.ground_distance import distances_to_ground
 from ..kernels.points import EXACT_ENTRIES, FOLD_ENTRIES, GHOSTS, Ground
 
 FOLD_CELLS = 0.5  # [cells] by which the ground leaves a node's plane at its neighbours to be a fold
 REACH = 3  # [cells] to each side in which the nearest ground is looked for; a node with mass is nearer
+MOST_NODES = 1 << 27  # on folds, 2 GiB
 SUNK = 3  # [cells] under the lowest ground near by, of the lowest node that can have mass
 
 
@@ -28,6 +30,11 @@ def folded_ground(nodes, height, dx, clearance):
     dx : float [m]
     clearance : float [cells]
         Height above the ground at which a node touches it.
+
+    Raises
+    ------
+    SceneError
+        Ground so rough that its folds do not fit into memory.
     """
     folded = ndimage.maximum_filter(departure(nodes, height, dx) > FOLD_CELLS * dx, 3)
     if not folded.any():
@@ -38,6 +45,13 @@ def folded_ground(nodes, height, dx, clearance):
     most = ndimage.maximum_filter(height, 2 * beside + 1)[folded]
     lowest = np.floor(least / dx).astype(np.int64) - SUNK + GHOSTS
     levels = np.ceil(most / dx).astype(np.int64) + beside + GHOSTS + 1 - lowest
+    if levels.sum() > MOST_NODES:
+        share = 100.0 * len(rows) / folded.size
+        raise SceneError(
+            f"the DTM folds within a cell of {dx:g} m on {share:.0f} % of the terrain, {levels.sum():.3g} nodes to "
+            f"keep the nearest ground of, wanted at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
+            "take larger cells"
+        )
     firsts = np.cumsum(levels) - levels
     exact = np.zeros((int(levels.sum()), EXACT_ENTRIES), np.float32)
     distances_to_ground(np.asarray(height, float), dx, rows, columns, firsts, lowest, levels, REACH, exact)

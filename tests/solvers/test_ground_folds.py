@@ -8,8 +8,10 @@ from point_scenes import block_of, march_to, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic
+from mpmgis.errors import SceneError
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
+from mpmgis.solvers import ground_folds
 from mpmgis.solvers.ground_folds import departure, folded_ground
 
 ICE = Elastic(6.7e6, 4e6)
@@ -96,6 +98,14 @@ def test_planes_of_any_slope_keep_nothing(degrees):
     ground = ground_of(plane(degrees, length=40.0, width=10.0, height=100.0, pixel=DX))
     assert ground.folds.shape[:2] == (1, 1) and ground.exact.shape[0] == 1
     assert departure(ground.nodes, ground.nodes[..., 0], DX).max() < 0.01 * DX
+
+
+def test_ground_too_rough_to_keep_is_refused(monkeypatch):
+    """In one line that says how much of it folds."""
+    monkeypatch.setattr(ground_folds, "MOST_NODES", 100)
+    with pytest.raises(SceneError, match=r"folds within a cell of 0\.5 m on [0-9]+ % of the terrain") as error:
+        ground_of(cliff())
+    assert "\n" not in str(error.value)
 
 
 def falling(gap, mu=0.5, time=0.8):
