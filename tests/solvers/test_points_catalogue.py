@@ -284,8 +284,8 @@ def test_v14_a_geostatic_column_on_ground_at_nodes_and_just_above(above):
 @pytest.mark.parametrize("above", [0.0, 0.25])
 @pytest.mark.xfail(strict=True, reason="the node above the clearance bears an eighth, a quarter of the bed's pressure")
 def test_v14_stress_in_the_lowest_cells_on_ground_at_nodes_and_just_above(above):
-    """4.6 and 13 % too high, up to 21 % where the ground is 0.45 cells above a node; with a clearance of a whole cell 3
-    % at most, and flows that have landed rest 1.4 cells high (see the page's decision on clearance)."""
+    """4.6 and 13 % too high, up to 20 % where the ground is 0.45 cells above a node; with a clearance of a whole cell 2
+    % at most, and what has fallen rests 1.4 cells high (the page's decision on clearance; tests/bench/clearance.py)."""
     assert resting(above)[0][0] == pytest.approx(1.0, abs=0.03)
 
 
