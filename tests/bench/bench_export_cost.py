@@ -1,0 +1,109 @@
+"""What cells and times of an export cost: its time against cs_e and dt_e, and what coarser frames lose of the maxima.
+
+The job is that of `avalanche_frames`: 900 000 points, 150 s. Times are of the whole command, QGIS folder included, on
+frames of the whole event, taken from one frame on to all that dt_e asks for. A dt_e that is coarser than the frames
+costs less to write and loses nothing of the maxima, which are of every frame read: the loss here is that of a run whose
+frames lie dt_e apart, against frames 0.1 s apart, weighted by volume (design notes 5.3).
+"""
+
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from avalanche_frames import DENSITY, END_TIME, Avalanche, terrain, write_frames
+from bench_export import POINTS, command
+
+from mpmgis.products.bed import Bed
+from mpmgis.products.frame_values import Averaging, average_frame
+from mpmgis.products.maxima import Peak, RunningMaxima
+from mpmgis.products.sampling import export_grid
+
+CELL_SIZES = (0.5, 1.0, 2.0, 4.0)  # [m]
+TIME_STEPS = (0.2, 0.4, 0.8, 1.6)  # [s]
+FRAMES = 25  # measured, of the whole event
+REFERENCE, BEGIN, END = 0.1, 30.0, 36.4  # [s]: frames that losses are measured against, and when
+PEAKS = {"Ut_max": Peak("Ut", True), "h_max": Peak("h", True), "volume": Peak("t_vol", True)}
+
+
+def costs():
+    """cs_e -> (start-up [s], time a frame [s], folder a frame [MB]), of the command."""
+    found = {}
+    with tempfile.TemporaryDirectory() as place:
+        frames = write_frames(Path(place) / "avalanche", np.linspace(0.0, END_TIME, FRAMES), POINTS)
+        gis = Path(place) / "gis"
+        command(frames[0], "-o", gis)  # compiles
+        for cell in CELL_SIZES:
+            options = ("--cs-e", cell, "--extent", "dtm", "-o", gis)
+            first = min(command(frames[0], *options)[0] for _ in range(2))
+            seconds = min(command(*frames, *options)[0] for _ in range(2))
+            size = sum(path.stat().st_size for path in gis.rglob("*") if path.is_file()) / 1e6
+            found[cell] = first, (seconds - first) / (FRAMES - 1), size / FRAMES
+    return found
+
+
+def losses():
+    """(cs_e, dt_e) -> shares of Ut_max and h_max that frames dt_e apart do not see."""
+    ground, event, found = terrain(), Avalanche(POINTS), {}
+    averagings = {
+        cell: Averaging(Bed.of(ground), export_grid(ground.grid, cell), DENSITY, ("h", "Ut", "t_vol"))
+        for cell in CELL_SIZES
+    }
+    steps = (REFERENCE, *TIME_STEPS)
+    stores = {
+        (cell, step): RunningMaxima(np.prod(averaging.grid.shape), averaging.min_depth, PEAKS)
+        for cell, averaging in averagings.items()
+        for step in steps
+    }
+    for k in range(round((END - BEGIN) / REFERENCE) + 1):
+        frame = event.frame(BEGIN + k * REFERENCE)
+        for cell, averaging in averagings.items():
+            values = average_frame(frame, averaging)
+            for step in steps:
+                if k % round(step / REFERENCE) == 0:
+                    stores[cell, step].absorb(values.index, values.values, values.time)
+    for cell in CELL_SIZES:
+        whole = stores[cell, REFERENCE]
+        for step in TIME_STEPS:
+            found[cell, step] = _loss(whole, stores[cell, step], "Ut_max"), _loss(whole, stores[cell, step], "h_max")
+    return found
+
+
+def _loss(whole, part, name):
+    """Share of a peak lost, cells weighted by the largest volume that they held; cells never seen lose all of it."""
+    weight, wanted = (np.where(whole.seen[n], whole.values[n], 0.0).astype(float) for n in ("volume", name))
+    seen = np.where(part.seen[name], part.values[name], 0.0)
+    return float((weight * (wanted - seen)).sum() / (weight * wanted).sum())
+
+
+@cache
+def measured():
+    """(costs, losses), once for rows and summary."""
+    return costs(), losses()
+
+
+def rows():
+    """(case, value, unit, reference, ratio): time of the whole job for each cell and step."""
+    cost, lost = measured()
+    for cell, (first, each, size) in cost.items():
+        yield f"export of {POINTS} points, cs_e {cell:g} m", each * 1e3, "ms/frame", f"{size:.2f} MB a frame", None
+        for step in TIME_STEPS:
+            speed, depth = lost[cell, step]
+            what = f"  {END_TIME:g} s, dt_e {step:g} s: {round(END_TIME / step)} frames"
+            note = f"{100 * speed:.2g} % of Ut_max lost, {100 * depth:.2g} % of h_max"
+            yield what, first + each * (round(END_TIME / step) - 1), "s", note, None
+
+
+def summary():
+    """The table of README: a row for each cs_e, a column for each dt_e."""
+    cost, lost = measured()
+    headings = ["cs_e", *(f"dt_e {step:g} s ({round(END_TIME / step)} frames)" for step in TIME_STEPS), "a frame"]
+    lines = []
+    for cell, (first, each, size) in cost.items():
+        cells = []
+        for step in TIME_STEPS:
+            speed, depth = lost[cell, step]
+            seconds = first + each * (round(END_TIME / step) - 1)
+            cells.append(f"{seconds:.0f} s; {100 * speed:.2g} %, {100 * depth:.2g} %")
+        lines.append([f"{cell:g} m", *cells, f"{1e3 * each:.0f} ms, {size:.1f} MB"])
+    return headings, lines
