@@ -1,0 +1,64 @@
+"""NHESS 25:3897, section 3: the Whymper-like ice avalanche of page whymper, reduced; whole where it is asked for."""
+
+import os
+
+import numpy as np
+import pytest
+from chain import scene_module
+
+whymper = scene_module("whymper")
+
+
+def check_jump(record, found):
+    """What the paper shows in Figure 2d-i: the flow leaves the ground at the cliff, and only there."""
+    balances = record["balances"]
+    assert balances["mass_start"] == pytest.approx(whymper.MASS, rel=1e-9)
+    assert balances["mass_error_relative"] == 0.0 and balances["mass_out"] == 0.0
+    assert found["h - t over the cliff, largest [m]"] >= 10.0
+    assert found["h - t on the slope above, largest [m]"] <= 0.2 * found["h - t over the cliff, largest [m]"]
+    assert found["cells of the profile clear of the bed"] >= 20
+    assert found["Un over the cliff, largest [m/s]"] >= 8.0
+    assert found["Un where it lands, least [m/s]"] <= -8.0
+    above = found["Ut on the slope above, mean [m/s]"]
+    assert found["Un on the slope above, mean of |Un| [m/s]"] <= 0.15 * above
+    assert found["area clear of the bed there [m2]"] >= 500.0  # on the crevasses
+    assert found["Un there, standard deviation [m/s]"] >= 2.0
+    drop = whymper.HEAD - whymper.bed(np.array([500.0]), np.array([0.0]))[0]
+    assert 0.0 < found["speed at the jump, of 99 % of the mass at most [m/s]"] <= np.sqrt(2.0 * 9.81 * drop)
+
+
+def test_the_flow_jumps_the_cliff(tmp_path):
+    """Cells of 4 m: 19 200 points, 20 s."""
+    record, *_ = whymper.make(tmp_path / "whymper", 4.0, 20.0)
+    found = whymper.findings(tmp_path / "whymper")
+    assert record["particles"] == 19_200
+    assert 14.0 <= found["time of the jump [s]"] <= 20.0
+    check_jump(record, found)
+
+
+def check_whole(folder, cell):
+    """The run to its rest: what stays in the crevasses, where it comes to lie."""
+    record, *_ = whymper.make(folder, cell)
+    found = whymper.findings(folder)
+    check_jump(record, found)
+    assert "rest" in record["reason"] or found["mean speed at the end [m/s]"] <= 0.5
+    assert 0.01 <= found["share of the mass in the crevasses at the end"] <= 0.2
+    assert 30.0 <= found["angle from the top to the toe [degrees]"] <= 36.0
+    assert 33.0 <= found["angle of the centre of mass [degrees]"] <= 40.0
+
+
+@pytest.mark.slow
+def test_the_avalanche_to_its_rest(tmp_path):
+    """Cells of 2 m: 151 200 points, some 10 minutes on 2 cores."""
+    check_whole(tmp_path / "whymper", 2.0)
+
+
+@pytest.mark.slow
+def test_the_whole_avalanche_in_the_printed_cells(tmp_path):
+    """Cells of 1 m: 1 200 000 points; `make.py FOLDER --cell 1 --estimate` says what it takes on this machine."""
+    points, seconds, memory = whymper.estimate(tmp_path / "estimate", 1.0)
+    told = f"{points} points, {seconds / 60:.0f} minutes on 2 threads and {memory / 1e9:.1f} GB predicted"
+    print(told)
+    if not os.environ.get("MPMGIS_WHOLE"):
+        pytest.skip(f"{told}; MPMGIS_WHOLE=1 make validate runs it")
+    check_whole(tmp_path / "whymper", 1.0)
