@@ -515,8 +515,12 @@ def _turn(scratch, moved, quads, count, dx, dt, density, gravity, bound_bed, bou
 
 
 @jit
-def _survey(moved, stays, count, mine, entrainment):
-    """Largest and total values over the columns that stay, into the chunk's report; too fast ones are slowed."""
+def _survey(moved, stays, count, mine, dx, gravity, entrainment):
+    """Largest and total values over the columns that stay, into the chunk's report; too fast ones are slowed.
+
+    Wild is who is twice too fast also by the drop across a cell: at a cliff's rim the grid gives a column on top the
+    speed of those that fall beside it.
+    """
     signal2_max, speed2_max, ratio = mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO]
     kinetic, moving, flowing, entrained = mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED]
     for k in range(count):
@@ -535,7 +539,8 @@ def _survey(moved, stays, count, mine, entrainment):
             put(moved, L_U, k, get(moved, L_U, k) * slower)
             put(moved, L_V, k, get(moved, L_V, k) * slower)
             mine[LIMITED] += mass
-            if speed2 > 4.0 * bound:
+            drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
+            if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
                 mine[WILD] += mass
             horizontal2, speed2 = horizontal2 * bound / speed2, bound
         speed2_max = max(speed2_max, horizontal2)
@@ -632,7 +637,7 @@ def grid_to_particles(
                 scratch, moved, quads, count, dx, dt, density, gravity, bound_bed, bound_energy, pressure_factor,
                 metric, curvature,
             )  # fmt: skip
-            _survey(moved, stays, count, mine, entrainment)
+            _survey(moved, stays, count, mine, dx, gravity, entrainment)
             _give_rows(rows, order, first, count, moved)
             _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
             first += count

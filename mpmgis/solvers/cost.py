@@ -8,6 +8,7 @@ from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.columns import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
+from .points import courant_number
 
 BYTES_PER_COLUMN = 2 * ROW * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
@@ -41,7 +42,7 @@ def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time
     limits = [dx / (material.wave_speed(numerics.density) + 0.5 * line_speed), np.sqrt(dx / numerics.gravity)]
     if viscosity > 0.0:
         limits.append(numerics.density * dx * dx / (6.0 * viscosity))
-    steps = end_time / (numerics.cfl * min(limits))
+    steps = end_time / (courant_number(material, numerics) * min(limits))
     row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
     memory = points * (3 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
     return steps * (points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory

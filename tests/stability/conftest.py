@@ -1,0 +1,16 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+# the tests of this folder share `hard_scenes`, and the scenes of the solvers' own tests
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "solvers")]
+
+
+@pytest.fixture(params=[1, 2], ids=["1 thread", "2 threads"])
+def threads(request):
+    """A hard case runs on one thread and on two."""
+    from mpmgis.kernels.jit import set_threads
+
+    yield set_threads(request.param)
+    set_threads(None)

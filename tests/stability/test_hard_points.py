@@ -1,0 +1,215 @@
+"""Hard cases of the 3D solver, each on one thread and on two (design notes 7; numbers in README.md).
+
+Besides what a case asserts itself, `Watch` holds mass, momentum and energy. Sand and water, so that two variants of
+the solver are compiled.
+"""
+
+import numpy as np
+import pytest
+from column_scenes import G, columns_of, terrain_of
+from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
+from point_scenes import block_of, points_on, sorted_points
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.softening import softening
+from mpmgis.kernels import points as kernel
+
+pytestmark = pytest.mark.usefixtures("threads")
+
+
+def level(x, y):
+    """Level ground."""
+    return 0.0 * x
+
+
+def sand(drop, friction_angle=30.0, cohesion=0.0):
+    """Drucker-Prager as stiff as a fall of `drop` [m] calls for."""
+    return drucker_prager(stiff_for(drop), 0.6 * stiff_for(drop), friction_angle, cohesion)
+
+
+def water(drop, viscosity=0.0):
+    """A fluid as stiff as a fall of `drop` [m] calls for."""
+    return Fluid(stiff_for(drop), viscosity, 0.0)
+
+
+def thrown(material, velocity=(0.0, 0.0, 0.0), lengths=(4.0, 4.0, 4.0), corner=(18.0, 8.0, 0.0), mu=0.3, **numerics):
+    """A block at a velocity over level ground of 40 m x 20 m."""
+    terrain = terrain_of(level, 40.0, 20.0, 1.0)
+    return points_on(terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, CoulombContact(mu),
+                     **numerics)  # fmt: skip
+
+
+@pytest.mark.parametrize("material", [sand(14.0), water(14.0)], ids=["sand", "water"])
+def test_a_flow_over_a_vertical_cliff_flies_and_lands(material):
+    """H1: 10 m straight down in one cell: it leaves the ground, lands, and nothing is found under it."""
+    solver = points_of_columns(
+        lambda x, y: np.where(x < 20, 10.0, 0.0),
+        columns_of(2.0, 14, 18, 7, 13, 0.5, velocity=(6.0, 0.0)),
+        material,
+        mu=0.1,
+    )
+    Watch(solver).march(2.5)
+    place = in_the_map(solver)
+    landed = (place[:, 0] > 21.0) & (place[:, 2] < 3.0)
+    assert landed.mean() > 0.5
+    assert solver.balances()["mass_lifted_onto_ground"] <= 1e-2 * solver.mass_start
+
+
+@pytest.mark.parametrize("material", [sand(5.0), water(5.0)], ids=["sand", "water"])
+def test_a_layer_far_thinner_than_a_cell(material):
+    """H2, H25: 1 cm on cells of 1 m, one point a column: it slides as a point, g sin cos t (V3), within 2 %."""
+    solver = points_of_columns(lambda x, y: -0.5 * x, columns_of(0.01, 5, 10, 5, 15, 0.5), material, mu=0.0)
+    assert solver.points == 200
+    Watch(solver).march(1.0)
+    p = solver.frame().particles
+    assert p.velocity[:, 0].mean() == pytest.approx(G * 0.5 / 1.25, rel=0.02)
+
+
+@pytest.mark.parametrize("material", [sand(5.0), water(5.0)], ids=["sand", "water"])
+def test_one_point_alone_flies_as_a_stone(material):
+    """H3: its affine velocity stays finite; until it lands it is on its parabola, to the first order of the step."""
+    solver = thrown(material, (3.0, 0.0, 2.0), (0.5, 0.5, 0.5), (20.0, 10.0, 3.0), time_step=1e-3)
+    solver.advance(0.5)
+    start, place = np.array([20.25, 10.25, 3.25]), in_the_map(solver)[0]
+    np.testing.assert_allclose(place, start + np.array([1.5, 0.0, 1.0 - 0.5 * G * 0.5 * 0.501]), atol=1e-9)
+    Watch(solver).march(2.0)
+    assert solver.points == 1
+
+
+def test_points_of_next_to_no_mass_are_carried():
+    """H4: points of 1e-12 of the others' mass round a block: no velocity blows up, momentum is kept."""
+    block = block_of((8.0, 8.0, 8.0), 0.5, (16.0, 6.0, 10.0), velocity=(2.0, 0.0, 0.0))
+    p = block.particles
+    light = np.abs(p.position - (20.0, 10.0, 14.0)).max(axis=1) > 2.0
+    p.mass[light] *= 1e-12
+    p.volume[light] *= 1e-12
+    solver = points_on(terrain_of(level, 40.0, 20.0, 1.0), block, 1.0, sand(10.0))
+    Watch(solver).march(1.0)
+    np.testing.assert_allclose(sorted_points(solver).velocity[:, 0], 2.0, atol=1e-9)
+
+
+def test_rock_as_stiff_as_rock():
+    """H6: E = 50 GPa: steps of 0.1 ms on cells of 1 m, and a block that is dropped by 1 m does not gain by it."""
+    rock = drucker_prager(50e9 / 1.5, 20e9, 45.0, 1e7)
+    solver = thrown(rock, (1.0, 0.0, -2.0), lengths=(2.0, 2.0, 2.0), corner=(19.0, 9.0, 0.1))
+    Watch(solver).march(0.1)
+    assert solver.step > 0.1 / (0.4 * 1.0 / rock.wave_speed(1000.0))
+
+
+@pytest.mark.parametrize("speed", [20.0, 100.0])
+@pytest.mark.parametrize("material", [sand(20.0), water(20.0)], ids=["sand", "water"])
+def test_an_impact_on_a_wall(material, speed):
+    """H8, H32: 2 cells deep at 20 m/s, and at Mach 0.5, where points are crushed: all stays in."""
+    solver = thrown(material, (speed, 0.0, 0.0), lengths=(8.0, 6.0, 2.0), corner=(30.0, 7.0, 0.0), mu=0.0, edges="wall")
+    Watch(solver).march(24.0 / speed)
+    p = solver.frame().particles
+    assert solver.points == 16 * 12 * 4 and in_the_map(solver)[:, 0].max() < 40.0
+    assert np.average(p.velocity[:, 0], weights=p.mass) < 0.2 * speed
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.4])
+def test_slopes_of_68_degrees(mu):
+    """H13: sand on 68 degrees goes as a sliding block, g cos (sin - mu cos) t in plan, within 10 % (edges spread)."""
+    solver = points_of_columns(
+        lambda x, y: -np.tan(np.radians(68.0)) * x, columns_of(2.0, 4, 10, 6, 14, 0.5), sand(60.0, 45.0), mu=mu
+    )
+    Watch(solver).march(1.5)
+    slope = np.radians(68.0)
+    exact = G * np.cos(slope) * (np.sin(slope) - mu * np.cos(slope)) * 1.5
+    p = solver.frame().particles
+    assert np.average(p.velocity[:, 0], weights=p.mass) == pytest.approx(exact, rel=0.1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.25, 0.5])
+def test_points_exactly_on_grid_lines(offset):
+    """H22 to H24: on nodes and on cell middles of level ground, at rest: one owner, and a hair beside it the same."""
+    ends = []
+    for hair in (0.0, 1e-9):
+        solver = thrown(sand(4.0, 35.0, 1e3), corner=(18.0 + offset - 0.25 + hair, 8.0 + offset - 0.25, 0.0), mu=0.6)
+        Watch(solver).march(0.5)
+        ends.append(sorted_points(solver).position)
+    np.testing.assert_allclose(*ends, atol=1e-5)
+
+
+def test_sand_and_water_into_a_pit():
+    """H26: from all sides into a hole of 3 m between steep sides: no volume shrinks away, energy falls."""
+
+    def pit(x, y):
+        away = np.maximum(np.hypot(x - 20, y - 10) - 3.0, 0.0)
+        return 0.8 * away - np.where(away == 0.0, 3.0, 0.0)
+
+    ring = columns_of(lambda x, y: np.where(np.hypot(x - 20, y - 10) > 4.5, 1.0, 0.0), 13, 27, 3, 17, 0.5)
+    for material in (sand(12.0, 25.0), water(12.0)):
+        solver = points_of_columns(pit, ring, material, mu=0.1)
+        Watch(solver).march(2.5)
+        p = solver.frame().particles
+        assert p.volume.min() > 0.9 * p.mass.max() / 1000.0
+        assert in_the_map(solver)[:, 2].min() > -3.0
+
+
+@pytest.mark.parametrize("material", [sand(10.0), water(10.0)], ids=["sand", "water"])
+def test_a_block_that_flies_apart_is_not_held(material):
+    """H7, H27: thrown apart at 20 per second without gravity: no tension, no volume below that free of stress."""
+    terrain, block = terrain_of(level, 40.0, 20.0, 1.0), block_of((3.0, 3.0, 3.0), 0.5, (18.5, 8.5, 8.0))
+    p = block.particles
+    p.velocity[:] = 3.0 * (p.position - (20.0, 10.0, 9.5))
+    solver = points_on(terrain, block, 1.0, material, gravity=0.0)
+    kinetic = solver.energy()[0]
+    Watch(solver).march(1.0)
+    now = sorted_points(solver)
+    assert now.volume.min() >= (1.0 - 1e-9) * p.volume.min()
+    assert solver.energy()[0] == pytest.approx(kinetic, rel=0.2)  # particles to grid and back, on few points a cell
+    assert np.ptp(now.position, axis=0).min() > 2.5 * 3.0
+
+
+@pytest.mark.parametrize("cohesion", [0.0, 1e4])
+@pytest.mark.parametrize("friction_angle", [0.0, 30.0])
+def test_without_friction_or_cohesion_or_both(friction_angle, cohesion):
+    """H31: a block of 4 m on its own: what is weaker lies lower after a second, and nothing gains energy."""
+    solver = thrown(sand(4.0, friction_angle, cohesion), mu=0.5)
+    Watch(solver).march(1.0)
+    top = in_the_map(solver)[:, 2].max()
+    assert top < 3.0 if friction_angle == cohesion == 0.0 else top > 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coefficient", [0.0, 1e6])
+def test_softening_of_nothing_and_at_once(coefficient):
+    """H30: with 0 the strength stays and the block stands; with 1e6 the first shear takes it all and it falls."""
+    weakens = softening((40.0, 5e4), (5.0, 0.0), coefficient)
+    terrain = terrain_of(level, 40.0, 20.0, 1.0)
+    block = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0))
+    solver = points_on(terrain, block, 1.0, sand(4.0, 40.0, 5e4), CoulombContact(0.6), weakens)
+    Watch(solver).march(1.5)
+    height = in_the_map(solver)[:, 2].max()
+    assert height > 3.5 if coefficient == 0.0 else height < 3.0
+
+
+def rest(steps):
+    """A block held by friction on level ground, for so many steps."""
+    solver = thrown(sand(1.0, 35.0, 1e4), lengths=(2.0, 2.0, 2.0), mu=0.9)
+    while solver.advance(1e12, np.inf, 500) == kernel.RUNNING and solver.step < steps // 2:
+        pass
+    middle = sorted_points(solver)
+    while solver.advance(1e12, np.inf, 500) == kernel.RUNNING and solver.step < steps:
+        pass
+    after = sorted_points(solver)
+    assert np.array_equal(after.mass, middle.mass) and solver.balances()["mass_error_relative"] == 0.0
+    assert np.abs(after.position.mean(axis=0) - middle.position.mean(axis=0)).max() <= 1e-3
+    assert solver.energy()[0] <= 1e-4 * solver.mass_start * G * 2.0
+    Watch(solver).look()
+
+
+@pytest.mark.parametrize("threads", [1], indirect=True)
+def test_ten_thousand_steps_at_rest_move_no_block():
+    """H41, short: it swings on its elasticity at the start, and stays where it came to rest."""
+    rest(10_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [1], indirect=True)
+def test_a_million_steps_at_rest_move_no_block():
+    """H41."""
+    rest(1_000_000)

@@ -1,0 +1,39 @@
+"""The time step of a point on its own, which swings faster than waves cross cells (found by `test_random_scenes`)."""
+
+import numpy as np
+import pytest
+from hard_scenes import STEPPING, points_on, terrain_of
+from point_scenes import block_of
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.material import drucker_prager
+from mpmgis.solvers.points import LONE_SHARE, PointNumerics, courant_number
+
+SOIL = drucker_prager(2e5, 1.2e5, 0.0, 1e6)
+
+
+def gained(material, cfl):
+    """Largest share of its energy that a point on a gentle slope gains in a second."""
+    terrain = terrain_of(lambda x, y: 5.0 - 0.087 * x, 40.0, 20.0, 1.0)
+    point = block_of((0.5, 0.5, 0.5), 0.5, (10.3, 10.1, 5.0 - 0.087 * 10.3))
+    solver = points_on(terrain, point, 1.0, material, CoulombContact(0.0), cfl=cfl)
+    start, most = sum(solver.energy_start), -np.inf
+    for time in np.linspace(0.02, 1.0, 50):
+        solver.advance(time)
+        most = max(most, -solver.balances()["energy_lost"] / start)
+    return most
+
+
+@pytest.mark.parametrize("shear_modulus", [1.2e5, 1e4])
+def test_the_highest_courant_number_makes_no_energy(shear_modulus):
+    """Measured at 0.9 of the scene: 5e-4; without the limit 0.3 (G = 0.6 K) and 2.6 (G = 0.05 K) of all there was."""
+    assert gained(SOIL._replace(shear_modulus=shear_modulus), 0.9) <= STEPPING
+
+
+def test_the_limit_is_that_of_the_lone_swing():
+    """dx / sqrt(max(3 K, 2 G) / rho) over dx / c_p; what is asked for below it is what is marched with."""
+    numerics = PointNumerics(1.0, cfl=0.9)
+    assert courant_number(Fluid(1e6, 0.0, 0.0), numerics) == pytest.approx(LONE_SHARE / np.sqrt(3.0))
+    assert courant_number(SOIL, numerics) == pytest.approx(LONE_SHARE * np.sqrt(3.6 / 6.0))
+    assert courant_number(SOIL, PointNumerics(1.0, cfl=0.4)) == 0.4

@@ -1,0 +1,37 @@
+"""H34: the hardest scenes give the same bits for any number of threads and for slices of any length."""
+
+import numpy as np
+import pytest
+from hard_scenes import Watch
+from scene_strategies import Box, ColumnScene, Ground, PointScene
+
+from mpmgis.kernels.jit import set_threads
+
+ROUGH = Ground("noise", 35.0, 0.7, 2.0, 0.5, 3, 200.0, 100.0)
+THREE = (
+    Box(0.1, 0.1, 0.3, 0.3, 3.0, 4, 30.0, 0.5), Box(0.3, 0.2, 0.3, 0.3, 20.0, 2, 0.0, 0.0),
+    Box(0.9, 0.0, 0.02, 0.3, 1e-4, 4, 5.0, 3.0),
+)  # fmt: skip
+STEEP = Ground("cliff", 20.0, 0.3, 2.0, 0.4, 0, 40.0, 20.0)
+SCENES = {
+    "columns on rough ground": (ColumnScene(ROUGH, THREE, 0.1, 1000.0, 0.6, "open"), 4.0),
+    "columns between walls": (ColumnScene(ROUGH, THREE, 0.0, 1e12, 0.9, "wall"), 4.0),
+    "sand off a step": (
+        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.4, 0.4, "wall", 0.3, 30.0, 0.0, 0.0), 0.4),
+    "water off a step": (
+        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.1, 0.9, "open", 1.0, None, 0.0, 0.001), 0.4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_threads_and_slices_change_no_bit(name):
+    scene, end = SCENES[name]
+    states = []
+    for threads, slices in ((1, 1 << 40), (2, 7)):
+        set_threads(threads)
+        solver = scene.solver()
+        Watch(solver).march(end, looks=2, slices=slices)
+        states.append(solver.state())
+    set_threads(None)
+    for key in ("rows", "clock", "ledger", "counts"):
+        np.testing.assert_array_equal(states[0][key], states[1][key], err_msg=key)
