@@ -218,6 +218,7 @@ def _march(folder, sequence, resumed, foreseen):
             predicted_seconds=foreseen, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
+            troubles=sequence.troubles,
             **_record_of_stages(sequence),
         )  # fmt: skip
         return wall

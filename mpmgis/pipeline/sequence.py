@@ -33,11 +33,13 @@ class Sequence:
     reason : str
         Why the run ended.
     particle_steps : int
+    troubles : list of str
+        What went wrong and was got over with shorter steps.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
-        self.number, self.past, self.reason, self.particle_steps = 0, [], "", 0
+        self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
         self.solver, self._resumed = prepared.solver(), False
         self._end = self._stage_end()
 
@@ -60,12 +62,20 @@ class Sequence:
                 self._resumed, prepared.events, self._end,
             )  # fmt: skip
             for frame in march:
+                self._tell_of(march.troubles)
                 yield self._told(frame)
             self.particle_steps += march.particle_steps
             if not march.switch:
                 self.reason = march.reason
                 return
             self._switch(march.switch)
+
+    def _tell_of(self, troubles):
+        """Say what the march got over since the frame before."""
+        for words in troubles:
+            self._say(words)
+        self.troubles += troubles
+        troubles.clear()
 
     def _told(self, frame):
         """`frame` with what a restart needs of the stages, and with the steps of all of them."""

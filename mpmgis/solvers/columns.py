@@ -110,6 +110,7 @@ class ColumnSolver:
             self._rows[0, : len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[kernel.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
+        self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt", "fall_limit")}
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
@@ -294,6 +295,11 @@ class ColumnSolver:
             settings, self.fields, self.effects,
         )  # fmt: skip
 
+    def share_step(self, share):
+        """From now on take steps of `share` [1] of what they would be."""
+        whole = self._whole_step
+        self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
+
     def wait(self, until):
         """Let time pass to `until` [s] on a terrain with no columns."""
         self._clock[kernel.TIME] = until
@@ -389,11 +395,13 @@ class ColumnSolver:
         if beyond or any(state[name].shape != shape for name, shape in shapes.items()):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         self._require_room(len(rows))
+        self._wet &= np.uint8(255 - kernel.REACHED)
         self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
         self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
         for name, array in changing.items():
             array[:] = state[name]
         if self.numerics.maxima:
+            self._peaks[..., :3], self._peaks[..., 3] = 0.0, -1.0
             self._peaks.reshape(-1, 4)[state["peak_nodes"]] = state["peaks"]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
         kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)

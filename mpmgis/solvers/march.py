@@ -4,8 +4,8 @@ import math
 import time as wall_clock
 from dataclasses import replace
 
-from ..errors import UnphysicalError
 from .events import Events
+from .guard import Guard
 from .marched import marched
 from .stage_end import StageEnd
 
@@ -28,12 +28,15 @@ class March:
     reason, switch : str
     particle_steps : int
         Sum over the steps of the particles there were.
+    troubles : list of str
+        What went wrong and was got over with shorter steps.
 
     Raises
     ------
     UnphysicalError
         A state that is not finite; columns with 5 % of the mass over twice the speed that energy allows; points that
-        leak through the ground. Frames before are whole.
+        leak through the ground or gain energy; and going back to the last frame with shorter steps has not helped
+        (`solvers.guard`). Frames before are whole.
     """
 
     def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None):
@@ -43,12 +46,18 @@ class March:
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.particle_steps = "", "", 0
         self._side, self._observed = marched(solver), 0.0
+        self._guard = Guard(solver, self._side, self.events, self.stage_end)
+
+    @property
+    def troubles(self):
+        return self._guard.told
 
     def __iter__(self):
         solver, events, side = self.solver, self.events, self._side
         events.arm(solver)
         if self.resumed:
             self.reason = side.END_REASONS.get(events.ended, "")
+            self._guard.keep(self._frame())
         else:
             events.let_in(solver)
             yield from self._frames()
@@ -73,8 +82,13 @@ class March:
     def _frames(self):
         """The frame now, with the state of the events; none if there is no particle."""
         if self._side.particles:
-            frame = self.solver.frame()
-            yield replace(frame, state=frame.state | self.events.state())
+            frame = self._frame()
+            self._guard.keep(frame)
+            yield frame
+
+    def _frame(self):
+        frame = self.solver.frame()
+        return replace(frame, state=frame.state | self.events.state())
 
     def _advance(self, until, after):
         """March to `until`, from event to event, in slices of a quarter second of wall time.
@@ -93,10 +107,10 @@ class March:
             self.particle_steps += taken * particles
             if code == side.RUNNING:
                 steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
-            trouble = side.trouble(code)
+            trouble = self._guard.trouble(code, code == side.REACHED_TIME and target == until)
             if trouble:
-                place = f"step {solver.step}, t = {solver.time:.3f} s"
-                raise UnphysicalError(f"the run became unphysical at {place}, {trouble}")
+                self._guard.go_back(trouble)
+                continue
             if code == side.ALL_LEFT and not over:
                 solver.wait(target)
                 code = side.REACHED_TIME

@@ -4,6 +4,7 @@ from ..kernels import columns as column_kernel
 from ..kernels import points as point_kernel
 from .points import PointSolver
 
+ENERGY_GAIN = 0.1  # of all energy that there was, above which points are said to have gained it
 REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow rests when its kinetic energy is below this share of its peak so long
 STOPPED_AT_REST = 100  # beside the kernel's own reasons
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
@@ -66,6 +67,10 @@ class MarchedColumns:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
+    def energy_trouble(self):
+        """Columns are held to the speed that energy allows in every step: '' always."""
+        return ""
+
 
 class MarchedPoints:
     """The 3D solver's side; whether the flow rests is looked at where frames are, so that a restart sees the same."""
@@ -110,3 +115,14 @@ class MarchedPoints:
                 "cfl, smaller cells or a stiffer material"
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
+
+    def energy_trouble(self):
+        """Whether energy has been made out of nothing, in words with E and N; '' where not."""
+        gained = self.solver.energy_gained()
+        if gained <= ENERGY_GAIN or not self.particles:
+            return ""
+        east, north, speed = self.solver.fastest()
+        return (
+            f"E {east:.1f} N {north:.1f}: the points gained {100 * gained:.2g} % of the energy that there was, the "
+            f"fastest has {speed:.3g} m/s; take a smaller cfl"
+        )

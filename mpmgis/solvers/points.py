@@ -26,6 +26,7 @@ BARRIER_SUMS = (
 )  # fmt: skip
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 MACH_WARNING = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
+LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 LONE_SHARE = 0.95  # of the time step at which a point on its own begins to swing higher and higher
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
@@ -167,6 +168,7 @@ class PointSolver:
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
         self._settings = self._made_settings()
+        self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         rows = self._rows[0]
         rows[:, kernel.X : kernel.Z + 1] = place
         rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
@@ -178,6 +180,7 @@ class PointSolver:
         window = self._counts[kernel.WINDOW_FIRST :]
         kernel.initial_keys(rows, self._keys[0], 1.0 / numerics.cell_size, self._lowest, window)
         self.mass_start, self.energy_start = float(particles.mass.sum()), self.energy()
+        self._energy_whole = sum(self.energy_start) + self._turning_energy()
         self._momentum_start = (particles.velocity * particles.mass[:, None]).sum(axis=0)
 
     def _made_settings(self):
@@ -240,6 +243,11 @@ class PointSolver:
     def mach(self):
         """Largest speed so far over that of pressure waves [1]."""
         return float(self._clock[kernel.SPEED_WORST] / self._settings.signal_speed)
+
+    def share_step(self, share):
+        """From the next step but one on take steps of `share` [1] of what they would be."""
+        whole = self._whole_step
+        self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
 
     def resting_for(self, share):
         """For how long [s] the kinetic energy has been below `share` of its peak, over the calls of this."""
@@ -401,6 +409,30 @@ class PointSolver:
                 for wall, sums in zip(self.walls, self._barrier_sums, strict=True)
             },
         }
+
+    def energy_gained(self):
+        """Kinetic and potential energy now and of what has left, over all that there was at the start, less 1 [1].
+
+        What was laid back onto the ground had its height given. Below 0 wherever all is well.
+        """
+        clock, start = self._clock, self._energy_whole
+        lifted = clock[kernel.LIFTED_MASS] * self.numerics.gravity * LIFTED_CELLS * self.numerics.cell_size
+        now = clock[kernel.KINETIC_NOW] + clock[kernel.POTENTIAL_NOW] + self._ledger[:, 4:6].sum() - lifted
+        return float(now / start - 1.0) if start > 0.0 else 0.0
+
+    def _turning_energy(self):
+        """Kinetic energy [J] of the start's velocity gradient within the points, m (dx / 2)^2 |C|^2 / 2."""
+        if self._affine is None:
+            return 0.0
+        reach2 = 0.25 * self.numerics.cell_size**2
+        return float(0.5 * reach2 * (self._start.particles.mass * (self._affine**2).sum(axis=(1, 2))).sum())
+
+    def fastest(self):
+        """Map E, N [m] and speed [m s-1] of the fastest point."""
+        rows, _ = self._alive()
+        speed = np.linalg.norm(rows[:, kernel.PX : kernel.PZ + 1], axis=1) / rows[:, kernel.MASS]
+        x, y = rows[np.argmax(speed), kernel.X : kernel.X + 2]
+        return float(x + self.grid.x0), float(y + self.grid.y0), float(speed.max())
 
     def highest(self):
         """Map E, N and height above the lowest ground [m] of the highest point."""

@@ -104,6 +104,13 @@ class Watch:
 
     def look(self):
         """No NaN, mass and momentum to round-off, energy not above the start's, no speed above H2's bound."""
+        particles, balances = self.look_at_sums()
+        self._look_at_energy(balances)
+        if len(particles):
+            self._look_at_speed(particles)
+
+    def look_at_sums(self):
+        """No NaN, mass and momentum to round-off; answers (particles, balances)."""
         particles, balances = self.solver.frame().particles, self.solver.balances()
         for name, values in particles.arrays().items():
             assert np.isfinite(values).all(), name
@@ -112,9 +119,7 @@ class Watch:
         assert abs(balances["mass_error_relative"]) <= 1e-12
         if self.in_3d and balances["mass_lifted_onto_ground"] == 0.0:
             assert balances["momentum_error_relative"] <= 1e-10
-        self._look_at_energy(balances)
-        if len(particles):
-            self._look_at_speed(particles)
+        return particles, balances
 
     def _look_at_energy(self, balances):
         """What is there and what has left is at most what was.

@@ -1,0 +1,113 @@
+"""The guard: a state that breaks goes back to the last frame with half the step, deterministically, and is told."""
+
+import re
+
+import numpy as np
+import pytest
+from column_scenes import columns_of, terrain_of
+from hard_scenes import Watch, columns_on, stiff_for
+from point_scenes import block_of, points_on
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import drucker_prager
+from mpmgis.errors import UnphysicalError
+from mpmgis.kernels.jit import set_threads
+from mpmgis.solvers import march as marching
+from mpmgis.solvers.guard import Guard
+from mpmgis.solvers.march import March
+
+SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
+
+
+def block(steps=3.0):
+    """A block that falls by a metre, marched with steps of `steps` cells that a wave crosses: 1 is stable."""
+    terrain = terrain_of(lambda x, y: 0.0 * x, 40.0, 20.0, 1.0)
+    frame = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 1.0), velocity=(2.0, 0.0, 0.0))
+    step = steps / SOIL.wave_speed(1000.0)
+    return points_on(terrain, frame, 1.0, SOIL, CoulombContact(0.3), time_step=step)
+
+
+def pool():
+    """Water 10 m deep that is let go, in steps in which it crosses three cells."""
+    columns = columns_of(10.0, 60, 90, 30, 60, 2.5)
+    return columns_on(lambda x, y: 0.0 * x, columns, mu=0.0, time_step=1.5, edges="wall")
+
+
+SCENES = {"points": (block, 1.0, 0.25), "columns": (pool, 12.0, 6.0)}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_run_gets_over_steps_that_are_too_long(name):
+    """H14, H32: it ends, is told where and why it had to go back, and holds what every run holds."""
+    scene, end, interval = SCENES[name]
+    solver = scene()
+    watch, march = Watch(solver), March(solver, end, interval)
+    for _ in march:
+        if name == "columns":
+            watch.look()  # points in steps of this length show their energy half a step apart
+    watch.look_at_sums()
+    assert solver.time == end and 1 <= len(march.troubles) <= round(end / interval)
+    assert "got over from t = " in march.troubles[0] and "steps of 1/" in march.troubles[0]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkeypatch):
+    """Bitwise; a run resumed at any of its frames meets the same trouble, which no frame has to tell."""
+    scene, end, interval = SCENES[name]
+    whole = list(March(scene(), end, interval))
+    monkeypatch.setattr(marching, "SLICE_SECONDS", 1e-4)
+    set_threads(2)
+    sliced = list(March(scene(), end, interval))
+    set_threads(None)
+    runs = [sliced]
+    for number, frame in enumerate(whole[:-1]):
+        again = scene()
+        again.restore(frame)
+        runs.append([*whole[: number + 1], *March(again, end, interval, resumed=True)])
+    for run in runs:
+        assert [frame.step for frame in run] == [frame.step for frame in whole]
+        for one, other in zip(run, whole, strict=True):
+            for key in ("rows", "clock", "ledger"):
+                np.testing.assert_array_equal(one.state[key], other.state[key], err_msg=f"{key} at {one.time}")
+
+
+def test_what_no_step_helps_ends_the_run_with_place_and_cause():
+    """Exit code 3 after steps of 1/32; nothing is said to have been got over."""
+    solver = block(0.3)
+    solver._rows[0, 5, 4] = np.nan
+    march = March(solver, 1.0, 0.5)
+    with pytest.raises(UnphysicalError) as error:
+        list(march)
+    words = str(error.value)
+    assert re.search(r"step 1, t = 0\.\d+ s, E \d+\.\d N \d+\.\d: .*not finite", words)
+    assert "steps of down to 1/32 from t = 0.000 s on did not help" in words
+    assert error.value.exit_code == 3 and march.troubles == []
+
+
+class Recorder:
+    """A solver, its events and its stage's end, which only note what is asked of them."""
+
+    def __init__(self):
+        self.step, self.time, self.calm_since, self.asked = 7, 0.5, 0.25, []
+
+    def share_step(self, share):
+        self.asked.append(share)
+
+    def restore(self, frame):
+        self.asked.append(("back to", frame.time))
+
+    def arm(self, solver):
+        pass
+
+
+def test_steps_are_whole_again_from_the_next_frame_on():
+    solver, frame = Recorder(), block().frame()
+    guard = Guard(solver, None, Recorder(), solver)
+    guard.keep(frame)
+    solver.calm_since = 0.4
+    guard.go_back("E 1.0 N 2.0: too fast")
+    guard.go_back("E 1.0 N 2.0: still too fast")
+    assert solver.asked == [("back to", 0.0), 0.5, ("back to", 0.0), 0.25] and solver.calm_since == 0.25
+    guard.keep(frame)
+    assert solver.asked[-1] == 1.0
+    assert guard.told == ["step 7, t = 0.500 s, E 1.0 N 2.0: too fast: got over from t = 0.000 s on with steps of 1/4"]
