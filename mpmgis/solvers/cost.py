@@ -10,9 +10,9 @@ from ..kernels.columns import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
 from .points import courant_number
 
-BYTES_PER_COLUMN = 2 * ROW * 8 + 2 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out
+BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
-BYTES_PER_POINT_BESIDE = 160  # of its two rows and the one of a frame: ids, keys, order; a frame on its way out
+BYTES_PER_POINT_BESIDE = 168  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
 BYTES_PER_START = 320  # of a point while columns become points
 MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
@@ -44,7 +44,7 @@ def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time
         limits.append(numerics.density * dx * dx / (6.0 * viscosity))
     steps = end_time / (courant_number(material, numerics) * min(limits))
     row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
-    memory = points * (3 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
+    memory = points * (4 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
     return steps * (points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory
 
 

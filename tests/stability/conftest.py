@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-# the tests of this folder share `hard_scenes`, and the scenes of the solvers' own tests
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "solvers")]
+# the tests of this folder share `hard_scenes`, the scenes of the solvers' own tests, and the site of the command's
+sys.path[:0] = [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("solvers", "cli"))]
 
 
 @pytest.fixture(params=[1, 2], ids=["1 thread", "2 threads"])

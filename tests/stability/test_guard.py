@@ -7,6 +7,7 @@ import pytest
 from column_scenes import columns_of, terrain_of
 from hard_scenes import Watch, columns_on, stiff_for
 from point_scenes import block_of, points_on
+from slope_site import SCENE, record, run, write_site
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
@@ -15,6 +16,7 @@ from mpmgis.kernels.jit import set_threads
 from mpmgis.solvers import march as marching
 from mpmgis.solvers.guard import Guard
 from mpmgis.solvers.march import March
+from mpmgis.solvers.marched import MarchedColumns
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
 
@@ -64,9 +66,9 @@ def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkey
         again = scene()
         again.restore(frame)
         runs.append([*whole[: number + 1], *March(again, end, interval, resumed=True)])
-    for run in runs:
-        assert [frame.step for frame in run] == [frame.step for frame in whole]
-        for one, other in zip(run, whole, strict=True):
+    for frames in runs:
+        assert [frame.step for frame in frames] == [frame.step for frame in whole]
+        for one, other in zip(frames, whole, strict=True):
             for key in ("rows", "clock", "ledger"):
                 np.testing.assert_array_equal(one.state[key], other.state[key], err_msg=f"{key} at {one.time}")
 
@@ -82,6 +84,17 @@ def test_what_no_step_helps_ends_the_run_with_place_and_cause():
     assert re.search(r"step 1, t = 0\.\d+ s, E \d+\.\d N \d+\.\d: .*not finite", words)
     assert "steps of down to 1/32 from t = 0.000 s on did not help" in words
     assert error.value.exit_code == 3 and march.troubles == []
+
+
+def test_the_command_tells_what_was_got_over_and_so_does_the_record(tmp_path, monkeypatch, capsys):
+    """One made-up trouble at the second frame: exit code 0, a line, and the same line in run.json."""
+    site, troubles = write_site(tmp_path), ["", "E 400100.0 N 5100200.0: made up"]
+    monkeypatch.setattr(MarchedColumns, "energy_trouble", lambda side: troubles.pop(0) if troubles else "")
+    assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
+    words = "E 400100.0 N 5100200.0: made up: got over from t = 5.000 s on with steps of 1/2"
+    assert words in capsys.readouterr().err
+    told = record(site)["troubles"]
+    assert len(told) == 1 and told[0].endswith(words) and told[0].startswith("step ")
 
 
 class Recorder:
