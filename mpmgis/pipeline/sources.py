@@ -221,7 +221,19 @@ def placed_on(frame, path, terrain, density, say):
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
-        say(f"{path} was made on another DTM than {terrain.path} (their sha256 differ); its thickness is kept")
+        say(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
+
+
+def _how_far_apart(frame, terrain):
+    """In what the terrain that `frame` was made on differs; a run's frames name the copy that the run keeps."""
+    x, y = frame.map_xy()
+    apart = np.abs(frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y))
+    if frame.dimension != 2 or not np.isfinite(apart).any():
+        return "their sha256 differ"
+    return (
+        f"their sha256 differ, the ground under its columns by {np.nanmedian(apart):.3f} m, at most by "
+        f"{np.nanmax(apart):.3f} m; its thickness is kept"
+    )

@@ -254,6 +254,7 @@ def test_a_window_takes_a_part_of_a_run_of_columns(site, capsys):
     assert part == pytest.approx(frame.particles.mass[inside].sum(), rel=0.05)
     assert any(f"leaves out {whole - part:.6g} of {whole:.6g} kg" in line for line in said)
     assert any("are kept to" in line for line in said)
+    assert any("their sha256 differ, the ground under its columns by 0.000 m" in line for line in said)  # a run's copy
     momentum = (prepared.frame.particles.mass[:, None] * prepared.frame.particles.velocity).sum(axis=0)
     assert momentum[0] == pytest.approx((frame.particles.mass * frame.particles.velocity[:, 0])[inside].sum(), rel=0.06)
     assert prepared.affine.shape == (len(prepared.frame.particles), 3, 3) and np.abs(prepared.affine).max() < 5.0
