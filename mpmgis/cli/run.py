@@ -133,6 +133,12 @@ def _tell_points(b):
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
         talk.say(f"{share:.2g} % of the mass came more than a cell under the ground and was laid back on it")
+    outside = b.get("outside_columns")
+    if outside is not None:
+        talk.say(
+            f"outside the window: {outside['mass_now']:.6g} kg of columns; {outside['exchanged_columns']} columns with "
+            f"{outside['exchanged_mass']:.6g} kg came into it and became points"
+        )
     for name, taken in b["barriers"].items():
         impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N in a single step"
         talk.say(f"barrier '{name}': impulse {impulse}, peak {peak}, {taken['overtopped_mass']:.3g} kg went over it")

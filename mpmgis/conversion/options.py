@@ -37,6 +37,9 @@ class PointOptions:
         Where columns lie over each other raise them to what their mass fills (E10); needs `cell`.
     gravity : float [m s-2]
         Of the geostatic stress (E7).
+    stretched : bool
+        Footprints of columns that have moved are stretched as their neighbours lie; False: squares, of columns whose
+        neighbours are not in the frame.
 
     Raises
     ------
@@ -50,6 +53,7 @@ class PointOptions:
     cell: float | None = None
     relevel: bool = False
     gravity: float = GRAVITY
+    stretched: bool = True
 
     def __post_init__(self):
         for name, choices in (

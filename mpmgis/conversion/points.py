@@ -114,7 +114,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
     particles, (x, y) = frame.particles, frame.map_xy()
     spacing = options.spacing_for(particles)
     _require_few_enough(options.predicted_points(particles), spacing)
-    footprints = _footprints(frame, x, y, options.piece_size)
+    footprints = _footprints(frame, x, y, options)
     ground = Ground.under(terrain, x, y, float(footprints.length.max()))
     pieces = cut(x, y, footprints, options.piece_size, ground)
     inside = within(pieces, x, y, window)
@@ -208,10 +208,10 @@ def velocity_gradient(frame):
     return None
 
 
-def _footprints(frame, x, y, size):
+def _footprints(frame, x, y, options):
     """Footprints of columns: stretched as their neighbours lie where some are to be cut; a seed has not moved yet."""
-    area = frame.particles.area
-    if size is None or frame.solver == "seed" or not (area > size**2).any():
+    area, size = frame.particles.area, options.piece_size
+    if size is None or not options.stretched or frame.solver == "seed" or not (area > size**2).any():
         return squares(area)
     return stretched(x, y, area)
 

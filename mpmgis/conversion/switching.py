@@ -1,14 +1,16 @@
 """A flow handed from one solver to the other amid a run, with what that keeps (design notes 2.4, E5, E11)."""
 
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
 from ..errors import InputError
 from ..fields import GRAVITY
+from ..particles import Particles
 from .columns import points_to_columns
 from .options import LAY, ColumnOptions
-from .points import columns_to_points
+from .points import columns_to_points, velocity_gradient
 from .sums import NOTHING, Sums, conservation_error, sums_of
 
 
@@ -44,8 +46,8 @@ class SwitchAccount:
         sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off")}
         return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
 
-    def lines(self):
-        """The account in plain lines."""
+    def lines(self, outside="booked and gone"):
+        """The account in plain lines; `outside` says what becomes of what is outside the window."""
         before, after, (mass, momentum) = self.before, self.after, self.errors()
         lines = [
             f"{before.count} particles became {after.count}; mass {before.mass:.9g} kg and horizontal momentum "
@@ -53,7 +55,8 @@ class SwitchAccount:
             f"vertical momentum {before.momentum[2]:.6g}, now {after.momentum[2]:.6g} kg m s-1; kinetic energy "
             f"{before.kinetic:.6g}, now {after.kinetic:.6g} J",
         ]
-        for part, what in ((self.outside, "outside the window"), (self.off, "off the terrain of the next solver")):
+        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "off the terrain of the next solver"))
+        for part, what in parts:
             if part.count:
                 momentum = ", ".join(f"{value:.6g}" for value in part.momentum)
                 lines.append(
@@ -104,14 +107,43 @@ def switch_to_points(frame, terrain, options, holds, window=None):
     return Switched(replace(kept, state={}), state["vertical_stress"], state.get("affine"), rest, account)
 
 
-def switch_to_columns(frame, terrain, cell, holds, gravity=GRAVITY):
-    """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`."""
-    columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
-    kept, off = _parted(columns.frame, holds, gravity)
-    if columns.rest is not None:
-        off = _together(off, _sums(columns.rest, gravity))
-    account = SwitchAccount(columns.report.before, _sums(kept, gravity), off=off, laid=columns.report.laid)
+def switch_to_columns(frame, terrain, cell, holds, beside=None, gravity=GRAVITY):
+    """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`.
+
+    `beside` is a Frame of columns that go on as they are.
+    """
+    parts = [_gathered(frame, terrain, cell, gravity)] if len(frame.particles) else []
+    if beside is not None and len(beside.particles):
+        beside = replace(beside, state={"velocity_gradient": velocity_gradient(beside)}, maxima={})
+        parts.append((beside, _sums(beside, gravity), NOTHING, 0.0))
+    before, bare = (_total(part[k] for part in parts) for k in (1, 2))
+    columns = _one_frame([part[0] for part in parts])
+    kept, off = _parted(columns, holds, gravity)
+    account = SwitchAccount(before, _sums(kept, gravity), off=_together(off, bare), laid=sum(part[3] for part in parts))
     return Switched(replace(kept, state={}), None, kept.state["velocity_gradient"], None, account)
+
+
+def _gathered(frame, terrain, cell, gravity):
+    """(Frame of columns, Sums of the points before, of those without ground, mass laid onto the bed)."""
+    columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
+    report = columns.report
+    return columns.frame, report.before, report.outside, report.laid
+
+
+def _one_frame(frames):
+    """One Frame of the columns of all `frames`, numbered anew, relative to the origin of the first."""
+    first = frames[0]
+    if len(frames) == 1:
+        return first
+    names = [name for name in first.particles.arrays() if name not in ("id", "parent")]
+    moved = [
+        replace(frame.particles, position=frame.particles.position + np.subtract(frame.origin, first.origin))
+        for frame in frames
+    ]
+    arrays = {name: np.concatenate([getattr(particles, name) for particles in moved]) for name in names}
+    gradient = np.concatenate([frame.state["velocity_gradient"] for frame in frames])
+    ids = np.arange(len(gradient), dtype=np.uint64)
+    return replace(first, particles=Particles(**arrays, id=ids), state={"velocity_gradient": gradient})
 
 
 def _parted(frame, holds, gravity):
@@ -131,8 +163,10 @@ def _on_ground(rest, terrain, gravity):
     if rest is None:
         return None, NOTHING
     known = np.isfinite(terrain.sample(*rest.map_xy()))
-    parts = [replace(rest, particles=rest.particles.take(some), state={}) for some in (known, ~known)]
-    return parts[0] if known.any() else None, NOTHING if known.all() else _sums(parts[1], gravity)
+    rows = {name: values[known] for name, values in rest.state.items()}
+    kept = replace(rest, particles=rest.particles.take(known), state=rows)
+    bare = NOTHING if known.all() else _sums(replace(rest, particles=rest.particles.take(~known)), gravity)
+    return kept if known.any() else None, bare
 
 
 def _sums(frame, gravity):
@@ -149,3 +183,7 @@ def _together(one, other):
         one.count + other.count, one.mass + other.mass, momentum, one.kinetic_horizontal + other.kinetic_horizontal,
         one.kinetic_vertical + other.kinetic_vertical, one.potential + other.potential,
     )  # fmt: skip
+
+
+def _total(sums):
+    return reduce(_together, sums, NOTHING)

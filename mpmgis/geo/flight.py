@@ -24,8 +24,9 @@ def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
         Horizontal velocity.
     depth : float64[n] [m]
     ahead : float [s]
+        Of the way, the flight included.
     """
-    moments = STEP * np.arange(-1, round((ahead + SECONDS) / STEP) + 1)
+    moments = STEP * np.arange(-1, round(ahead / STEP) + 1)
     bed = terrain.sample(x[:, None] + np.outer(u, moments), y[:, None] + np.outer(v, moments))
     flight = round(SECONDS / STEP)
     start = bed[:, 1:-flight]

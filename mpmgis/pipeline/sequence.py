@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FormatError, InputError
+from ..solvers.coupled import parts_of
 from ..solvers.march import March
 
 STATE = "stages"  # of a frame: what the stages so far have left behind, as JSON
@@ -110,14 +111,27 @@ class Sequence:
         self._end.calm_since = told["calm_since"]
         if self.number:
             self._wake_events()
-            self.solver = self.stage.solver(self.prepared.terrain, self._on_grid(frame))
+            self.solver = self._solver_of(frame)
             self.solver.start_from(told["started"])
 
-    def _on_grid(self, frame):
-        """`frame` as its stage's solver takes it for a start; rounded places may lie a hair off the grid."""
-        held = self.stage.grid.holds(*frame.map_xy())
+    def _solver_of(self, frame):
+        """The solver of the stage now, made of a `frame` in the midst of it, whose state comes next."""
+        stage, terrain = self.stage, self.prepared.terrain
+        if not stage.marches_outside:
+            return stage.solver(terrain, self._on_grid(frame, stage.grid))
+        points, columns = parts_of(frame)
+        before = self.prepared.stages[self.number - 1]
+        return stage.coupled(
+            stage.solver(terrain, self._on_grid(points, stage.grid)),
+            before.columns_outside(self._on_grid(columns, before.grid), terrain),
+            terrain,
+        )
+
+    def _on_grid(self, frame, grid):
+        """`frame` as a solver takes it for a start; rounded places may lie a hair off its `grid`."""
+        held = grid.holds(*frame.map_xy())
         position = frame.particles.position.copy()
-        position[~held] = position[np.argmax(held)]  # the solver's own state comes next
+        position[~held, :2] = np.subtract(grid.some_place(), frame.origin[:2])
         return replace(
             frame, particles=replace(frame.particles, position=position), crs=self.prepared.terrain.grid.crs, dem="",
             dem_sha256="",
@@ -128,20 +142,22 @@ class Sequence:
         return self.stage.end(self.prepared.terrain, following[0] if following else None)
 
     def _wake_events(self):
-        """Events happen between steps of columns, on the grid of the stage."""
-        events = self.prepared.events
-        events.awake = self.stage.scene.solver == "columns"
+        """Events happen between steps of columns, on the grid of their stage."""
+        events, stage = self.prepared.events, self.stage
+        if stage.marches_outside:
+            stage = self.prepared.stages[self.number - 1]
+        events.awake = stage.scene.solver == "columns"
         if events.awake:
-            events.move_to(self.stage.grid)
+            events.move_to(stage.grid)
 
     def _switch(self, why):
         """Hand the flow to the next stage's solver."""
         before, solver, terrain = self.stage, self.solver, self.prepared.terrain
         after = self.prepared.stages[self.number + 1]
-        frame = solver.frame()
+        frame, beside = solver.parts() if before.marches_outside else (solver.frame(), None)
         where = f"t = {frame.time:g} s: stage {self.number + 2}, of {after.scene.solver}, begins"
         try:
-            switched = after.switched_from(before, replace(frame, maxima={}), terrain)
+            switched = after.switched_from(before, replace(frame, maxima={}), terrain, beside)
         except InputError as error:
             raise type(error)(f"{where}, but {error}") from error
         self.past.append({
@@ -149,13 +165,22 @@ class Sequence:
             "balances": solver.balances(), "switch": switched.account.as_numbers(),
         })  # fmt: skip
         self._say(f"{where}: {why}")
-        for line in switched.account.lines():
+        for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
             self._say(f"  {line}")
         self.number += 1
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()
         start = replace(switched.frame, time=frame.time, step=0)
         self.solver = after.solver(terrain, start, switched.vertical_stress, switched.gradient)
+        if after.marches_outside:
+            self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
+
+    def _outside(self, before, frame, rest):
+        """The ColumnSolver that goes on with the columns `rest` of `frame` (None: there are none yet)."""
+        if rest is None:
+            rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
+        start = replace(rest, time=frame.time, step=0)
+        return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
 
     def mass_account(self):
         """Where all mass is [kg]: what was ever in the run is on the terrain, left it, or was left out at a switch."""
@@ -169,7 +194,11 @@ class Sequence:
             "entrained": sum(balances.get("mass_entrained", 0.0) for balances in told),
             "on_terrain": told[-1]["mass_now"],
             "left_terrain": sum(b["mass_out"] for b in told) + sum(switch["off"]["mass"] for switch in switches),
-            "outside_windows": sum(switch["outside"]["mass"] for switch in switches),
+            "outside_windows": sum(
+                switch["outside"]["mass"]
+                for switch, stage in zip(switches, self.prepared.stages[1:], strict=False)
+                if not stage.marches_outside
+            ),
         }
         come = account["released"] + account["entrained"]
         found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]

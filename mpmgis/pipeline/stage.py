@@ -1,11 +1,13 @@
 """A stage of a run: one solver with all that it needs, decided before the run begins, and what ends it."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import shapely
 
 from ..conversion.columns import unsettled_share
+from ..conversion.points import columns_to_points
 from ..conversion.starting import kirchhoff_stress, point_options
 from ..conversion.switching import switch_to_columns, switch_to_points
 from ..errors import SceneError
@@ -14,6 +16,7 @@ from ..scene.stages import CLIFF, WALLS
 from ..scene.tables import StageTable
 from ..solvers.columns import ColumnSolver
 from ..solvers.cost import require_memory_for_points
+from ..solvers.coupled import CoupledSolver
 from ..solvers.grid import ColumnGrid
 from ..solvers.places import Places
 from ..solvers.points import PointSolver
@@ -108,13 +111,45 @@ class Stage:
         along = min(round(np.sqrt(self.scene.columns_per_cell)), int(self.grid.cell_size / point_cell + 1e-9))
         return self.grid.cell_size / max(along, 1)
 
-    def switched_from(self, before, frame, terrain):
-        """The flow `frame` of the Stage `before` as this one goes on with it; a Switched."""
+    def switched_from(self, before, frame, terrain, beside=None):
+        """The flow `frame` of the Stage `before` as this one goes on with it; a Switched.
+
+        `beside` is a Frame of columns that were outside that stage's window.
+        """
         if self.scene.solver == "columns":
-            return switch_to_columns(frame, terrain, self.cell_of_columns(before.grid.cell_size), self.grid.holds)
+            cell = self.cell_of_columns(before.grid.cell_size)
+            return switch_to_columns(frame, terrain, cell, self.grid.holds, beside)
         options = self.point_options()
         require_memory_for_points(options.predicted_points(frame.particles), options.cell)
         return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
+
+    @property
+    def marches_outside(self):
+        """Whether what lies outside its window goes on as columns."""
+        return self.table is not None and self.table.outside == "columns"
+
+    def coupled(self, points, columns, terrain):
+        """The CoupledSolver of its PointSolver and the ColumnSolver of what lies outside its window."""
+        shapely.prepare(self.window)
+        margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain stay on it
+
+        def inside(x, y):
+            corners = [self.grid.holds(x + a, y + b) for a in (-margin, margin) for b in (-margin, margin)]
+            return np.logical_and.reduce([shapely.contains_xy(self.window, x, y), *corners])
+
+        options = replace(self.point_options(), stretched=False)
+
+        def as_points(frame):
+            made = columns_to_points(frame, terrain, options).frame
+            return made, self.stress(made.state["vertical_stress"]), made.state.get("affine")
+
+        return CoupledSolver(points, columns, inside, as_points)
+
+    def columns_outside(self, frame, terrain, gradient=None):
+        """The ColumnSolver, of this stage of columns, that goes on with those of `frame` outside the next's window."""
+        thickness = self.numerics.reference_thickness or self.facts.release_thickness
+        numerics = replace(self.numerics, reference_thickness=thickness, stop_at_rest=False)
+        return ColumnSolver(frame, terrain, self.effects, numerics, self.places, self.grid, gradient)
 
     def point_options(self):
         """How a flow of columns becomes its points: where columns lie over each other they are raised (E10)."""
@@ -140,11 +175,12 @@ def require_inflow_over(stages, events):
     SceneError
     """
     over = events.ends()
-    if len(stages) < 2 or not events.inlets:
-        return
-    until = stages[0].until
-    if set(until) != {"time"} or until["time"] < over:
-        raise SceneError(
-            f"[hydrograph] flows in until t = {over:g} s, and the [[stage]] of points after the first may begin before "
-            f"that; give the first until = {{time = ...}} of {over:g} s or more, and nothing else"
-        )
+    for number, (before, stage) in enumerate(pairwise(stages), 1):
+        if not events.inlets or stage.solver == "columns" or stage.outside == "columns":
+            continue
+        if set(before.until) != {"time"} or before.until["time"] < over:
+            raise SceneError(
+                f"[hydrograph] flows in until t = {over:g} s, and [[stage]] number {number + 1}, of points, may begin "
+                f"before that; end the one before with until = {{time = ...}} of {over:g} s or more and nothing else, "
+                "or let what is outside a window go on as columns"
+            )

@@ -27,6 +27,8 @@ def check_stages(scene, where):
             raise SceneError(f"{here}: {key} belongs to solver = 'points', this is {stage.solver!r}; take it out")
         if stage.outside and not stage.window:
             raise SceneError(f"{here}: outside is of a window, and there is none; give window, or take outside out")
+        if stage.outside == "columns" and number == 1:
+            raise SceneError(f"{here}: outside = 'columns' goes on with those of a stage before; there is none")
     for number, (before, stage) in enumerate(pairwise(scene.stage), 2):
         if before.solver == stage.solver:
             raise SceneError(
@@ -98,9 +100,10 @@ def _check_tables(scene, where):
             "the export has maxima over the frames"
         )
     bed = scene.entrainment
-    if bed is not None and bed.use != "off" and (bed.lower_bed or solvers.count("columns") > 1):
+    beds = solvers.count("columns") + sum(stage.outside == "columns" for stage in scene.stage)
+    if bed is not None and bed.use != "off" and (bed.lower_bed or beds > 1):
         what = "a bed that it lowers" if bed.lower_bed else "what is left of its bed"
         raise SceneError(
             f"{where} [entrainment]: {what} is not handed on through a [[stage]] of points; take "
-            f"{'lower_bed' if bed.lower_bed else 'the table, or the later stage of columns,'} out"
+            f"{'lower_bed' if bed.lower_bed else 'the table, or what is columns later on,'} out"
         )

@@ -328,8 +328,10 @@ class StageTable:
     )  # fmt: skip
     window: str | None = _key("of points: only what lies in these polygons becomes points", None, kind=str,
                               example="box.gpkg", file=True)  # fmt: skip
-    outside: str | None = _key("what lies outside window: ledger, booked and gone; without it ledger", None, kind=str,
-                               choices=("ledger",), example="ledger")  # fmt: skip
+    outside: str | None = _key(
+        "what lies outside window: booked and gone, or marched on as columns; without it ledger", None, kind=str,
+        choices=("ledger", "columns"), example="columns",
+    )  # fmt: skip
     cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)
 
     @property

@@ -1,6 +1,6 @@
 """The depth-averaged solver: its state, one call to advance it, its frames and its balances (design notes 3)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from ..effects.metric import SlopeMetric, WaterMetric
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
 from ..kernels import columns as kernel
+from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..particles import Frame, Particles
 from .flow import Flow
@@ -200,6 +201,33 @@ class ColumnSolver:
         self._expect(thickness, np.hypot(*particles.velocity[:, :2].T), (particles.velocity**2).sum(axis=1).max())
         self._forget_peaks()
         return bed
+
+    def take_out(self, chosen):
+        """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
+        `velocity_gradient` in its state, or None where there are none.
+
+        Mass and energy at the start are less by what they have now.
+        """
+        rows, _ = self._alive()
+        out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
+        if not out.any():
+            return None
+        gradient = rows[out, CXX : CXX + 4].reshape(-1, 2, 2)
+        frame = self.frame()
+        taken = replace(frame, particles=frame.particles.take(out), state={"velocity_gradient": gradient}, maxima={})
+        bed = kernel.beds_at(
+            self.fields.bed, rows[out, kernel.X].copy(), rows[out, kernel.Y].copy(), self.grid.cell_size
+        )[0]
+        lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
+        now, n, counts = self._counts[kernel.CURRENT], self._counts[kernel.ROWS], self._counts
+        gone = np.flatnonzero(self._keys[now, :n] != kernel.GONE)[out]
+        self._keys[now, gone] = kernel.GONE
+        counts[kernel.ALIVE] -= len(gone)
+        counts[kernel.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
+        self._clock[kernel.TOTAL_MASS] -= lost[0]
+        self.mass_start -= lost[0]
+        self.energy_start = tuple(a - b for a, b in zip(self.energy_start, lost[1], strict=True))
+        return taken
 
     def _require_room(self, count):
         """Make the arrays long enough for `count` rows."""

@@ -87,6 +87,11 @@ class ColumnGrid:
         i, j = ((np.where(there, v, 0.0) / self.cell_size).astype(int) for v in (x, y))
         return there & (self.inside[np.minimum(j, ny - 1), np.minimum(i, nx - 1)] == 1)
 
+    def some_place(self):
+        """Map coordinates [m] of the middle of a cell that the DTM covers."""
+        row, column = np.argwhere(self.inside)[0]
+        return self.x0 + (column + 0.5) * self.cell_size, self.y0 + (row + 0.5) * self.cell_size
+
     def cells_of(self, frame, grown=0):
         """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
         x, y = frame.map_xy()

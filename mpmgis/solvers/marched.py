@@ -2,6 +2,7 @@
 
 from ..kernels import columns as column_kernel
 from ..kernels import points as point_kernel
+from .coupled import OF_COLUMNS, CoupledSolver
 from .points import PointSolver
 
 ENERGY_GAIN = 0.1  # of all energy that there was, above which points are said to have gained it
@@ -27,6 +28,8 @@ POINT_REASONS = {
 
 def marched(solver):
     """The side that a march talks to."""
+    if isinstance(solver, CoupledSolver):
+        return MarchedCoupled(solver)
     return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
 
 
@@ -126,3 +129,37 @@ class MarchedPoints:
             f"E {east:.1f} N {north:.1f}: the points gained {100 * gained:.2g} % of the energy that there was, the "
             f"fastest has {speed:.3g} m/s; take a smaller cfl"
         )
+
+
+class MarchedCoupled:
+    """Both solvers' side, of points with columns around them."""
+
+    RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_kernel.TRIGGER_REACHED
+    END_REASONS = POINT_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+        self._points, self._columns = MarchedPoints(solver.points_solver), MarchedColumns(solver.columns_solver)
+
+    @property
+    def particles(self):
+        """Number of points and columns on the terrain now."""
+        return self.solver.particles
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points; the reason."""
+        return self.solver.advance(until, after, max_steps)
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`."""
+        rests = self.solver.resting_for(REST_SHARE) >= REST_SECONDS
+        return STOPPED_AT_REST if rests and self.solver.numerics.stop_at_rest else code
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
+
+    def energy_trouble(self):
+        """As that of the points; columns are held to the speed that energy allows in every step."""
+        return self._points.energy_trouble()

@@ -1,6 +1,7 @@
 """The 3D solver: its state, one call to advance it, its frames and its balances (design notes 4)."""
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -10,6 +11,7 @@ from ..fields import GRAVITY
 from ..geo.barriers import margin_in_3d, wall_nodes
 from ..geo.terrain import bilinear
 from ..kernels import points as kernel
+from ..kernels.point_blocks import EAST
 from ..particles import Frame, Particles
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
@@ -164,7 +166,7 @@ class PointSolver:
         self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
         self._clock[kernel.TIME] = frame.time
         self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = particles.mass.sum()
-        self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max())
+        self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max(initial=0.0))
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
         self._settings = self._made_settings()
@@ -180,7 +182,7 @@ class PointSolver:
         window = self._counts[kernel.WINDOW_FIRST :]
         kernel.initial_keys(rows, self._keys[0], 1.0 / numerics.cell_size, self._lowest, window)
         self.mass_start, self.energy_start = float(particles.mass.sum()), self.energy()
-        self._energy_whole = sum(self.energy_start) + self._turning_energy()
+        self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
         self._momentum_start = (particles.velocity * particles.mass[:, None]).sum(axis=0)
 
     def _made_settings(self):
@@ -206,8 +208,13 @@ class PointSolver:
 
     def _make_impulses(self, until, after):
         """The first step's length, and what the points' stress and velocity gradient give to the nodes in it."""
-        clock, rows, dx = self._clock, self._rows[0], self.numerics.cell_size
+        clock = self._clock
         kernel.set_next_step(clock, self._counts, clock[kernel.TIME], until, after, self._settings)
+        self._give_impulses()
+
+    def _give_impulses(self):
+        """What stress and velocity gradient give to the nodes in the next step, whose length is chosen."""
+        clock, rows, dx = self._clock, self._rows[0], self.numerics.cell_size
         push = clock[kernel.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, kernel.MASS]
         xx, yy, zz, xy, xz, yz = self._stress.T
         turning = (
@@ -248,6 +255,11 @@ class PointSolver:
         """From the next step but one on take steps of `share` [1] of what they would be."""
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
+
+    @property
+    def kinetic_peak(self):
+        """Largest kinetic energy [J] over the calls of `resting_for`."""
+        return float(self._rest[0])
 
     def resting_for(self, share):
         """For how long [s] the kinetic energy has been below `share` of its peak, over the calls of this."""
@@ -337,14 +349,70 @@ class PointSolver:
         kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
         self._stress, self._affine = state.get("stress"), state.get("affine")
 
+    def insert(self, frame, stress=None, affine=None):
+        """Let the points of `frame` in, now, with their `stress` and velocity gradient as at a start.
+
+        Mass, momentum and energy at the start count them as if they had been there.
+
+        Raises
+        ------
+        SceneError
+            Points off the terrain.
+        """
+        new = copy(self)
+        new._affine = None if affine is None else np.asarray(affine, float)
+        new._load(replace(frame, time=self.time), stress)
+        if self.points:
+            new._clock[kernel.STEP_NOW] = self._clock[kernel.STEP_NOW]
+            new._give_impulses()
+            self._append(new)
+        else:  # nobody's step is chosen yet
+            self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order
+            self._stress, self._affine = new._stress, new._affine
+            self._counts[[kernel.CURRENT, kernel.ROWS]] = 0, len(frame.particles)
+            self._counts[kernel.WINDOW_FIRST :] = new._counts[kernel.WINDOW_FIRST :]
+        clock = self._clock
+        self._counts[kernel.ALIVE] += len(frame.particles)
+        clock[[kernel.TOTAL_MASS, kernel.MASS_NOW]] += new.mass_start
+        for entry in (kernel.FASTEST, kernel.SHEAR):
+            clock[entry] = max(clock[entry], new._clock[entry])
+        self.mass_start += new.mass_start
+        self.energy_start = tuple(a + b for a, b in zip(self.energy_start, new.energy_start, strict=True))
+        self._energy_whole += new._energy_whole
+        self._momentum_start = self._momentum_start + new._momentum_start
+
+    def _append(self, new):
+        """Rows, ids and keys of the solver `new` behind those of this one."""
+        counts, now, count = self._counts, int(self._counts[kernel.CURRENT]), len(new._order)
+        first = int(counts[kernel.ROWS])
+        if first + count > self._rows.shape[1]:
+            more = max(first + count, int(1.5 * self._rows.shape[1])) - self._rows.shape[1]
+            self._rows, self._ids, self._keys = (
+                np.concatenate([array, np.zeros((2, more, *array.shape[2:]), array.dtype)], axis=1)
+                for array in (self._rows, self._ids, self._keys)
+            )
+            self._order = np.zeros(self._rows.shape[1], np.int32)
+        for mine, theirs in ((self._rows, new._rows), (self._ids, new._ids), (self._keys, new._keys)):
+            mine[now, first : first + count] = theirs[0]
+        counts[kernel.ROWS] += count
+        window, others = (some[kernel.WINDOW_FIRST :] for some in (counts, new._counts))
+        window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
+
+    def wait(self, until):
+        """Let time pass to `until` [s] on a terrain with no points."""
+        self._clock[kernel.TIME] = until
+
     def started(self):
         """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
-        return {"mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist()}
+        return {
+            "mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist(),
+            "energy_whole": self._energy_whole,
+        }  # fmt: skip
 
     def start_from(self, started):
         """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
-        self._momentum_start = np.array(started["momentum"])
+        self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
 
     def flow(self):
         """The Flow now; as deep as what each cell holds would stand in it."""
@@ -420,12 +488,12 @@ class PointSolver:
         now = clock[kernel.KINETIC_NOW] + clock[kernel.POTENTIAL_NOW] + self._ledger[:, 4:6].sum() - lifted
         return float(now / start - 1.0) if start > 0.0 else 0.0
 
-    def _turning_energy(self):
+    def _turning_energy(self, mass):
         """Kinetic energy [J] of the start's velocity gradient within the points, m (dx / 2)^2 |C|^2 / 2."""
         if self._affine is None:
             return 0.0
         reach2 = 0.25 * self.numerics.cell_size**2
-        return float(0.5 * reach2 * (self._start.particles.mass * (self._affine**2).sum(axis=(1, 2))).sum())
+        return float(0.5 * reach2 * (mass * (self._affine**2).sum(axis=(1, 2))).sum())
 
     def fastest(self):
         """Map E, N [m] and speed [m s-1] of the fastest point."""

@@ -94,6 +94,8 @@ REFUSED = {
     "outside of nothing": ({"stage": stages(COLUMNS, {**POINTS, "outside": "ledger"})}, "there is none; give window"),
     "outside unknown": (
         {"stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "gone"})}, "outside = 'gone'"),
+    "columns outside of the first": (
+        {"stage": [{**POINTS, "window": "b.gpkg", "outside": "columns"}], "curvature": None}, "of a stage before"),
     "the same solver twice": ({"stage": stages(COLUMNS, COLUMNS, POINTS)}, "has the solver of the one before"),
     "unknown solver": ({"stage": stages({"solver": "colums"}, POINTS)}, "did you mean 'columns'"),
     "no solver": ({"stage": [{"until": {"time": 3}}, POINTS]}, "solver is missing"),
@@ -118,6 +120,9 @@ REFUSED = {
     "erosion before and after": (
         {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
          "stage": stages(COLUMNS, POINTS, COLUMNS)}, "is not handed on"),
+    "erosion before and beside": (
+        {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
+         "stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "columns"})}, "is not handed on"),
 }  # fmt: skip
 
 

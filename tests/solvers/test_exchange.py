@@ -1,0 +1,123 @@
+"""Particles that come and go between steps, as solvers in step exchange them: points let in, columns taken out."""
+
+import numpy as np
+import pytest
+from column_scenes import columns_of, solver_on, terrain_of
+from point_scenes import block_of, march_to
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.friction import Coulomb
+from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.slots import PointEffects
+from mpmgis.errors import SceneError
+from mpmgis.particles import Frame, Particles
+from mpmgis.solvers.points import PointNumerics, PointSolver
+
+SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
+FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
+
+
+def block(corner, velocity=(0.0, 0.0, 0.0)):
+    """A cube of 4 m, its points' stress [Pa] and velocity gradient [s-1]."""
+    frame = block_of((4, 4, 4), 0.5, corner, velocity=velocity)
+    n = len(frame.particles)
+    return frame, np.full((n, 6), -500.0) * [1, 1, 2, 0, 0, 0], np.tile(np.diag([0.1, -0.1, 0.0]), (n, 1, 1))
+
+
+def solver_of(frame, stress=None, affine=None):
+    effects = PointEffects(SAND, contact=CoulombContact(0.6))
+    return PointSolver(frame, FLAT, effects, PointNumerics(1.0), stress, affine=affine)
+
+
+def nothing():
+    some = block((10, 10, 0))[0]
+    return Frame(some.particles.take(slice(0, 0)), dimension=3)
+
+
+def states_equal(one, other):
+    a, b = one.state(), other.state()
+    return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a if name != "counts")
+
+
+def test_points_that_come_onto_an_empty_terrain_are_a_start():
+    frame, stress, affine = block((28, 28, 0), (3.0, 0.0, 0.0))
+    begun, empty = solver_of(frame, stress, affine), solver_of(nothing())
+    empty.insert(frame, stress, affine)
+    for time in (0.1, 0.2):
+        for solver in (begun, empty):
+            march_to(solver, time, time + 0.1)
+        assert states_equal(begun, empty)
+    assert begun.balances() == empty.balances() and empty.mass_start == begun.mass_start
+
+
+def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
+    solver = solver_of(*block((28, 28, 0), (3.0, 0.0, 0.0)))
+    march_to(solver, 0.1, 0.2)
+    frame, stress, affine = block((10, 10, 1.0), (0.0, 2.0, -1.0))
+    frame.particles.id[:] += 1000
+    own = solver.frame().particles
+    before = (own.mass[:, None] * own.velocity).sum(axis=0)
+    solver.insert(frame, stress, affine)
+    now = solver.frame().particles
+    assert len(now) == 1024 and solver.points == 1024
+    np.testing.assert_allclose(
+        (now.mass[:, None] * now.velocity).sum(axis=0), before + 64e3 * np.array([0.0, 2.0, -1.0]), rtol=1e-12
+    )
+    march_to(solver, 0.2, 0.3, 0.8)
+    balances = solver.balances()
+    assert balances["mass_start"] == pytest.approx(128e3) and abs(balances["mass_error_relative"]) <= 1e-15
+    assert abs(balances["momentum_error_relative"]) <= 1e-12
+    assert set(solver.frame().particles.id.tolist()) == set(range(512)) | set(range(1000, 1512))
+    assert 0.0 < balances["energy_lost"] < 128e3 * 9.81 * 5.0
+
+
+def test_a_restart_after_that_sees_the_same():
+    solver = solver_of(*block((28, 28, 0), (3.0, 0.0, 0.0)))
+    march_to(solver, 0.1, 0.2)
+    solver.insert(*block((10, 10, 1.0)))
+    march_to(solver, 0.2, 0.3)
+    kept, started = solver.frame(), solver.started()
+    march_to(solver, 0.3, 0.4)
+    again = solver_of(kept)
+    again.restore(kept)
+    again.start_from(started)
+    march_to(again, 0.3, 0.4)
+    assert states_equal(solver, again) and solver.balances() == again.balances()
+
+
+def test_points_off_the_terrain_are_refused():
+    solver = solver_of(*block((28, 28, 0)))
+    with pytest.raises(SceneError, match="outside the terrain"):
+        solver.insert(block((70, 10, 0))[0])
+    assert solver.points == 512
+
+
+def test_columns_that_are_taken_out_were_never_there():
+    """Of two heaps far apart one is taken; what is left goes on as if it had always been alone."""
+    left, right = (columns_of(2.0, west, west + 10, 20, 30, 0.5) for west in (10, 40))
+    ids = np.arange(len(left.particles) + len(right.particles), dtype=np.uint64)
+    both = Frame(_joined(left.particles, right.particles, ids))
+    solver, alone = (solver_on(FLAT, frame, 2.0, Coulomb(0.3)) for frame in (both, left))
+    assert solver.advance(0.5) == alone.advance(0.5)
+    assert solver.take_out(lambda x, y: x > 70.0) is None
+    taken = solver.take_out(lambda x, y: x > 30.0)
+    assert taken.particles.mass.sum() == pytest.approx(right.particles.mass.sum(), rel=1e-12)
+    assert taken.particles.id.tolist() == ids[len(left.particles) :].tolist()
+    assert taken.state["velocity_gradient"].shape == (len(right.particles), 2, 2) and not taken.maxima
+    assert np.abs(taken.state["velocity_gradient"]).max() > 0.1
+    assert solver.mass_start == pytest.approx(alone.mass_start, rel=1e-12)
+    for until in (0.7, 1.0):
+        assert solver.advance(until) == alone.advance(until)
+    own, others = (p.take(np.argsort(p.id)) for p in (solver.frame().particles, alone.frame().particles))
+    np.testing.assert_allclose(own.position, others.position, atol=1e-9)
+    np.testing.assert_allclose(own.velocity, others.velocity, atol=1e-9)
+    balances, wanted = solver.balances(), alone.balances()
+    assert abs(balances["mass_error_relative"]) <= 1e-12
+    for name in ("mass_now", "kinetic_energy", "potential_energy"):
+        assert balances[name] == pytest.approx(wanted[name], rel=1e-6), name
+    assert balances["energy_lost"] > wanted["energy_lost"] > 0.0  # what was taken had lost some before
+
+
+def _joined(one, other, ids):
+    arrays = {name: np.concatenate([values, getattr(other, name)]) for name, values in one.arrays().items()}
+    return Particles(**arrays | {"id": ids})
