@@ -215,6 +215,7 @@ def _point_numerics(scene, grid, start):
         cfl=scene.numerics.cfl,
         edges=scene.numerics.edges,
         density=start.frame.header["density"],
+        clearance=scene.numerics.clearance,
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
 

@@ -296,3 +296,9 @@ def test_a_run_with_everything_by_place(site):
     assert taken["impulse_east"] > 0.0 and taken["normal_impulse"] > 0.0
     assert float(table[-1].split(",")[3 + 6 + 1]) == pytest.approx(taken["impulse_east"])
     assert json.loads((site / "results" / "run.json").read_text())["balances"]["momentum_error_relative"] <= 1e-10
+
+
+def test_where_the_ground_is_felt_is_the_scenes_to_say(site):
+    for text, clearance in ((SCENE, 0.5), (SCENE.replace("[numerics]", "[numerics]\nclearance = 0"), 0.0)):
+        (site / "scene.toml").write_text(text)
+        assert prepare(site / "scene.toml").solver().numerics.clearance == clearance

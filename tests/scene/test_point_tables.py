@@ -98,6 +98,9 @@ REFUSED = {
     "curvature": ({"curvature": {}}, "follows the ground by itself"),
     "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form belongs to solver = 'columns'"),
     "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell belongs to"),
+    "clearance of two cells": ({"numerics": {"cell_size": 2, "clearance": 2}}, "wanted at most 1"),
+    "clearance of columns": (
+        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance belongs to"),
     "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "wanted 8, 27, 64"),
     "float32": ({"numerics": {"cell_size": 2, "precision": "float32"}}, "float64"),
     "peaks": ({"output": {"end_time": 5, "frame_interval": 1, "maxima": True}}, "maxima belongs to solver = 'columns'"),

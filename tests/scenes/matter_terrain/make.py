@@ -1,6 +1,6 @@
 """A slide that another 3D code ran, run by ours from the same particles, and both exported and compared.
 
-python tests/scenes/matter_terrain/make.py FOLDER [--cell 1.56827] [--png FOLDER]
+python tests/scenes/matter_terrain/make.py FOLDER [--cell 1.56827] [--clearance 0] [--png FOLDER]
 """
 
 import argparse
@@ -40,11 +40,11 @@ def write_inputs(folder):
     write_frame(folder / "start.h5", replace(entry.read(), dem="dtm.tif"))
 
 
-def make(folder, cell=None):
-    """Inputs, our run, and both exports in `folder`; answers our run's record."""
+def make(folder, **changed):
+    """Inputs, our run with `changed` keys of the scene, and both exports in `folder`; answers our run's record."""
     folder = chain.fresh(folder)
     write_inputs(folder)
-    chain.write_scene("matter_terrain", folder, **({} if cell is None else {"cell_size": cell}))
+    chain.write_scene("matter_terrain", folder, **changed)
     record, _ = chain.run_scene(folder)
     matters = (DATA / f"particles_f{time:g}.ply" for time in TIMES)
     ours = (folder / "results" / f"frame_{round(time / INTERVAL):06d}.h5" for time in TIMES)
@@ -138,12 +138,14 @@ def figure(folder, png):
 def cli():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--cell", type=float, help="of our grid [m] (default: Matter's own)")
+    parser.add_argument("--cell", dest="cell_size", type=float, help="of our grid [m] (default: Matter's own)")
+    parser.add_argument("--clearance", type=float, help="of our contact [cells] (default: 0, as Matter's)")
     parser.add_argument("--png", type=Path, help="folder for the figure (default: FOLDER)")
     asked = parser.parse_args()
     if not DATA.is_dir():
         raise SystemExit(f"{DATA} is not there: the scene starts from Matter's own particles")
-    record = make(asked.folder, asked.cell)
+    changed = {key: vars(asked)[key] for key in ("cell_size", "clearance") if vars(asked)[key] is not None}
+    record = make(asked.folder, **changed)
     print(chain.table(compared(asked.folder), ("", "ours", "Matter", "difference")))
     print({k: record["balances"][k] for k in ("mass_error_relative", "momentum_error_relative", "mach_max")})
     figure(asked.folder, (asked.png or asked.folder) / "matter_and_ours.png")
