@@ -244,7 +244,7 @@ BAD_SCENES = {
     "velocity of three": (swap("density = 2000", "velocity = [1, 2, 3]"), "two numbers"),
     "velocity of words": (swap("density = 2000", 'velocity = ["a", "b"]'), "two numbers"),
     "unknown point set": (swap("density = 2000", 'points = "hexagon"'), "wanted staggered, lattice"),
-    "points solver": (lambda t: 'solver = "points"\n' + t, "no Voellmy on the bed"),
+    "points solver": (lambda t: 'solver = "points"\n' + t, "needs [material]"),
     "unknown solver": (lambda t: 'solver = "dem"\n' + t, "this version has columns, points"),
     "unknown form": (lambda t: t + '[numerics]\nform = "steep"\n', "slope, swe"),
     "float32": (lambda t: t + '[numerics]\nprecision = "float32"\n', "float64"),
