@@ -5,12 +5,13 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate bench study lint clean
+.PHONY: help demo test validate fuzz bench study lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
 	@echo "make test      the tests"
 	@echo "make validate  the long validation tests"
+	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (README's chapter)"
 	@echo "make lint      style"
@@ -24,6 +25,9 @@ test: $(ENVIRONMENT)/installed-test
 
 validate: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python -m pytest -m slow
+
+fuzz: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python tests/fuzz/fuzzer.py
 
 bench: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python tests/bench/run.py

@@ -44,6 +44,9 @@ LABELS = {
     "thickness_so_far": "largest thickness so far",
     "thickness": "column thickness",
     "digest": "digest of the scene",
+    "result_digest": "digest of the result",
+    "frames_are": "its frames are",
+    "contents": "its arrays are",
 }
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
 WIDEST_VALUE = 110

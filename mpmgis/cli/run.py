@@ -74,6 +74,8 @@ def tell(summary):
         _tell_mass(summary.mass)
         talk.say(f"of the last stage, of {summary.solver}:")
     (_tell_points if summary.solver == "points" else _tell_columns)(summary.balances)
+    if summary.result_digest:
+        talk.say(f"digest of the result: {summary.result_digest}")
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6

@@ -7,8 +7,9 @@ import shutil
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import OutputError
+from ..errors import MpmgisError, OutputError
 
+_PROBE_SIZE = 1_000_000  # [bytes] where so little does not fit, the disk is full
 MARK = ".mpmgis"  # in every folder that `whole_folder` made
 
 
@@ -27,8 +28,10 @@ def whole_file(path):
     """Gives a temporary path beside `path` to write to; it takes the final name when the block ends well.
 
     On any error the temporary file is removed and nothing appears. The suffix is kept, because libraries look at it.
+    What a process that was killed left of the same file goes too.
     """
     path = Path(path)
+    _sweep(path, path.stem, path.suffix)
     part = path.with_name(f".{path.stem}.part{os.getpid()}{path.suffix}")
     new_parents = _missing_parents(path)
     try:
@@ -37,17 +40,11 @@ def whole_file(path):
         with open(part, "rb") as handle:
             os.fsync(handle.fileno())
         os.replace(part, path)
-    except OSError as error:
+    except BaseException as error:
+        cause = _cause(part, error)
         _remove(part, *new_parents)
-        raise output_error(path, error) from error
-    except RuntimeError as error:
-        _remove(part, *new_parents)
-        number = re.search(r"errno = (\d+)", str(error))  # as h5py tells of trouble when it closes a file
-        if number is None:
-            raise
-        raise output_error(path, OSError(int(number[1]), os.strerror(int(number[1])))) from error
-    except BaseException:
-        _remove(part, *new_parents)
+        if cause is not None:
+            raise output_error(path, cause) from error
         raise
 
 
@@ -56,10 +53,12 @@ def whole_folder(path, overwrite=False):
     """As `whole_file` for a folder: filled under a temporary name, renamed when whole, `path` replaced if asked.
 
     The folder carries the hidden file MARK. `overwrite` replaces only folders that carry it, so that a mistyped -o
-    cannot cost anybody their documents; the old folder goes when the new one is in its place, not before.
+    cannot cost anybody their documents; the old folder goes when the new one is in its place, not before. What a
+    process that was killed left goes too; an old folder that it had put aside comes back first.
     """
-    refuse_existing(path, overwrite)
     shown, path = path, Path(os.path.abspath(path))
+    _sweep(path, path.name)
+    refuse_existing(shown, overwrite)
     _refuse_foreign(shown, path)
     part = path.with_name(f".{path.name}.part{os.getpid()}")
     old = path.with_name(f".{path.name}.old{os.getpid()}")
@@ -69,18 +68,44 @@ def whole_folder(path, overwrite=False):
         part.mkdir(parents=True)
         (part / MARK).touch()
         yield part
+        refuse_existing(shown, overwrite)  # another process may have been quicker
         if path.exists():
             os.replace(path, old)
         os.replace(part, path)
-    except OSError as error:
+    except BaseException as error:
+        cause = _cause(part, error)
         _remove(part, *new_parents)
         _restore(old, path)
-        raise output_error(shown, error) from error
-    except BaseException:
-        _remove(part, *new_parents)
-        _restore(old, path)
+        if cause is not None:
+            raise output_error(shown, cause) from error
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _sweep(path, stem, suffix=""):
+    """Remove what processes that are no more left half done of `path`; bring back what they had put aside."""
+    if os.name != "posix":  # elsewhere a process cannot be asked whether it is alive
+        return
+    left = re.compile(rf"\.{re.escape(stem)}\.(part|old)(\d+){re.escape(suffix)}(-\w+)?")  # and SQLite's journal
+    with suppress(OSError):
+        for name in os.listdir(path.parent):
+            found = left.fullmatch(name)
+            if found is None or _is_alive(int(found[2])):
+                continue
+            if found[1] == "old":
+                _restore(path.parent / name, path)
+            _remove(path.parent / name)
+
+
+def _is_alive(number):
+    """Whether the process of that number runs on this machine; this one itself counts as over with what it left."""
+    try:
+        os.kill(number, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return number != os.getpid()
 
 
 def _refuse_foreign(shown, path):
@@ -108,6 +133,28 @@ def output_error(path, error):
     if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
         return OutputError(f"{path}: no permission to write there; give another -o")
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")
+
+
+def _cause(part, error):
+    """The OSError that `error` is, or that it comes from, met while writing `part`; None where it is of another kind.
+
+    Libraries have their own words and kinds for a disk that is full. Whether it is shows when a little is written.
+    """
+    if isinstance(error, MpmgisError) or not isinstance(error, Exception):
+        return None
+    if isinstance(error, OSError) and error.errno is not None:
+        return error
+    probe = part.with_name(f"{part.name}.probe")
+    try:
+        with open(probe, "wb", buffering=0) as handle:
+            rest = bytes(_PROBE_SIZE)
+            while rest:
+                rest = rest[handle.write(rest) :]
+    except OSError as trouble:
+        return trouble
+    finally:
+        _remove(probe)
+    return error if isinstance(error, OSError) else None
 
 
 def _missing_parents(path):

@@ -11,6 +11,8 @@ from ..errors import FormatError, one_line
 from ..fields import PARTICLE
 from ..particles import Frame, Particles
 from .atomic import whole_file
+from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
+from .hdf5_file import written
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
@@ -20,20 +22,22 @@ _IDENTITY = ("id", "parent")
 MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
 
-def write_frame(path, frame):
-    """Write `frame` to `path`; the file appears whole or not at all.
+def write_frame(path, frame, before=None):
+    """Write `frame` to `path`; the file appears whole or not at all. Answers the digest of its content.
 
     3D frames store position, velocity, mass and volume in float32 (relative to the origin), columns in float64.
+    `before` is the digest of the result that the frame belongs to, of all frames before it ('' for the first one).
     """
-    write_frame_slabs(path, frame, len(frame.particles), [frame.particles])
+    return write_frame_slabs(path, frame, len(frame.particles), [frame.particles], before)
 
 
-def write_frame_slabs(path, frame, count, slabs):
+def write_frame_slabs(path, frame, count, slabs, before=None):
     """As `write_frame` for particles that come in slabs: `count` of them in all, in memory only one slab at a time.
 
     `frame` gives everything but its particles; `slabs` is an iterable of Particles with the same arrays each.
     """
-    with whole_file(path) as part, h5py.File(part, "w") as file:
+    digest = ContentDigest(frame.time, frame.step)
+    with whole_file(path) as part, written(part) as file:
         _write_root(file, frame)
         group = file.create_group("particles")
         start = 0
@@ -41,8 +45,10 @@ def write_frame_slabs(path, frame, count, slabs):
             for name, values in particles.arrays().items():
                 if name not in group:
                     _create_dataset(group, name, count, frame.dimension)
+                values = values.astype(group[name].dtype, copy=False)
                 if len(values):
                     group[name][start : start + len(values)] = values
+                digest.add(f"particles/{name}", values)
             start += len(particles)
         if start != count:
             raise ValueError(f"{count} particles promised, {start} came")
@@ -50,6 +56,13 @@ def write_frame_slabs(path, frame, count, slabs):
             group.attrs[name] = value
         _write_group(file, "state", frame.state, count)
         _write_group(file, "maxima", frame.maxima, count)
+        for name, values in frame.maxima.items():
+            if isinstance(values, np.ndarray):
+                digest.add(f"maxima/{name}", values)
+        content = file.attrs[CONTENT] = digest.hexdigest()
+        if before is not None:
+            file.attrs[RESULT] = result_after(before, content)
+    return content
 
 
 def _write_root(file, frame):
@@ -101,7 +114,7 @@ def drop_state(path):
     with h5py.File(path, "r") as source:
         if "state" not in source:
             return
-        with whole_file(path) as part, h5py.File(part, "w") as target:
+        with whole_file(path) as part, written(part) as target:
             target.attrs.update(source.attrs)
             for name in source:
                 if name != "state":

@@ -17,9 +17,12 @@ from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..scene import read_scene
 from .foreign.readers import FOREIGN, OWN, reader_of
 from .foreign.terms import ForeignTerms
+from .frame_digest import check_result
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
+
+LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read through to see whether they were changed
 
 
 def inspect(path, terms=None):
@@ -108,6 +111,7 @@ def _results_facts(path, frames):
     if (path / RECORD_FILE).exists():
         record = _read_json(path / RECORD_FILE)
         facts |= {name: record[name] for name in ("state", "reason", "steps", "wall_seconds") if name in record}
+        facts |= _digest_facts(frames, record if isinstance(record, dict) else {})
     return facts
 
 
@@ -124,6 +128,16 @@ def _foreign_results_facts(files, reader, terms):
         "reader": reader,
         **{name: last[name] for name in ("own_axes", "cell_size", "particle_volume", "arrays", "to_be_told")},
     }
+
+
+def _digest_facts(frames, record):
+    """The digest of a run's result and whether its frames still have it; nothing where it has none."""
+    recorded, size = record.get("result_digest") or "", sum(frame.stat().st_size for frame in frames)
+    if size > LARGEST_CHECKED_RESULT:
+        found = f"not checked, {size / 1e9:.0f} GB"
+    else:
+        found = check_result(frames, recorded)
+    return {} if found is None else {"result_digest": recorded, "frames_are": found}
 
 
 def _export_facts(path, projects, rasters):

@@ -17,6 +17,7 @@ from ..errors import FormatError, InputError, one_line
 from ..geo.georeference import name_of
 from .foreign.file import foreign_particles, named_columns, times_of, untold
 from .foreign.readers import FOREIGN
+from .frame_digest import check_content
 from .frames import read_frame, read_maxima
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
@@ -46,6 +47,9 @@ def frame_facts(path):
     with h5py.File(path, "r") as file:
         facts["version"] = str(file.attrs.get("version", ""))
         facts["groups"] = sorted(set(file) - {"particles"})
+    contents = check_content(path)
+    if contents is not None:
+        facts["contents"] = contents
     facts["header"] = dict(frame.header)
     return facts
 
@@ -108,7 +112,7 @@ def particle_facts(position, velocity, mass, volume):
         "density": float(mass.sum() / volume.sum()) if volume.sum() > 0 else None,
         "bbox": [low[0], low[1], high[0], high[1]],
         "elevation": [low[2], high[2]],
-        "max_speed": float(np.sqrt((velocity**2).sum(axis=1).max())),
+        "max_speed": float(np.hypot(np.hypot(velocity[:, 0], velocity[:, 1]), velocity[:, 2]).max()),
     }
 
 

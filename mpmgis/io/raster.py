@@ -3,6 +3,7 @@
 import hashlib
 import math
 import re
+import sys
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,7 @@ _OTHER_UNITS = {  # unit type of a band -> metres
 }  # fmt: skip
 _USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
+_SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
 STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
 _ROWS_AT_ONCE = 512
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
@@ -94,7 +96,8 @@ def open_raster(path):
             raise FormatError(f"{path}: no such file")
         if path.is_file() and path.stat().st_size == 0:
             raise FormatError(f"{path} is empty (0 bytes), wanted a raster")
-    with warnings.catch_warnings():
+        _require_directory(path)
+    with warnings.catch_warnings(), _messages_of_any_bytes():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
             source = rasterio.open(path)
@@ -105,6 +108,46 @@ def open_raster(path):
             if source.count == 0:
                 raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")
             yield source
+
+
+def _require_directory(path):
+    """Refuse a TIFF whose first directory lies beyond its end: libtiff itself writes to stderr about that."""
+    if not path.is_file():
+        return
+    with open(path, "rb") as handle:
+        head, size = handle.read(16), path.stat().st_size
+    order = {b"II": "little", b"MM": "big"}.get(head[:2])
+    if order is None or len(head) < 16:
+        return
+    kind = int.from_bytes(head[2:4], order)
+    offset = int.from_bytes(head[8:16] if kind == 43 else head[4:8], order) if kind in (42, 43) else 0
+    if offset > size:
+        raise FormatError(
+            f"{path} is no raster that GDAL reads, or a truncated one (its directory lies at byte {offset} of {size})"
+        )
+
+
+@contextmanager
+def _messages_of_any_bytes():
+    """GDAL's messages quote a damaged file's bytes; where these are no UTF-8 rasterio fails to log them, unheard.
+
+    Cython tells of such a failure twice, through either hook.
+    """
+    before = sys.excepthook, sys.unraisablehook
+
+    def printed(kind, error, trace):
+        if not isinstance(error, UnicodeDecodeError):
+            before[0](kind, error, trace)
+
+    def unraisable(told):
+        if not isinstance(told.exc_value, UnicodeDecodeError):
+            before[1](told)
+
+    sys.excepthook, sys.unraisablehook = printed, unraisable
+    try:
+        yield
+    finally:
+        sys.excepthook, sys.unraisablehook = before
 
 
 def file_sha256(path):
@@ -161,6 +204,12 @@ def _transform(source, path, local):
     if not np.isfinite(numbers).all() or abs(t.a * t.e - t.b * t.d) <= 0:
         raise GeoreferenceError(
             f"{path}: its transform {tuple(numbers.tolist())} cannot be inverted; georeference it anew"
+        )
+    sides, farthest = np.hypot(numbers[[0, 1]], numbers[[3, 4]]), np.abs(numbers).max()
+    if sides.min() < _SMALLEST_PIXEL or farthest * max(source.shape) > _FARTHEST:
+        raise GeoreferenceError(
+            f"{path}: its pixels of {sides[0]:.3g} x {sides[1]:.3g} at {t.c:.3g}, {t.f:.3g} lie on no map; "
+            "georeference it anew"
         )
     if source.gcps[0] and t == Affine.identity():
         raise GeoreferenceError(

@@ -12,7 +12,9 @@ import rasterio
 from .. import __version__
 from ..errors import FormatError, OutputError, one_line
 from .atomic import output_error, refuse_existing, whole_file
+from .frame_digest import result_after, stored
 from .frames import drop_state, read_frame, write_frame
+from .lock import LOCK_FILE, sole_writer
 from .raster import file_sha256
 
 FRAME_PATTERN = "frame_*.h5"
@@ -21,6 +23,7 @@ SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
+LEFT_OVER = tuple(f".{Path(name).stem}.part[0-9]*" for name in FILES)  # files that never got their names, for a kill
 
 
 class RunFolder:
@@ -31,15 +34,22 @@ class RunFolder:
     path : str or Path
         Made if it is not there; refused if it holds anything, unless `overwrite`, which removes the files of an
         earlier run and nothing else.
+
+    Attributes
+    ----------
+    frames : int
+        Number of frames there are.
+    result : str or None
+        Digest of all of them, '' while there is none; None in the folder of a version that wrote no digests.
     """
 
     def __init__(self, path, overwrite=False):
         self.path = Path(path)
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, wanted a folder for the run; give another -o")
-        refuse_existing(self.path, overwrite)
-        self._overwrite = overwrite
-        self.frames = 0
+        self._overwrite, self._resumed, self._hold = overwrite, False, None
+        self._refuse_filled()
+        self.frames, self.result = 0, ""
 
     @classmethod
     def resumed(cls, path):
@@ -48,8 +58,46 @@ class RunFolder:
         if path.is_dir() and (path / RECORD_FILE).is_file():
             folder = cls(path, overwrite=True)
             folder._overwrite = False
-            return folder
-        return cls(path)
+        else:
+            folder = cls(path)
+        folder._resumed = True
+        return folder
+
+    def _refuse_filled(self):
+        """Refuse a folder with anything in it but what a killed run left before its first file, unless overwritten."""
+        if self.path.is_dir() and all(self._is_left_over(path) for path in self.path.iterdir()):
+            return
+        refuse_existing(self.path, self._overwrite)
+
+    @staticmethod
+    def _is_left_over(path):
+        return path.name == LOCK_FILE or any(path.match(pattern) for pattern in LEFT_OVER)
+
+    @contextlib.contextmanager
+    def held(self):
+        """Make the folder and hold it for this block, so that no other run writes to it; it goes again if it is empty.
+
+        Raises
+        ------
+        OutputError
+            Another run holds it, or came first.
+        """
+        try:
+            with contextlib.ExitStack() as block:
+                try:
+                    self.path.mkdir(parents=True, exist_ok=True)
+                    self._hold = block.enter_context(sole_writer(self.path))
+                except OSError as error:
+                    raise output_error(self.path, error) from error
+                if not self._resumed:
+                    self._refuse_filled()
+                yield
+        finally:
+            self._remove_if_empty()
+
+    def require(self):
+        """Raise OutputError if the folder that is held was removed, moved or replaced."""
+        self._hold.require()
 
     def record(self):
         """The record of the run so far; {} where there is none.
@@ -78,16 +126,16 @@ class RunFolder:
             frame = read_frame(path)
             if frame.state:
                 self.frames = int(path.stem.rpartition("_")[2]) + 1
+                self.result = stored(path)[1] or None
                 return frame
         return None
 
     def open(self):
-        """Make the folder, clear it of an earlier run's files, or of what a kill left half done."""
+        """Clear the folder, which is held, of an earlier run's files, or of what a kill left half done."""
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
             if self._overwrite:
                 self._remove(*FILES)
-            self._remove(*(f".{Path(name).stem}.part[0-9]*" for name in FILES))  # never got their names, for a kill
+            self._remove(*LEFT_OVER)
             self._drop_older_state()
         except OSError as error:
             raise output_error(self.path, error) from error
@@ -120,25 +168,30 @@ class RunFolder:
 
     def write_frame(self, frame):
         """The next frame, numbered in the order of writing; only the newest two keep what a restart needs."""
-        write_frame(self._frame_path(self.frames), frame)
+        content = write_frame(self._frame_path(self.frames), frame, self.result)
         self.frames += 1
+        if self.result is not None:
+            self.result = result_after(self.result, content)
         self._drop_older_state()
 
     def _drop_older_state(self):
         """Take the state out of the newest frame that need not keep it any more."""
-        if self.frames > FRAMES_WITH_STATE:
-            drop_state(self._frame_path(self.frames - 1 - FRAMES_WITH_STATE))
+        older = self._frame_path(self.frames - 1 - FRAMES_WITH_STATE)
+        if self.frames > FRAMES_WITH_STATE and older.is_file():
+            drop_state(older)
 
     def _frame_path(self, number):
         return self.path / f"frame_{number:06d}.h5"
 
     def write_record(self, **record):
-        """`run.json`: versions, effects and why, balances, timings, and the state of the run."""
+        """`run.json`: versions, effects and why, balances, timings, the state of the run, its result's digest."""
         whole = {"format": "mpmgis-run", "format_version": 1, "versions": versions(), **record}
+        if record.get("state") != "running":
+            whole["result_digest"] = self.result
         with whole_file(self.path / RECORD_FILE) as part:
             part.write_text(json.dumps(whole, indent=1, allow_nan=False, default=float) + "\n", encoding="utf-8")
 
-    def remove_if_empty(self):
+    def _remove_if_empty(self):
         """Leave nothing behind where nothing was written."""
         with contextlib.suppress(OSError):
             self.path.rmdir()

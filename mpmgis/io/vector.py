@@ -35,6 +35,7 @@ USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines"}  # of geometry, in words
+_FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
 _SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
 _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting
 _AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
@@ -161,12 +162,28 @@ def read_table(path, kind="Polygon", flag="--release "):
         warnings.simplefilter("ignore")
         try:
             if source.suffix.lower() in (".parquet", ".geoparquet"):
-                return geopandas.read_parquet(source)
-            return geopandas.read_file(source, layer=layer or _only_layer(source, kind, flag), engine="pyogrio")
+                table = geopandas.read_parquet(source)
+            else:
+                table = geopandas.read_file(source, layer=layer or _only_layer(source, kind, flag), engine="pyogrio")
         except InputError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
             raise FormatError(_unreadable(source, error)) from error
+    if isinstance(table, geopandas.GeoDataFrame):
+        _require_places(table.geometry, source)
+    return table
+
+
+def _require_places(shapes, path):
+    """Coordinates that a map can have."""
+    farthest = np.abs(shapes[~(shapes.isna() | shapes.is_empty)].bounds.to_numpy()).max(initial=0.0)
+    if not np.isfinite(farthest):
+        raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
+    if farthest > _FARTHEST:
+        raise InputError(
+            f"{path}: coordinates reach {farthest:.3g}, wanted below {_FARTHEST:g} as on any map; repair the geometry, "
+            "or copy the file again"
+        )
 
 
 def _only_layer(source, kind, flag):
@@ -211,8 +228,6 @@ def require_polygons(table, path, say):
     if empty.any():
         say(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
         table = table[~empty]
-    if not np.isfinite(table.geometry.bounds.to_numpy()).all():
-        raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
     return table
 
 

@@ -42,6 +42,7 @@ class RunSummary:
     predicted_seconds: float | None  # of the whole run's steps; None where there is nothing to hold it against
     solver: str = "columns"
     mass: dict | None = None  # where it is, of a run in several stages
+    result_digest: str | None = None
 
 
 def use_threads(particles, asked=None):
@@ -138,14 +139,12 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     to_come = prepared.particles - len(prepared.frame.particles)
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
     say(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
-    start = _restored(folder, sequence, say) if resume else ANEW
-    if start == FINISHED:
-        return _summary(folder, sequence, folder.record()["reason"], 0.0)
-    folder.open()
-    try:
+    with folder.held():
+        start = _restored(folder, sequence, say) if resume else ANEW
+        if start == FINISHED:
+            return _summary(folder, sequence, folder.record()["reason"], 0.0)
+        folder.open()
         return _march(folder, sequence, start == RESUMED, foreseen)
-    finally:
-        folder.remove_if_empty()
 
 
 def _tell_of_stages(prepared, say):
@@ -201,7 +200,7 @@ def _summary(folder, sequence, reason, wall, foreseen=None):
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
         folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
-        solver.balances(), foreseen, sequence.stage.scene.solver, mass,
+        solver.balances(), foreseen, sequence.stage.scene.solver, mass, folder.result,
     )  # fmt: skip
 
 
@@ -229,6 +228,7 @@ def _march(folder, sequence, resumed, foreseen):
     number = sequence.number
     try:
         for frame in sequence:
+            folder.require()
             barriers.add(frame)  # before its frame: what is too late for a run that goes on is dropped then
             folder.write_frame(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
             if sequence.number != number:

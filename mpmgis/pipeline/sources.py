@@ -220,11 +220,24 @@ def placed_on(frame, path, terrain, density, say):
     """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS."""
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    _require_on_terrain(frame, path, terrain)
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
         say(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
+
+
+def _require_on_terrain(frame, path, terrain):
+    """Refuse columns beside the terrain, where there is no bed to read; of points some may be, they count as gone."""
+    west, south, east, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    outside = int(np.count_nonzero(~((x >= west) & (x <= east) & (y >= south) & (y <= north))))
+    if outside == len(x) or (outside and frame.dimension == 2):
+        raise InputError(
+            f"{path}: {outside} of {len(x)} particles lie outside the terrain, E {west:.0f} to {east:.0f}, N "
+            f"{south:.0f} to {north:.0f}; give the DTM that they were made on, or a wider [terrain] window"
+        )
 
 
 def _how_far_apart(frame, terrain):

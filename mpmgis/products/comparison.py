@@ -137,7 +137,8 @@ def difference(first, second, where):
     gap = gap[np.isfinite(gap)]
     if gap.size == 0:
         return Difference(math.nan, math.nan)
-    return Difference(float(gap.mean()), float(np.sqrt((gap**2).mean())))
+    with np.errstate(over="ignore"):  # a damaged result may hold any numbers
+        return Difference(float(gap.mean()), float(np.sqrt((gap**2).mean())))
 
 
 # -------------------------------------------------------------------------------------------------------- footprints

@@ -33,6 +33,38 @@ end_time = 30
 frame_interval = 5
 """
 
+# Ends itself by a signal once a solver's time is reached, or instead of the n-th time that a file gets its name.
+CHILD = """
+import os, sys
+from mpmgis.cli.main import main
+from mpmgis.solvers.columns import ColumnSolver
+number, what, where, *arguments = sys.argv[1:]
+march, replace, seen = ColumnSolver.advance, os.replace, []
+
+def end():
+    os.kill(os.getpid(), int(number))
+
+def advance(solver, *given, **named):
+    code = march(solver, *given, **named)
+    if solver.time >= float(where) and not seen:
+        seen.append(True)
+        end()
+    return code
+
+def name(part, path):
+    if os.path.basename(path) == where.split(":")[0]:
+        seen.append(path)
+        if len(seen) == int(where.split(":")[1]):
+            end()
+    replace(part, path)
+
+if what == "time":
+    ColumnSolver.advance = advance
+else:
+    os.replace = name
+sys.exit(main(arguments))
+"""
+
 
 def write_raster(path, values, crs="EPSG:32632", nodata=-9999.0):
     """A raster on the site's pixels."""

@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -167,3 +169,60 @@ def test_the_folder_one_stands_in_is_never_replaced(tmp_path, monkeypatch, name)
     with pytest.raises(OutputError, match="folder you are in"), whole_folder(name, overwrite=True):
         raise AssertionError("the block must not run")
     assert everything(tmp_path) == ["here"]
+
+
+@pytest.fixture
+def dead():
+    """The number of a process that is no more."""
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    child.wait()
+    return child.pid
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a process cannot be asked whether it is alive")
+def test_what_a_killed_process_left_of_a_file_goes_with_the_next_one(tmp_path, dead):
+    left = [f".a.part{dead}.gpkg", f".a.part{dead}.gpkg-journal"]
+    others = [
+        f".a.part{os.getppid()}.gpkg",
+        f".b.part{dead}.gpkg",
+        f".a.part{dead}.csv",
+        f".a.part{dead}",
+        ".a.part.gpkg",
+    ]
+    for name in (*left, *others):
+        (tmp_path / name).write_text("half")
+    with whole_file(tmp_path / "a.gpkg") as part:
+        part.write_text("whole")
+    assert everything(tmp_path) == sorted([*others, "a.gpkg"])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a process cannot be asked whether it is alive")
+@pytest.mark.parametrize("replaced", [True, False])
+def test_a_folder_that_a_killed_process_had_put_aside_comes_back(tmp_path, dead, replaced):
+    for name in (f".gis.old{dead}", f".gis.part{dead}", *(["gis"] if replaced else [])):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / atomic.MARK).touch()
+        (tmp_path / name / ("newest" if name == "gis" else name[1:8].replace(".", "_"))).touch()
+    with pytest.raises(OutputError, match="exists already"), whole_folder(tmp_path / "gis"):
+        raise AssertionError("the block must not run")
+    assert everything(tmp_path) == ["gis", "gis/.mpmgis", "gis/newest" if replaced else "gis/gis_old"]
+    with whole_folder(tmp_path / "gis", overwrite=True) as part:
+        (part / "new").touch()
+    assert everything(tmp_path) == ["gis", "gis/.mpmgis", "gis/new"]
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_of_two_that_write_one_folder_the_later_one_is_refused_unless_it_may_overwrite(tmp_path, overwrite):
+    def write():
+        with whole_folder(tmp_path / "gis", overwrite) as part:
+            (part / "slow").touch()
+            (tmp_path / "gis").mkdir()  # another process was quicker
+            for name in (atomic.MARK, "quick"):
+                (tmp_path / "gis" / name).touch()
+
+    if overwrite:
+        write()
+    else:
+        with pytest.raises(OutputError, match="exists already"):
+            write()
+    assert everything(tmp_path) == ["gis", "gis/.mpmgis", "gis/slow" if overwrite else "gis/quick"]

@@ -1,0 +1,111 @@
+"""Inputs that the fuzzer found, a test for each kind: they end in a line, and nothing else is said."""
+
+import struct
+
+import geopandas
+import h5py
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from affine import Affine
+
+from mpmgis.cli.main import main
+from mpmgis.io.frames import write_frame
+from mpmgis.particles import Frame, Particles
+from mpmgis.products.comparison import difference
+
+
+@pytest.fixture
+def site(tmp_path):
+    """A sound DTM of 1.2 x 1.2 km with a note of GDAL's in it, and a release on it."""
+    write_dtm(tmp_path / "dtm.tif")
+    write_shapes(tmp_path / "release.geojson", shapely.box(400_100, 5_099_100, 400_300, 5_099_300))
+    return tmp_path
+
+
+def write_dtm(path, pixel=10.0, **layout):
+    profile = {"driver": "GTiff", "height": 120, "width": 120, "count": 1, "dtype": "float64", "crs": "EPSG:32632",
+               "transform": Affine(pixel, 0, 4e5, 0, -10, 5.1e6), **layout}  # fmt: skip
+    with rasterio.open(path, "w", **profile) as target:
+        target.write(np.add.outer(np.arange(120.0), np.arange(120.0)) + 100, 1)
+        target.update_tags(note="elevation")
+
+
+def write_shapes(path, shape):
+    geopandas.GeoDataFrame({"d0": [1.0]}, geometry=[shape], crs="EPSG:32632").to_file(path)
+
+
+def line_of(capfd, *words):
+    """The only line on stderr of a command that is refused."""
+    capfd.readouterr()
+    assert main([*map(str, words), "-q"]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.count("\n") == 1 and err.startswith("mpmgis "), err
+    return err
+
+
+def test_a_message_that_is_no_utf8_is_not_told(site, capfd):
+    """GDAL quotes the file's own bytes; rasterio printed a traceback because it could not decode them."""
+    path = site / "dtm.tif"
+    raw = path.read_bytes()
+    start = raw.index(b"<GDALMetadata>")
+    path.write_bytes(raw[:start] + b"<GDAL\x94etadata>" + raw[start + 14 :])
+    assert main(["info", str(path), "-q"]) == 0
+    out, err = capfd.readouterr()
+    assert "raster" in out and err == ""
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_a_directory_beyond_the_end_is_told_in_one_line(site, big, capfd):
+    """libtiff writes to stderr by itself when it cannot seek there."""
+    path = site / "dtm.tif"
+    write_dtm(path, BIGTIFF="YES" if big else "NO")
+    raw = bytearray(path.read_bytes())
+    struct.pack_into("<Q" if big else "<I", raw, 8 if big else 4, 1 << 60 if big else 0xFFFFFFF0)
+    path.write_bytes(raw)
+    assert "its directory lies at byte" in line_of(capfd, "info", path)
+
+
+@pytest.mark.parametrize("pixel", [1e-300, 1e300])
+def test_pixels_of_no_size_are_refused(site, pixel, capfd):
+    write_dtm(site / "thick.tif", pixel)
+    words = ["--release", site / "release.geojson", "-o", site / "a.h5"]
+    assert "lie on no map" in line_of(capfd, "seed", "--dem", site / "thick.tif", *words)
+    assert "lie on no map" in line_of(
+        capfd, "seed", "--dem", site / "dtm.tif", *words, "--thickness", site / "thick.tif"
+    )
+
+
+@pytest.mark.parametrize("far", [1e300, -1e300, 1e10])
+def test_coordinates_beyond_any_map_are_refused(site, far, capfd):
+    """They became a lattice of a negative number of rows, and a wall without length."""
+    write_shapes(site / "far.gpkg", shapely.Polygon([(4e5, 5.1e6), (far, 5.1e6), (4e5, 5.099e6)]))
+    line = line_of(capfd, "seed", "--dem", site / "dtm.tif", "--release", site / "far.gpkg", "-o", site / "a.h5")
+    assert "as on any map" in line
+
+
+def test_columns_beside_the_terrain_are_refused(site, capfd):
+    """A frame that has lost its origin: the bed under its columns was read where there is no memory."""
+    assert main(["seed", "--dem", str(site / "dtm.tif"), "--release", str(site / "release.geojson"), "-q", "-o",
+                 str(site / "seed.h5")]) == 0  # fmt: skip
+    with h5py.File(site / "seed.h5", "r+") as file:
+        del file.attrs["origin"]
+    (site / "scene.toml").write_text(
+        '[terrain]\ndem = "dtm.tif"\n[release]\nparticles = "seed.h5"\n[output]\nend_time = 1\nframe_interval = 1\n'
+    )
+    assert "lie outside the terrain" in line_of(capfd, "effects", site / "scene.toml")
+
+
+def test_speeds_of_any_size_are_told(tmp_path, capfd):
+    velocity = np.array([[1e300, 0.0, 1e300], [0.0, 0.0, 0.0]])
+    particles = Particles(np.ones((2, 3)), velocity, np.ones(2), np.ones(2), area=np.ones(2))
+    write_frame(tmp_path / "a.h5", Frame(particles))
+    assert main(["info", str(tmp_path / "a.h5"), "-q"]) == 0
+    out, err = capfd.readouterr()
+    assert "1.4142e+300" in out and err == ""
+
+
+def test_differences_of_any_size_are_told():
+    told = difference(np.full((2, 2), 1e300), np.zeros((2, 2)), np.ones((2, 2), bool))
+    assert told.mean == pytest.approx(1e300) and told.rms == np.inf
