@@ -196,7 +196,10 @@ def _read(path, file, with_state, with_particles, density, memory):
     if dimension not in (2, 3):
         raise FormatError(f"{path}: dimension {dimension}, wanted 2 or 3")
     time = float(_number(path, attrs, "time", 0.0))
-    origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)), float)
+    origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)))
+    if origin.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: origin holds {origin.dtype}, wanted three numbers (E, N, H)")
+    origin = origin.astype(float)
     if origin.shape != (3,) or not np.isfinite(origin).all():
         raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
     if not np.isfinite(time):
@@ -290,7 +293,10 @@ def _read_particles(path, group, dimension, header, density, memory):
         if "area" not in arrays:
             _require_above_zero(path, "thickness", arrays["thickness"])
             arrays["area"] = arrays["volume"] / arrays["thickness"]
-        arrays.setdefault("thickness", arrays["volume"] / arrays["area"])
+        if "thickness" not in arrays:
+            with np.errstate(over="ignore"):
+                arrays["thickness"] = arrays["volume"] / arrays["area"]
+            _require_finite(path, "thickness", arrays["thickness"])
     return Particles(**arrays)
 
 

@@ -317,7 +317,7 @@ def to_terrain(shapes, crs, terrain, path, say):
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
-    transformer = pyproj.Transformer.from_crs(horizontal(pyproj.CRS(crs)), target, always_xy=True)
+    transformer = _transformer(horizontal(pyproj.CRS(crs)), target, path)
     before = shapely.get_coordinates(shapes)
     after = np.column_stack(transformer.transform(*before.T))
     if not np.isfinite(after).all():
@@ -327,6 +327,16 @@ def to_terrain(shapes, crs, terrain, path, say):
     if np.abs(after - before).max() > _SAME_METRES:
         say(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
     return list(shapely.set_coordinates(shapes, after))
+
+
+def _transformer(crs, target, path):
+    """From one CRS to another; refused where there is no way, as from another planet's."""
+    try:
+        return pyproj.Transformer.from_crs(crs, target, always_xy=True)
+    except pyproj.exceptions.ProjError as error:
+        raise GeoreferenceError(
+            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(target)}; check its CRS"
+        ) from error
 
 
 def require_lies_on(bounds, crs, terrain, path, say):
@@ -519,7 +529,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     i = np.linspace(rows.min() - 0.5, rows.max() + 0.5, 9)
     j = np.linspace(columns.min() - 0.5, columns.max() + 0.5, 9)
     i, j = (a.ravel() for a in np.meshgrid(i, j))
-    transformer = pyproj.Transformer.from_crs(grid.crs, target, always_xy=True)
+    transformer = _transformer(grid.crs, target, path)
     x, y = transformer.transform(*grid.xy(i, j))
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise GeoreferenceError(

@@ -5,6 +5,7 @@ import struct
 import geopandas
 import h5py
 import numpy as np
+import pyproj
 import pytest
 import rasterio
 import shapely
@@ -83,6 +84,30 @@ def test_coordinates_beyond_any_map_are_refused(site, far, capfd):
     write_shapes(site / "far.gpkg", shapely.Polygon([(4e5, 5.1e6), (far, 5.1e6), (4e5, 5.099e6)]))
     line = line_of(capfd, "seed", "--dem", site / "dtm.tif", "--release", site / "far.gpkg", "-o", site / "a.h5")
     assert "as on any map" in line
+
+
+def test_a_crs_of_another_planet_is_refused(site, capfd):
+    """PROJ finds no way from there, and pyproj raised its own error."""
+    sphere = pyproj.CRS.from_proj4("+proj=utm +zone=32 +a=2147483648 +b=2147483000 +units=m")
+    table = geopandas.read_file(site / "release.geojson").set_crs(sphere, allow_override=True)
+    table.to_file(site / "moon.gpkg")
+    words = ["seed", "--dem", site / "dtm.tif", "--release", site / "moon.gpkg", "-o", site / "a.h5"]
+    assert "cannot be brought to" in line_of(capfd, *words)
+    write_dtm(site / "thick.tif", crs=sphere.to_wkt())
+    words = ["seed", "--dem", site / "dtm.tif", "--release", site / "release.geojson", "-o", site / "a.h5"]
+    assert "cannot be brought to" in line_of(capfd, *words, "--thickness", site / "thick.tif")
+
+
+@pytest.mark.parametrize("what", ["area", "origin"])
+def test_numbers_of_no_use_in_a_frame_are_refused(what, tmp_path, capfd):
+    write_frame(tmp_path / "a.h5", Frame(Particles(*np.ones((2, 2, 3)), np.ones(2), np.ones(2), area=np.ones(2))))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        if what == "area":
+            file["particles/area"][...] = 5e-324
+        else:
+            file.attrs["origin"] = np.array([1j, 0, 0])
+    line = line_of(capfd, "info", tmp_path / "a.h5")
+    assert "NaN or infinite" in line or "origin holds complex128" in line
 
 
 def test_columns_beside_the_terrain_are_refused(site, capfd):
