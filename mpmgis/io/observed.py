@@ -8,7 +8,7 @@ from rasterio.features import geometry_mask
 from ..errors import GeoreferenceError, InputError
 from ..geo.georeference import horizontal, name_of, same_place
 from ..geo.release import polygons_only
-from .vector import KINDS, read_table
+from .vector import KINDS, read_table, transformer_to
 
 
 def read_outline(path, grid, say=lambda text: None):
@@ -79,7 +79,7 @@ def _on_grid(shapes, crs, grid, path, say):
         return shapes
     if same_place(crs, grid.crs):
         return shapes
-    transformer = pyproj.Transformer.from_crs(horizontal(pyproj.CRS(crs)), grid.crs, always_xy=True)
+    transformer = transformer_to(horizontal(pyproj.CRS(crs)), grid.crs, path)
     moved = np.column_stack(transformer.transform(*shapely.get_coordinates(shapes).T))
     if not np.isfinite(moved).all():
         raise GeoreferenceError(

@@ -12,6 +12,7 @@ import numpy as np
 import pyproj
 import rasterio
 from affine import Affine
+from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
@@ -107,7 +108,10 @@ def open_raster(path):
         with source:
             if source.count == 0:
                 raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")
-            yield source
+            try:
+                yield source
+            except CPLE_BaseError as error:  # what GDAL found wrong may be raised by any later look at the dataset
+                raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
 
 
 def _require_directory(path):

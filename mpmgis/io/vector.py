@@ -317,7 +317,7 @@ def to_terrain(shapes, crs, terrain, path, say):
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
-    transformer = _transformer(horizontal(pyproj.CRS(crs)), target, path)
+    transformer = transformer_to(horizontal(pyproj.CRS(crs)), target, path)
     before = shapely.get_coordinates(shapes)
     after = np.column_stack(transformer.transform(*before.T))
     if not np.isfinite(after).all():
@@ -329,8 +329,14 @@ def to_terrain(shapes, crs, terrain, path, say):
     return list(shapely.set_coordinates(shapes, after))
 
 
-def _transformer(crs, target, path):
-    """From one CRS to another; refused where there is no way, as from another planet's."""
+def transformer_to(crs, target, path):
+    """pyproj's Transformer from `crs` to `target`, of what lies at `path`.
+
+    Raises
+    ------
+    GeoreferenceError
+        There is no way, as from another planet's.
+    """
     try:
         return pyproj.Transformer.from_crs(crs, target, always_xy=True)
     except pyproj.exceptions.ProjError as error:
@@ -529,7 +535,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     i = np.linspace(rows.min() - 0.5, rows.max() + 0.5, 9)
     j = np.linspace(columns.min() - 0.5, columns.max() + 0.5, 9)
     i, j = (a.ravel() for a in np.meshgrid(i, j))
-    transformer = _transformer(grid.crs, target, path)
+    transformer = transformer_to(grid.crs, target, path)
     x, y = transformer.transform(*grid.xy(i, j))
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise GeoreferenceError(

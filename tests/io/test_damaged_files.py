@@ -10,9 +10,12 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from rasterio._err import CPLE_AppDefinedError
 
 from mpmgis.cli.main import main
+from mpmgis.errors import FormatError
 from mpmgis.io.frames import write_frame
+from mpmgis.io.raster import open_raster
 from mpmgis.particles import Frame, Particles
 from mpmgis.products.comparison import difference
 
@@ -76,6 +79,13 @@ def test_pixels_of_no_size_are_refused(site, pixel, capfd):
     assert "lie on no map" in line_of(
         capfd, "seed", "--dem", site / "dtm.tif", *words, "--thickness", site / "thick.tif"
     )
+
+
+def test_what_gdal_says_late_is_told_in_one_line(site):
+    """A georeference whose text was cut: rasterio raised GDAL's word where it was asked for the band's colours."""
+    said = "Key GTCitationGeoKey is of type ASCII but GeoAsciiParams is missing or corrupted."
+    with pytest.raises(FormatError, match="is damaged.*GeoAsciiParams"), open_raster(site / "dtm.tif"):
+        raise CPLE_AppDefinedError(1, 1, said)
 
 
 @pytest.mark.parametrize("far", [1e300, -1e300, 1e10])
