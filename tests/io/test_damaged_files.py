@@ -84,7 +84,7 @@ def test_pixels_of_no_size_are_refused(site, pixel, capfd):
 def test_what_gdal_says_late_is_told_in_one_line(site):
     """A georeference whose text was cut: rasterio raised GDAL's word where it was asked for the band's colours."""
     said = "Key GTCitationGeoKey is of type ASCII but GeoAsciiParams is missing or corrupted."
-    with pytest.raises(FormatError, match="is damaged.*GeoAsciiParams"), open_raster(site / "dtm.tif"):
+    with pytest.raises(FormatError, match=r"is damaged.*GeoAsciiParams"), open_raster(site / "dtm.tif"):
         raise CPLE_AppDefinedError(1, 1, said)
 
 
