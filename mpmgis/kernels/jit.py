@@ -110,6 +110,22 @@ def jit_inline(function):
     return _kept(numba.njit(**options)(function))
 
 
+def jit_borrowing(function):
+    """Compile a serial function that only works on the arrays it is given: it makes none and answers none.
+
+    References to arrays are not counted in it. Counting costs as much as twenty additions each time, and the compiler
+    leaves some of it in loops: it was half of the 3D step (measured 2026-11-21).
+    """
+    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False}
+    return _kept(numba.njit(**options)(function))
+
+
+def kernel_part(function):
+    """A part of kernels, for either precision: it has constants of single precision where its first array has."""
+    law_function(function, inlined=False)
+    return function
+
+
 def jit_parallel(function):
     """Compile a kernel with `prange` loops, cached on disk. No atomics anywhere: every loop owns what it writes."""
     options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "parallel": True}
@@ -121,6 +137,15 @@ def set_threads(count):
     available = numba.config.NUMBA_NUM_THREADS
     numba.set_num_threads(available if count is None else max(1, min(int(count), available)))
     return numba.get_num_threads()
+
+
+def ready_threads():
+    """Start the threads before a kernel is called that comes from the disk cache.
+
+    Numba notes with a cached kernel that it needs them, but not where the parallel loops in it came from the cache when
+    it was compiled (a first run that was interrupted is enough); called without them, the process dies.
+    """
+    numba.get_num_threads()
 
 
 def law_method(name, inlined=False):
@@ -150,14 +175,11 @@ def law_function(function, inlined=True):
 
 
 def _of_precision(function, arguments):
-    """`function`, or where it is given float32 and no float64, the same with float32 for every constant in it.
+    """`function`, or where it works in single precision the same with float32 for every constant in it.
 
     So laws write 0.5 once: of a float32 and a Python float numba would make a float64, at half the speed.
     """
-    given = set()
-    for kind in arguments:
-        given.update(kind.types if isinstance(kind, types.BaseTuple) else [kind])
-    if types.float32 not in given or types.float64 in given:
+    if not _is_single(arguments):
         return function
     if function not in _single:
         code = function.__code__.replace(co_consts=tuple(map(_single_precision, function.__code__.co_consts)))
@@ -167,5 +189,19 @@ def _of_precision(function, arguments):
     return _single[function]
 
 
+def _is_single(arguments):
+    """Whether the first array is of float32, or without one there is a float32 and no float64."""
+    arrays = [kind.dtype for kind in arguments if isinstance(kind, types.Array)]
+    if arrays:
+        return arrays[0] == types.float32
+    given = set()
+    for kind in arguments:
+        given.update(kind.types if isinstance(kind, types.BaseTuple) else [kind])
+    return types.float32 in given and types.float64 not in given
+
+
 def _single_precision(value):
+    """The float, or the floats in the tuple, `value` as float32; anything else as it is."""
+    if type(value) is tuple:
+        return tuple(map(_single_precision, value))
     return np.float32(value) if type(value) is float else value

@@ -1,7 +1,8 @@
-"""Four doubles as one value: a grid node's entries move through the processor together.
+"""Four numbers as one value: a grid node's entries move through the processor together.
 
-A numba type whose data model is LLVM's <4 x double>. LLVM splits it where the processor has narrower registers. The
-compiler finds this form by itself only now and then; written down, it halves the transfer loops (measured 2026-11-21).
+A numba type whose data model is LLVM's <4 x double> or <4 x float>, as the array has it that they are loaded from.
+LLVM splits it where the processor has narrower registers. The compiler finds this form by itself only now and then;
+written down, it halves the transfer loops (measured 2026-11-21).
 """
 
 from llvmlite import ir
@@ -9,50 +10,56 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-_VECTOR = ir.VectorType(ir.DoubleType(), 4)
+_SCALARS = {types.float32: (ir.FloatType(), "f32"), types.float64: (ir.DoubleType(), "f64")}
 
 
 class Lanes(types.Type):
-    """The type of four doubles."""
+    """The type of four numbers of `dtype`, float32 or float64."""
 
-    def __init__(self):
-        super().__init__(name="Lanes")
-
-
-lanes_type = Lanes()
+    def __init__(self, dtype):
+        self.dtype = dtype
+        self.scalar, self.suffix = _SCALARS[dtype]
+        self.vector = ir.VectorType(self.scalar, 4)
+        super().__init__(name=f"Lanes({dtype})")
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        super().__init__(manager, kind, _VECTOR)
+        super().__init__(manager, kind, kind.vector)
 
 
-def _splat(builder, scalar):
-    """<4 x double> of one scalar."""
-    first = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(
-        first, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 0, 0, 0])
-    )
+def _lanes_of(array):
+    """The Lanes that a contiguous array of floats is loaded as; None of any other."""
+    return Lanes(array.dtype) if isinstance(array, types.Array) and array.dtype in _SCALARS else None
 
 
-def _multiply_add(builder, factor, vector, total):
+def _splat(builder, kind, scalar):
+    """Lanes of one scalar."""
+    nothing = ir.Constant(kind.vector, ir.Undefined)
+    first = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 0, 0, 0]))
+
+
+def _multiply_add(builder, kind, factor, vector, total):
     """factor * vector + total with one rounding, wherever it is compiled."""
-    fused = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), "llvm.fma.v4f64")
+    signature = ir.FunctionType(kind.vector, [kind.vector] * 3)
+    fused = cgutils.get_or_insert_function(builder.module, signature, f"llvm.fma.v4{kind.suffix}")
     return builder.call(fused, [factor, vector, total])
 
 
 @intrinsic
 def lanes(typingctx, a, b, c, d):
-    """Lanes(a, b, c, d) of four floats."""
+    """Lanes(a, b, c, d) of four floats: of float32 if all of them are."""
+    kind = Lanes(types.float32 if {a, b, c, d} == {types.float32} else types.float64)
 
     def codegen(context, builder, signature, arguments):
-        value = ir.Constant(_VECTOR, ir.Undefined)
+        value = ir.Constant(kind.vector, ir.Undefined)
         for k, scalar in enumerate(arguments):
             value = builder.insert_element(value, scalar, ir.Constant(ir.IntType(32), k))
         return value
 
-    return lanes_type(types.float64, types.float64, types.float64, types.float64), codegen
+    return kind(*[kind.dtype] * 4), codegen
 
 
 @intrinsic
@@ -65,17 +72,17 @@ def lane(typingctx, value, index):
     def codegen(context, builder, signature, arguments):
         return builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), place))
 
-    return types.float64(lanes_type, index), codegen
+    return value.dtype(value, index), codegen
 
 
 @intrinsic
 def multiply_add(typingctx, factor, value, total):
-    """factor * value + total, for a float and two Lanes."""
+    """factor * value + total, for a float and two Lanes of one precision, which is that of the product too."""
 
     def codegen(context, builder, signature, arguments):
-        return _multiply_add(builder, _splat(builder, arguments[0]), arguments[1], arguments[2])
+        return _multiply_add(builder, value, _splat(builder, value, arguments[0]), arguments[1], arguments[2])
 
-    return lanes_type(types.float64, lanes_type, lanes_type), codegen
+    return value(value.dtype, value, value), codegen
 
 
 @intrinsic
@@ -83,41 +90,49 @@ def without_last(typingctx, value):
     """The Lanes with a zero in place of the fourth."""
 
     def codegen(context, builder, signature, arguments):
-        zero = ir.Constant(ir.DoubleType(), 0.0)
+        zero = ir.Constant(value.scalar, 0.0)
         return builder.insert_element(arguments[0], zero, ir.Constant(ir.IntType(32), 3))
 
-    return lanes_type(lanes_type), codegen
+    return value(value), codegen
+
+
+def _bytes(array):
+    """Bytes of an array's entry, to which its entries are aligned."""
+    return array.dtype.bitwidth // 8
 
 
 def _pointer(context, builder, kind, array, index):
-    """Pointer to <4 x double> at flat `index` of a contiguous float64 array."""
+    """Pointer to the Lanes at flat `index` of a contiguous array of floats."""
     struct = context.make_array(kind)(context, builder, array)
     place = builder.gep(struct.data, [index], inbounds=True)
-    return builder.bitcast(place, _VECTOR.as_pointer())
+    return builder.bitcast(place, _lanes_of(kind).vector.as_pointer())
 
 
 @intrinsic
 def load(typingctx, array, index):
-    """Lanes at flat position `index` of a C-contiguous float64 array; nobody checks the bounds."""
+    """Lanes at flat position `index` of a C-contiguous array of floats; nobody checks the bounds."""
+    kind = _lanes_of(array)
+    if kind is None:
+        return None
 
     def codegen(context, builder, signature, arguments):
         pointer = _pointer(context, builder, signature.args[0], *arguments)
-        return builder.load(pointer, align=8)
+        return builder.load(pointer, align=_bytes(array))
 
-    return lanes_type(array, types.intp), codegen
+    return kind(array, types.intp), codegen
 
 
 @intrinsic
 def add_to(typingctx, array, index, value):
-    """array.flat[index : index + 4] += value, for a C-contiguous float64 array; nobody checks the bounds."""
+    """array.flat[index : index + 4] += value, for a C-contiguous array of floats; nobody checks the bounds."""
 
     def codegen(context, builder, signature, arguments):
         pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-        old = builder.load(pointer, align=8)
-        builder.store(builder.fadd(old, arguments[2]), pointer, align=8)
+        old = builder.load(pointer, align=_bytes(array))
+        builder.store(builder.fadd(old, arguments[2]), pointer, align=_bytes(array))
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, lanes_type), codegen
+    return types.void(array, types.intp, _lanes_of(array)), codegen
 
 
 def _place(context, builder, kind, array, line, index, step=1):
@@ -134,14 +149,14 @@ def get(typingctx, array, line, index):
     """array.flat[line + index] of a C-contiguous array; nobody checks the bounds."""
 
     def codegen(context, builder, signature, arguments):
-        return builder.load(_place(context, builder, signature.args[0], *arguments), align=8)
+        return builder.load(_place(context, builder, signature.args[0], *arguments), align=_bytes(array))
 
     return array.dtype(array, types.intp, types.intp), codegen
 
 
 @intrinsic
 def get_of_four(typingctx, array, line, index, entry):
-    """array.flat[line + 4 index + entry] of a C-contiguous float64 array, `entry` a literal 0 to 3; unchecked."""
+    """array.flat[line + 4 index + entry] of a C-contiguous array, `entry` a literal 0 to 3; unchecked."""
     if not isinstance(entry, types.IntegerLiteral):
         return None
     within = ir.Constant(ir.IntType(32), entry.literal_value)
@@ -149,9 +164,9 @@ def get_of_four(typingctx, array, line, index, entry):
     def codegen(context, builder, signature, arguments):
         group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
         at = builder.gep(group, [ir.Constant(ir.IntType(32), 0), within], inbounds=True)
-        return builder.load(at, align=8)
+        return builder.load(at, align=_bytes(array))
 
-    return types.float64(array, types.intp, types.intp, entry), codegen
+    return array.dtype(array, types.intp, types.intp, entry), codegen
 
 
 @intrinsic
@@ -159,7 +174,8 @@ def put(typingctx, array, line, index, value):
     """array.flat[line + index] = value, for a C-contiguous array; nobody checks the bounds."""
 
     def codegen(context, builder, signature, arguments):
-        builder.store(arguments[3], _place(context, builder, signature.args[0], *arguments[:3]), align=8)
+        place = _place(context, builder, signature.args[0], *arguments[:3])
+        builder.store(arguments[3], place, align=_bytes(array))
         return context.get_dummy_value()
 
     return types.void(array, types.intp, types.intp, array.dtype), codegen
@@ -167,16 +183,16 @@ def put(typingctx, array, line, index, value):
 
 @intrinsic
 def put_four(typingctx, array, line, index, a, b, c, d):
-    """array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d, for a C-contiguous float64 array; unchecked."""
+    """array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d, for a C-contiguous array; unchecked."""
 
     def codegen(context, builder, signature, arguments):
         group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
         for k, value in enumerate(arguments[3:]):
             at = builder.gep(group, [ir.Constant(ir.IntType(32), 0), ir.Constant(ir.IntType(32), k)], inbounds=True)
-            builder.store(value, at, align=8)
+            builder.store(value, at, align=_bytes(array))
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, types.intp, *[types.float64] * 4), codegen
+    return types.void(array, types.intp, types.intp, *[array.dtype] * 4), codegen
 
 
 @intrinsic
@@ -200,19 +216,19 @@ def transposed(typingctx, a, b, c, d):
         )
         return context.make_tuple(builder, signature.return_type, turned)
 
-    return types.UniTuple(lanes_type, 4)(*[lanes_type] * 4), codegen
+    return types.UniTuple(a, 4)(a, a, a, a), codegen
 
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """array.flat[index : index + 4] = value, for a C-contiguous float64 array; nobody checks the bounds."""
+    """array.flat[index : index + 4] = value, for a C-contiguous array of floats; nobody checks the bounds."""
 
     def codegen(context, builder, signature, arguments):
         pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-        builder.store(arguments[2], pointer, align=8)
+        builder.store(arguments[2], pointer, align=_bytes(array))
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, lanes_type), codegen
+    return types.void(array, types.intp, _lanes_of(array)), codegen
 
 
 @intrinsic

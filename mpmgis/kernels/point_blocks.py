@@ -7,8 +7,8 @@ window of blocks is as wide as the flow and as high as it stands above the groun
 import numpy as np
 
 from .block_order import GONE, rank_blocks
-from .jit import jit, jit_inline, jit_parallel, prange
-from .point_rows import BLOCK, GHOSTS
+from .jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
+from .point_rows import BLOCK, GHOSTS, X, Y, Z
 
 SORT_PIECES = 8  # of the sort; fixed, so that the order does not depend on the number of threads
 # int64 window: blocks that hold points, and the largest height above the lowest block that they reach to
@@ -40,16 +40,9 @@ def key_level(key):
 
 
 @jit_inline
-def block_of(place, inverse_dx):
-    """Block, along one axis, of the first node that a point at `place` [m] touches."""
-    return int(place * inverse_dx + (GHOSTS - 0.5)) // BLOCK
-
-
-@jit_inline
-def key_at(x, y, z, inverse_dx, lowest):
-    """Key of the block that a point belongs to; `lowest` as from `lowest_blocks`."""
-    row, column = block_of(y, inverse_dx), block_of(x, inverse_dx)
-    return packed(row, column, max(block_of(z, inverse_dx) - lowest[row, column, 0], 0))
+def block_of(place):
+    """Block, along one axis, of the first node that a point at `place` [cells] of the nodes' array touches."""
+    return int(place - 0.5) // BLOCK
 
 
 @jit
@@ -68,11 +61,36 @@ def widen(window, key, lowest):
 
 
 @jit
-def initial_keys(rows, keys, inverse_dx, lowest, window):
-    """Fill int64 `keys` for all `rows` and `window` from them."""
-    no_window(window)
+def set_places(rows, keys, places, inverse_dx, lowest):
+    """Put points at `places` float64[n, 3] [m] from the domain's corner: fills int64 `keys`, and places in `rows`."""
     for p in range(rows.shape[0]):
-        keys[p] = key_at(rows[p, 0], rows[p, 1], rows[p, 2], inverse_dx, lowest)
+        x, y = places[p, 0] * inverse_dx + GHOSTS, places[p, 1] * inverse_dx + GHOSTS
+        z = places[p, 2] * inverse_dx + GHOSTS
+        row, column = block_of(y), block_of(x)
+        level = max(block_of(z) - lowest[row, column, 0], 0)
+        keys[p] = packed(row, column, level)
+        rows[p, X], rows[p, Y] = x - BLOCK * column, y - BLOCK * row
+        rows[p, Z] = z - BLOCK * (level + lowest[row, column, 0])
+
+
+@jit
+def places_of(rows, keys, dx, lowest):
+    """float64[n, 3] [m] from the domain's corner: where the points of `rows` in the blocks `keys` are."""
+    places = np.empty((rows.shape[0], 3))
+    for p in range(rows.shape[0]):
+        row, column = key_row(keys[p]), key_column(keys[p])
+        level = key_level(keys[p]) + lowest[row, column, 0]
+        places[p, 0] = (float(rows[p, X]) + (BLOCK * column - GHOSTS)) * dx
+        places[p, 1] = (float(rows[p, Y]) + (BLOCK * row - GHOSTS)) * dx
+        places[p, 2] = (float(rows[p, Z]) + (BLOCK * level - GHOSTS)) * dx
+    return places
+
+
+@jit
+def window_of(keys, lowest, window):
+    """Set `window` to that of all `keys`."""
+    no_window(window)
+    for p in range(keys.size):
         widen(window, keys[p], lowest)
 
 
@@ -86,19 +104,44 @@ def place_of(key, window, width, depth):
 def _count(keys, n, window, width, depth, size, histogram):
     for c in prange(SORT_PIECES):
         histogram[c, :size] = 0
-        for p in range(c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES):
-            if keys[p] != GONE:
-                histogram[c, place_of(keys[p], window, width, depth)] += 1
+        _count_piece(keys, c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES, window, width, depth, histogram, c)
+
+
+@jit_borrowing
+def _count_piece(keys, first, end, window, width, depth, histogram, c):
+    """Neighbours in memory mostly share a block: their number stays in a register until another block comes."""
+    p = first
+    while p < end:
+        key, begun = keys[p], p
+        p += 1
+        while p < end and keys[p] == key:
+            p += 1
+        if key != GONE:
+            histogram[c, place_of(key, window, width, depth)] += p - begun
 
 
 @jit_parallel
 def _scatter(keys, n, window, width, depth, histogram, order):
     for c in prange(SORT_PIECES):
-        for p in range(c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES):
-            if keys[p] != GONE:
-                b = place_of(keys[p], window, width, depth)
-                order[histogram[c, b]] = p
-                histogram[c, b] += 1
+        first, end = c * n // SORT_PIECES, (c + 1) * n // SORT_PIECES
+        _scatter_piece(keys, first, end, window, width, depth, histogram, c, order)
+
+
+@jit_borrowing
+def _scatter_piece(keys, first, end, window, width, depth, histogram, c, order):
+    p = first
+    while p < end:
+        key = keys[p]
+        if key == GONE:
+            p += 1
+            continue
+        b = place_of(key, window, width, depth)
+        at = histogram[c, b]
+        while p < end and keys[p] == key:
+            order[at] = p
+            at += 1
+            p += 1
+        histogram[c, b] = at
 
 
 @jit

@@ -13,7 +13,7 @@ from ..effects.material import FAR as FAR_STRAIN
 from ..effects.material import NO_TENSION
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS, GONE
-from .jit import jit, jit_inline, jit_parallel, prange
+from .jit import jit_borrowing, jit_parallel, kernel_part, law_function, prange
 from .lanes import (
     get,
     lanes,
@@ -26,7 +26,7 @@ from .lanes import (
     without_last,
 )
 from .point_blocks import packed
-from .point_ground import GROUND_DEEP
+from .point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
 from .point_rows import (
     AXX,
     AXY,
@@ -40,6 +40,7 @@ from .point_rows import (
     S2,
     S3,
     S4,
+    TILE,
     TILE_LAYER,
     TILE_ROW,
     X,
@@ -50,8 +51,6 @@ from .point_rows import (
 
 # what each chunk of the grid-to-point loop reports
 (
-    KINETIC,  # sum of m |v|^2 / 2 [J], of those that leave in this step too
-    POTENTIAL,  # sum of m g z [J], z from the domain's lowest level
     SHEAR_MAX,  # largest |C|^2 [s-2]
     SPEED2_MAX,  # [m2 s-2]
     AT_TIP,  # points without tension
@@ -67,7 +66,7 @@ from .point_rows import (
     BLOCK_NORTH,
     BLOCK_TALL,
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(17)
+) = range(15)
 EDGES = 4  # west, south, east, north
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -76,39 +75,45 @@ TIP_CODE, FAR_CODE = NO_TENSION, FAR_STRAIN  # what materials say of a step
 STRAINED = 14  # lines that a strain out of range writes: state and stress
 
 # Points go through a transfer BATCH at a time: in loops over short arrays ("lines" of one scratch array), which the
-# compiler turns into vector instructions; only reading and writing nodes and rows goes point by point.
+# compiler turns into vector instructions without a remainder, for they always run over the whole BATCH: where a block
+# has fewer points left, its last one is computed again and again. Only reading and writing nodes and rows goes point by
+# point.
 BATCH = 32
 (
     L_X, L_Y, L_Z, L_S0, L_PX, L_PY, L_PZ, L_MASS, L_AXX, L_AYX, L_AZX, L_S1, L_AXY, L_AYY, L_AZY, L_S2,
     L_AXZ, L_AYZ, L_AZZ, L_S3, L_S4, L_S5, L_S6, L_S7,  # as in a row
-    L_FX, L_FY, L_FZ,  # offset from the first node in cells; then the place before the step
+    L_FX, L_FY, L_FZ,  # offset from the first node; then the place before the step
     L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2, L_WZ0, L_WZ1, L_WZ2,  # weights
     L_MX0, L_MX1, L_MX2, L_MY0, L_MY1, L_MY2, L_MZ0, L_MZ1, L_MZ2,  # weights times the offset from the point
     L_U, L_V, L_W,  # velocity read from the nodes
     L_XX, L_YX, L_ZX, L_XY, L_YY, L_ZY, L_XZ, L_YZ, L_ZZ,  # its first moments: component, then axis
     L_N0, L_N1, L_N2, L_N3, L_N4, L_N5, L_N6, L_N7,  # state after the step
     L_TXX, L_TYY, L_TZZ, L_TXY, L_TXZ, L_TYZ, L_CODE,
-    L_SHEAR2, L_SPEED2,
-) = range(0, 74 * BATCH, BATCH)  # fmt: skip
-LINES = 74 * BATCH
+    L_SPEED2, L_SHEAR_MOST, L_SPEED_MOST, L_TORN, L_YIELDED,  # the last four gather over the batches of a chunk
+) = range(0, 77 * BATCH, BATCH)  # fmt: skip
+LINES = 77 * BATCH
 QUAD = 4 * BATCH  # groups of four numbers, one group a point
 QUADS = 4 * QUAD
 Q_MEAN, Q_MOMENT_X, Q_MOMENT_Y, Q_MOMENT_Z = range(0, 4 * QUAD, QUAD)
-# lines of whole numbers: where nodes begin in the tile; nearest node; block of the next step; 1 if the point stays
+# lines of whole numbers: where nodes begin in the tile; nearest node, from the block's first; by how many blocks it
+# moves; 1 if the point stays
 I_PLACE, I_COLUMN, I_ROW, I_BLOCK_X, I_BLOCK_Y, I_BLOCK_Z, I_STAYS = range(0, 7 * BATCH, BATCH)
 INTEGERS = 7 * BATCH
+FAR_BLOCKS = 1e5  # further in one step nobody moves; keeps whole numbers whole
+INSIDE = 1e-6  # cells from a wall to who is pushed against it: what single precision resolves
+# as floats, for products with floats
+FLOAT_LAYER, FLOAT_ROW, FLOAT_BLOCK = float(TILE_LAYER), float(TILE_ROW), float(BLOCK)
+THIRD = 1.0 / 3.0
 
 
-@jit
-def _weigh(scratch, integers, count, i_block, j_block, k_block, inverse_dx):
+@kernel_part
+def _weigh(scratch, integers):
     """Weights of each point of the batch, its offsets in cells, and where its nodes begin in the block's tile."""
-    for q in range(count):
-        i, fx, wx0, wx1, wx2 = stencil(get(scratch, L_X, q), inverse_dx)
-        j, fy, wy0, wy1, wy2 = stencil(get(scratch, L_Y, q), inverse_dx)
-        k, fz, wz0, wz1, wz2 = stencil(get(scratch, L_Z, q), inverse_dx)
-        i, j = min(max(i - i_block, 0), BLOCK - 1), min(max(j - j_block, 0), BLOCK - 1)
-        k = min(max(k - k_block, 0), BLOCK - 1)
-        put(integers, I_PLACE, q, k * TILE_LAYER + j * TILE_ROW + i * 4)
+    for q in range(BATCH):
+        i, fx, wx0, wx1, wx2 = stencil(get(scratch, L_X, q))
+        j, fy, wy0, wy1, wy2 = stencil(get(scratch, L_Y, q))
+        k, fz, wz0, wz1, wz2 = stencil(get(scratch, L_Z, q))
+        put(integers, I_PLACE, q, np.int32(k * FLOAT_LAYER + j * FLOAT_ROW + i * 4.0))
         put(scratch, L_FX, q, fx)
         put(scratch, L_FY, q, fy)
         put(scratch, L_FZ, q, fz)
@@ -123,7 +128,7 @@ def _weigh(scratch, integers, count, i_block, j_block, k_block, inverse_dx):
         put(scratch, L_WZ2, q, wz2)
 
 
-@jit
+@kernel_part
 def _take_places(rows, order, first, count, end, row, scratch):
     """Copy the places of points order[first : first + count] into lines; the next batch is asked for from memory."""
     for q in range(first + BATCH, min(first + 2 * BATCH, end)):
@@ -138,7 +143,6 @@ def _take_places(rows, order, first, count, end, row, scratch):
         put(scratch, L_Z, q, get(rows, p, Z))
 
 
-@jit_inline
 def _spread_one(rows, p, scratch, integers, q, tile):
     """Add a point's mass and momentum to its 27 nodes: node gets w (m v + A (x_node - x_point))."""
     t = integers[I_PLACE + q]
@@ -163,7 +167,10 @@ def _spread_one(rows, p, scratch, integers, q, tile):
         t += TILE_LAYER - 3 * TILE_ROW
 
 
-@jit
+law_function(_spread_one)
+
+
+@kernel_part
 def _spread(rows, order, first, count, row, scratch, integers, tile):
     """Points from the two halves of the batch take turns: neighbours add to the same nodes and would wait."""
     half = (count + 1) // 2
@@ -173,27 +180,29 @@ def _spread(rows, order, first, count, row, scratch, integers, tile):
             _spread_one(rows, (order[first + q + half] & INDEX_MASK) * row, scratch, integers, q + half, tile)
 
 
-@jit_parallel
-def points_to_grid(rows, order, start, bounds, active_nodes, tiles, inverse_dx):
-    """Sum mass and momentum, with the impulse of the stress, of each block's points into its tile.
-
-    `active_nodes` int64[active, 3]: first node (x, y, z) of each active block.
-    """
+@jit_borrowing
+def _sum_blocks(rows, order, start, first_block, end_block, tiles, scratch, integers):
+    """Sum the points of the active blocks `first_block` to `end_block` into their tiles."""
     row = rows.shape[1]
+    for a in range(first_block, end_block):
+        tile = tiles[a]
+        tile[:] = 0.0
+        for first in range(start[a], start[a + 1], BATCH):
+            count = min(BATCH, start[a + 1] - first)
+            _take_places(rows, order, first, count, order.size, row, scratch)
+            _weigh(scratch, integers)
+            _spread(rows, order, first, count, row, scratch, integers, tile)
+
+
+@jit_parallel
+def points_to_grid(rows, order, start, bounds, tiles):
+    """Sum mass and momentum, with the impulse of the stress, of each block's points into its tile."""
     for c in prange(CHUNKS):
-        scratch = np.empty(LINES)
-        integers = np.empty(INTEGERS, np.int64)
-        for a in range(bounds[c], bounds[c + 1]):
-            tile = tiles[a]
-            tile[:] = 0.0
-            for first in range(start[a], start[a + 1], BATCH):
-                count = min(BATCH, start[a + 1] - first)
-                _take_places(rows, order, first, count, order.size, row, scratch)
-                _weigh(scratch, integers, count, active_nodes[a, 0], active_nodes[a, 1], active_nodes[a, 2], inverse_dx)
-                _spread(rows, order, first, count, row, scratch, integers, tile)
+        scratch, integers = np.zeros(LINES, rows.dtype), np.zeros(INTEGERS, np.int32)
+        _sum_blocks(rows, order, start, bounds[c], bounds[c + 1], tiles, scratch, integers)
 
 
-@jit_inline
+@kernel_part
 def _fill_tile(tile, nodes, targets):
     """The block's tile of velocities out of the eight node blocks that it overlaps."""
     for o in range(8):
@@ -207,7 +216,7 @@ def _fill_tile(tile, nodes, targets):
                     store(tile, t + 4 * i, load(part, n + 4 * i))
 
 
-@jit
+@kernel_part
 def _take_rows(rows, order, first, count, end, row, scratch):
     """Copy what the grid-to-point loop needs of points order[first : first + count] into lines."""
     for q in range(first + BATCH, min(first + 2 * BATCH, end)):
@@ -216,8 +225,8 @@ def _take_rows(rows, order, first, count, end, row, scratch):
         prefetch(rows, p + 8)
         prefetch(rows, p + row - 1)
     last = count - 1
-    for q in range(0, count, 4):  # beyond `count` the last point once more, which nobody reads
-        p0 = (order[first + q] & INDEX_MASK) * row
+    for q in range(0, BATCH, 4):  # beyond `count` the last point once more
+        p0 = (order[first + min(q, last)] & INDEX_MASK) * row
         p1 = (order[first + min(q + 1, last)] & INDEX_MASK) * row
         p2 = (order[first + min(q + 2, last)] & INDEX_MASK) * row
         p3 = (order[first + min(q + 3, last)] & INDEX_MASK) * row
@@ -234,18 +243,18 @@ def _take_rows(rows, order, first, count, end, row, scratch):
             store(scratch, L_S5 + q, s5)
             store(scratch, L_S6 + q, s6)
             store(scratch, L_S7 + q, s7)
-    for q in range(count):
-        p = (order[first + q] & INDEX_MASK) * row
+    for q in range(BATCH):
+        p = (order[first + min(q, last)] & INDEX_MASK) * row
         put(scratch, L_MASS, q, get(rows, p, MASS))
         put(scratch, L_S1, q, get(rows, p, S1))
         put(scratch, L_S2, q, get(rows, p, S2))
         put(scratch, L_S3, q, get(rows, p, S3))
 
 
-@jit
-def _moments(scratch, count):
+@kernel_part
+def _moments(scratch):
     """Weights times the offset of their node from the point, in cells."""
-    for q in range(count):
+    for q in range(BATCH):
         fx, fy, fz = get(scratch, L_FX, q), get(scratch, L_FY, q), get(scratch, L_FZ, q)
         put(scratch, L_MX0, q, -get(scratch, L_WX0, q) * fx)
         put(scratch, L_MX1, q, get(scratch, L_WX1, q) * (1.0 - fx))
@@ -258,7 +267,7 @@ def _moments(scratch, count):
         put(scratch, L_MZ2, q, get(scratch, L_WZ2, q) * (2.0 - fz))
 
 
-@jit
+@kernel_part
 def _read_tile(scratch, quads, integers, count, tile):
     """Mean velocity of each point's nodes, and its first moments about the point along x, y and z [m s-1 cells]."""
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
@@ -290,17 +299,20 @@ def _read_tile(scratch, quads, integers, count, tile):
         store(quads, Q_MOMENT_Z + 4 * q, moment_z)
 
 
-@jit
+@kernel_part
 def _turn_quads(scratch, quads, count):
-    """Groups of four into lines: velocity, and its first moments."""
-    for q in range(0, count, 4):
+    """Groups of four into lines: velocity, and its first moments; beyond `count` the last point's."""
+    for q in range(count, BATCH):
+        for group in range(4):
+            store(quads, group * QUAD + 4 * q, load(quads, group * QUAD + 4 * (count - 1)))
+    for q in range(0, BATCH, 4):
         _turn_quad(scratch, quads, Q_MEAN + 4 * q, L_U + q)
         _turn_quad(scratch, quads, Q_MOMENT_X + 4 * q, L_XX + q)
         _turn_quad(scratch, quads, Q_MOMENT_Y + 4 * q, L_XY + q)
         _turn_quad(scratch, quads, Q_MOMENT_Z + 4 * q, L_XZ + q)
 
 
-@jit_inline
+@kernel_part
 def _turn_quad(scratch, quads, group, line):
     """The first three entries of four groups into three lines."""
     a, b, c, _ = transposed(load(quads, group), load(quads, group + 4), load(quads, group + 8), load(quads, group + 12))
@@ -309,11 +321,11 @@ def _turn_quad(scratch, quads, group, line):
     store(scratch, line + 2 * BATCH, c)
 
 
-@jit
-def _strain(scratch, count, turn, dt, material, softening):
+@kernel_part
+def _strain(scratch, turn, dt, material, softening):
     """State and stress of each point after the step: gradients are `turn` times the moments of velocity."""
     g = turn * dt
-    for q in range(count):
+    for q in range(BATCH):
         s0, s1, s2, s3, s4, s5, s6, s7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
             get(scratch, L_S0, q), get(scratch, L_S1, q), get(scratch, L_S2, q), get(scratch, L_S3, q),
             get(scratch, L_S4, q), get(scratch, L_S5, q), get(scratch, L_S6, q), get(scratch, L_S7, q),
@@ -339,13 +351,16 @@ def _strain(scratch, count, turn, dt, material, softening):
         put(scratch, L_CODE, q, code)
 
 
-@jit
+@kernel_part
 def _strain_far(scratch, count, turn, dt, material, softening):
     """The points of the batch whose strain is too large for the series, one by one; answers how many."""
     g, far = turn * dt, 0
     for q in range(count):
+        far += get(scratch, L_CODE, q) == FAR_CODE
+    if far == 0:
+        return far
+    for q in range(count):
         if scratch[L_CODE + q] == FAR_CODE:
-            far += 1
             answer = material.stress_step_far(
                 scratch[L_S0 + q], scratch[L_S1 + q], scratch[L_S2 + q], scratch[L_S3 + q],
                 scratch[L_S4 + q], scratch[L_S5 + q], scratch[L_S6 + q], scratch[L_S7 + q],
@@ -359,30 +374,33 @@ def _strain_far(scratch, count, turn, dt, material, softening):
     return far
 
 
-@jit
-def _move(scratch, count, turn, dt, next_dt, dx, density):
+@kernel_part
+def _move(scratch, count, turn, step, push, carry):
     """Place, momentum and affine momentum after the step, into the lines of a row.
 
     A = dx (m C - next_dt V0 (4 / dx^2) tau), so that a node i cells away gets w A i beside the point's own momentum.
     """
-    push = next_dt * 4.0 / (dx * density)
-    carry = dx * turn
-    for q in range(count):
+    for q in range(BATCH):
         mass = get(scratch, L_MASS, q)
         u, v, w = get(scratch, L_U, q), get(scratch, L_V, q), get(scratch, L_W, q)
         cxx, cxy, cxz = get(scratch, L_XX, q), get(scratch, L_XY, q), get(scratch, L_XZ, q)
         cyx, cyy, cyz = get(scratch, L_YX, q), get(scratch, L_YY, q), get(scratch, L_YZ, q)
         czx, czy, czz = get(scratch, L_ZX, q), get(scratch, L_ZY, q), get(scratch, L_ZZ, q)
         shear2 = cxx * cxx + cxy * cxy + cxz * cxz + cyx * cyx + cyy * cyy + cyz * cyz + czx * czx
-        put(scratch, L_SHEAR2, q, shear2 + czy * czy + czz * czz)
-        put(scratch, L_SPEED2, q, u * u + v * v + w * w)
+        shear2 = (shear2 + czy * czy + czz * czz) * (turn * turn)
+        speed2 = u * u + v * v + w * w
+        put(scratch, L_SPEED2, q, speed2)
+        put(scratch, L_SHEAR_MOST, q, max(get(scratch, L_SHEAR_MOST, q), shear2))
+        put(scratch, L_SPEED_MOST, q, max(get(scratch, L_SPEED_MOST, q), speed2))
+        torn = 1.0 if (get(scratch, L_CODE, q) == TIP_CODE) & (q < count) else 0.0
+        put(scratch, L_TORN, q, get(scratch, L_TORN, q) + torn)
         x, y, z = get(scratch, L_X, q), get(scratch, L_Y, q), get(scratch, L_Z, q)
         put(scratch, L_FX, q, x)
         put(scratch, L_FY, q, y)
         put(scratch, L_FZ, q, z)
-        put(scratch, L_X, q, x + dt * u)
-        put(scratch, L_Y, q, y + dt * v)
-        put(scratch, L_Z, q, z + dt * w)
+        put(scratch, L_X, q, x + step * u)
+        put(scratch, L_Y, q, y + step * v)
+        put(scratch, L_Z, q, z + step * w)
         put(scratch, L_PX, q, mass * u)
         put(scratch, L_PY, q, mass * v)
         put(scratch, L_PZ, q, mass * w)
@@ -400,76 +418,75 @@ def _move(scratch, count, turn, dt, next_dt, dx, density):
         put(scratch, L_AZZ, q, carried * czz - pushed * get(scratch, L_TZZ, q))
 
 
-@jit
-def _keep_in(scratch, count, dx, length_x, length_y):
-    """Walls: nobody passes them by more than rounding."""
-    for q in range(count):
-        put(scratch, L_X, q, min(max(get(scratch, L_X, q), 1e-9 * dx), length_x - 1e-9 * dx))
-        put(scratch, L_Y, q, min(max(get(scratch, L_Y, q), 1e-9 * dx), length_y - 1e-9 * dx))
-
-
-@jit
-def _survey(scratch, count, turn, density, gravity, mine):
-    """Energies and the largest speed and |C| of the batch, into the chunk's report.
-
-    Yielding takes q de_d a volume: q = sqrt(3/2) |dev tau|, e_d is the state's plastic strain (`effects/material`).
-    """
-    kinetic, potential, plastic, tip = mine[KINETIC], mine[POTENTIAL], mine[PLASTIC], mine[AT_TIP]
-    fastest, shear2 = mine[SPEED2_MAX], 0.0
-    for q in range(count):
-        mass, speed2 = get(scratch, L_MASS, q), get(scratch, L_SPEED2, q)
-        kinetic += 0.5 * mass * speed2
-        potential += mass * gravity * get(scratch, L_Z, q)
+@kernel_part
+def _yield_work(scratch, count):
+    """Add the work of yielding, q de_d a volume, times the density: q = sqrt(3/2) |dev tau|, e_d is in the state."""
+    for q in range(BATCH):
         txx, tyy, tzz = get(scratch, L_TXX, q), get(scratch, L_TYY, q), get(scratch, L_TZZ, q)
         txy, txz, tyz = get(scratch, L_TXY, q), get(scratch, L_TXZ, q), get(scratch, L_TYZ, q)
-        mean = (txx + tyy + tzz) / 3.0
+        mean = (txx + tyy + tzz) * THIRD
         square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
         square += 2.0 * (txy * txy + txz * txz + tyz * tyz)
-        plastic += mass / density * sqrt(1.5 * square) * (get(scratch, L_N6, q) - get(scratch, L_S6, q))
-        fastest = max(fastest, speed2)
-        shear2 = max(shear2, get(scratch, L_SHEAR2, q))
-        tip += 1.0 if get(scratch, L_CODE, q) == TIP_CODE else 0.0
-    mine[KINETIC], mine[POTENTIAL], mine[PLASTIC] = kinetic, potential, plastic
-    mine[AT_TIP], mine[SPEED2_MAX] = tip, fastest
-    mine[SHEAR_MAX] = max(mine[SHEAR_MAX], turn * turn * shear2)
+        mass = get(scratch, L_MASS, q) if q < count else 0.0
+        work = mass * sqrt(1.5 * square) * (get(scratch, L_N6, q) - get(scratch, L_S6, q))
+        put(scratch, L_YIELDED, q, get(scratch, L_YIELDED, q) + work)
 
 
-@jit
-def _locate(scratch, integers, count, inverse_dx, length_x, length_y):
-    """Nearest node and next block of each point; True if all are finite and within the domain."""
+@kernel_part
+def _keep_in(scratch, west, south, east, north):
+    """Walls: nobody passes them by more than rounding."""
+    for q in range(BATCH):
+        put(scratch, L_X, q, min(max(get(scratch, L_X, q), west + INSIDE), east - INSIDE))
+        put(scratch, L_Y, q, min(max(get(scratch, L_Y, q), south + INSIDE), north - INSIDE))
+
+
+@kernel_part
+def _all_within(scratch, integers, west, south, east, north):
+    """True if all points are finite and within the domain, whose edges are given in cells from the block's."""
     within = 0
-    for q in range(count):
+    for q in range(BATCH):
         x, y, z = get(scratch, L_X, q), get(scratch, L_Y, q), get(scratch, L_Z, q)
-        stays = (x >= 0.0) & (y >= 0.0) & (x < length_x) & (y < length_y) & (z * 0.0 == 0.0)
-        put(integers, I_STAYS, q, 1)
-        within += stays
-        i, j, k = x * inverse_dx + GHOSTS, y * inverse_dx + GHOSTS, z * inverse_dx + GHOSTS
-        put(integers, I_COLUMN, q, int(i + 0.5))
-        put(integers, I_ROW, q, int(j + 0.5))
-        put(integers, I_BLOCK_X, q, int(i - 0.5) // BLOCK)
-        put(integers, I_BLOCK_Y, q, int(j - 0.5) // BLOCK)
-        put(integers, I_BLOCK_Z, q, int(k - 0.5) // BLOCK)
-    return within == count
+        within += (x >= west) & (y >= south) & (x < east) & (y < north) & (z * 0.0 == 0.0)
+        put(integers, I_STAYS, q, np.int32(1))
+    return within == BATCH
 
 
-@jit
-def _book_out(scratch, integers, count, length_x, length_y, gravity, mine):
+@kernel_part
+def _settle(scratch, integers):
+    """Nearest node of each point, and its place in the block that it comes to."""
+    for q in range(BATCH):
+        x, y, z = get(scratch, L_X, q), get(scratch, L_Y, q), get(scratch, L_Z, q)
+        put(integers, I_COLUMN, q, np.int32(np.floor(x + 0.5)))
+        put(integers, I_ROW, q, np.int32(np.floor(y + 0.5)))
+        i, j, k = np.floor((x - 0.5) * 0.25), np.floor((y - 0.5) * 0.25), np.floor((z - 0.5) * 0.25)
+        k = min(max(k, -FAR_BLOCKS), FAR_BLOCKS)
+        put(integers, I_BLOCK_X, q, np.int32(i))
+        put(integers, I_BLOCK_Y, q, np.int32(j))
+        put(integers, I_BLOCK_Z, q, np.int32(k))
+        put(scratch, L_X, q, x - FLOAT_BLOCK * i)
+        put(scratch, L_Y, q, y - FLOAT_BLOCK * j)
+        put(scratch, L_Z, q, z - FLOAT_BLOCK * k)
+
+
+@kernel_part
+def _book_out(scratch, integers, count, block, west, south, east, north, dx, gravity, mine):
     """Book the points that left over an edge or are not finite; they wait at their last place."""
     for q in range(count):
         x, y, z = scratch[L_X + q], scratch[L_Y + q], scratch[L_Z + q]
         if (x + y + z) * 0.0 != 0.0:  # NaN or infinite
             mine[NOT_FINITE] += 1.0
-            mine[BAD_X], mine[BAD_Y] = scratch[L_FX + q], scratch[L_FY + q]
+            mine[BAD_X] = (scratch[L_FX + q] + (block[0] * BLOCK - GHOSTS)) * dx
+            mine[BAD_Y] = (scratch[L_FY + q] + (block[1] * BLOCK - GHOSTS)) * dx
             integers[I_STAYS + q] = 0
-        edge = 0 if x < 0.0 else 1 if y < 0.0 else 2 if x >= length_x else 3 if y >= length_y else EDGES
+        edge = 0 if x < west else 1 if y < south else 2 if x >= east else 3 if y >= north else EDGES
         if edge < EDGES and integers[I_STAYS + q] == 1:
-            out, mass = OUT + edge * OUT_ENTRIES, scratch[L_MASS + q]
+            out, mass = OUT + edge * OUT_ENTRIES, float(scratch[L_MASS + q])
             mine[out] += mass
             mine[out + 1] += scratch[L_PX + q]
             mine[out + 2] += scratch[L_PY + q]
             mine[out + 3] += scratch[L_PZ + q]
             mine[out + 4] += 0.5 * mass * scratch[L_SPEED2 + q]
-            mine[out + 5] += mass * gravity * z
+            mine[out + 5] += mass * gravity * ((z + (block[2] * BLOCK - GHOSTS)) * dx)
             mine[out + 6] += 1.0
             integers[I_STAYS + q] = 0
         if integers[I_STAYS + q] == 0:
@@ -477,17 +494,19 @@ def _book_out(scratch, integers, count, length_x, length_y, gravity, mine):
                 scratch[L_X + line * BATCH + q] = scratch[L_FX + line * BATCH + q]
 
 
-@jit
-def _lift(scratch, integers, q, ground, dx, mine):
+@kernel_part
+def _lift(scratch, integers, q, block, ground, dx, mine):
     """A point more than a cell under the ground is laid on it, and what it moves into the ground is taken from it."""
-    i, j = integers[I_COLUMN + q], integers[I_ROW + q]
-    slope_x, slope_y = ground[j, i, 1], ground[j, i, 2]
-    x, y = scratch[L_X + q] / dx + GHOSTS, scratch[L_Y + q] / dx + GHOSTS
+    i, j = integers[I_COLUMN + q] + block[0] * BLOCK, integers[I_ROW + q] + block[1] * BLOCK
+    slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
+    x = float(scratch[L_X + q]) + (block[0] + integers[I_BLOCK_X + q]) * BLOCK
+    y = float(scratch[L_Y + q]) + (block[1] + integers[I_BLOCK_Y + q]) * BLOCK
+    level = block[2] + integers[I_BLOCK_Z + q]
     west, south = min(int(x), ground.shape[1] - 2), min(int(y), ground.shape[0] - 2)
     x, y = x - west, y - south  # between four nodes: at a cliff a node's plane stands metres above the ground near by
-    surface = (1.0 - y) * ((1.0 - x) * ground[south, west, 0] + x * ground[south, west + 1, 0])
-    surface += y * ((1.0 - x) * ground[south + 1, west, 0] + x * ground[south + 1, west + 1, 0])
-    if scratch[L_Z + q] < surface - dx:
+    surface = (1.0 - y) * ((1.0 - x) * ground[south, west, GROUND_HEIGHT] + x * ground[south, west + 1, GROUND_HEIGHT])
+    surface += y * ((1.0 - x) * ground[south + 1, west, GROUND_HEIGHT] + x * ground[south + 1, west + 1, GROUND_HEIGHT])
+    if (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx < surface - dx:
         mine[UNDER] += scratch[L_MASS + q]
         steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         nx, ny, nz = -slope_x / steep, -slope_y / steep, 1.0 / steep
@@ -495,100 +514,157 @@ def _lift(scratch, integers, q, ground, dx, mine):
         scratch[L_PX + q] -= into * nx
         scratch[L_PY + q] -= into * ny
         scratch[L_PZ + q] -= into * nz
-        scratch[L_Z + q] = surface
-        integers[I_BLOCK_Z + q] = int(surface / dx + (GHOSTS - 0.5)) // BLOCK
+        up = surface / dx + GHOSTS
+        level = int(up - 0.5) // BLOCK
+        integers[I_BLOCK_Z + q] = level - block[2]
+        scratch[L_Z + q] = up - level * BLOCK
 
 
-@jit
-def _give_keys(scratch, integers, keys, order, first, count, ground, lowest, dx, mine):
-    """Blocks of the next step, and the window of blocks that hold points; who is under the ground is lifted."""
-    last = GONE
+@kernel_part
+def _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, mine):
+    """Blocks of the next step for those that leave theirs, which widen the window; who is under the ground is lifted.
+
+    `deepest` [cells from the block's] is where in the block one may be under the ground at all.
+    """
     for q in range(count):
         p = order[first + q] & INDEX_MASK
         if integers[I_STAYS + q] == 0:
             keys[p] = GONE
             continue
-        i, j = integers[I_COLUMN + q], integers[I_ROW + q]
-        if scratch[L_Z + q] < ground[j, i, GROUND_DEEP]:
-            _lift(scratch, integers, q, ground, dx, mine)
-        row, column = integers[I_BLOCK_Y + q], integers[I_BLOCK_X + q]
-        level = max(integers[I_BLOCK_Z + q] - lowest[row, column, 0], 0)
-        key = packed(row, column, level)
-        keys[p] = key
-        if key != last:
-            last = key
-            x, y, tall = float(column), float(row), float(level + lowest[row, column, 1])
-            mine[BLOCK_WEST], mine[BLOCK_EAST] = min(mine[BLOCK_WEST], x), max(mine[BLOCK_EAST], x)
-            mine[BLOCK_SOUTH], mine[BLOCK_NORTH] = min(mine[BLOCK_SOUTH], y), max(mine[BLOCK_NORTH], y)
-            mine[BLOCK_TALL] = max(mine[BLOCK_TALL], tall)
+        if scratch[L_Z + q] + integers[I_BLOCK_Z + q] * FLOAT_BLOCK < deepest:
+            i, j = integers[I_COLUMN + q] + block[0] * BLOCK, integers[I_ROW + q] + block[1] * BLOCK
+            level = block[2] + integers[I_BLOCK_Z + q]
+            if (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx < ground[j, i, GROUND_DEEP]:
+                _lift(scratch, integers, q, block, ground, dx, mine)
+        if integers[I_BLOCK_X + q] | integers[I_BLOCK_Y + q] | integers[I_BLOCK_Z + q]:
+            column, row = block[0] + integers[I_BLOCK_X + q], block[1] + integers[I_BLOCK_Y + q]
+            level = block[2] + integers[I_BLOCK_Z + q] - lowest[row, column, 0]
+            if level < 0:
+                scratch[L_Z + q] += FLOAT_BLOCK * level
+                level = 0
+            keys[p] = packed(row, column, level)
+            _widen(mine, row, column, level + lowest[row, column, 1])
 
 
-@jit
+@kernel_part
+def _widen(mine, row, column, tall):
+    """Let the chunk's window include a block that reaches `tall` blocks above the ground's lowest near it."""
+    mine[BLOCK_WEST], mine[BLOCK_EAST] = min(mine[BLOCK_WEST], float(column)), max(mine[BLOCK_EAST], float(column))
+    mine[BLOCK_SOUTH], mine[BLOCK_NORTH] = min(mine[BLOCK_SOUTH], float(row)), max(mine[BLOCK_NORTH], float(row))
+    mine[BLOCK_TALL] = max(mine[BLOCK_TALL], float(tall))
+
+
+@kernel_part
 def _give_rows(rows, order, first, count, row, scratch):
     """Copy the lines into the rows of points order[first : first + count]."""
+    last = count - 1
     for q in range(0, count, 4):
-        _give_groups(rows, order, first, count, q, row, scratch, L_X, L_N0, X)
-        _give_groups(rows, order, first, count, q, row, scratch, L_PX, L_MASS, PX)
-        _give_groups(rows, order, first, count, q, row, scratch, L_AXX, L_N1, AXX)
-        _give_groups(rows, order, first, count, q, row, scratch, L_AXY, L_N2, AXY)
-        _give_groups(rows, order, first, count, q, row, scratch, L_AXZ, L_N3, AXZ)
-        if row > S4:
-            _give_groups(rows, order, first, count, q, row, scratch, L_N4, L_N7, S4)
+        # beyond `count` the last point again: its own numbers are stored after what stands in the lines there
+        p0 = (order[first + q] & INDEX_MASK) * row
+        p1 = (order[first + min(q + 1, last)] & INDEX_MASK) * row
+        p2 = (order[first + min(q + 2, last)] & INDEX_MASK) * row
+        p3 = (order[first + min(q + 3, last)] & INDEX_MASK) * row
+        for group in range(6 if row > S4 else 5):
+            line, fourth = _lines_of_group(group)
+            a, b, c, d = transposed(
+                load(scratch, line + q), load(scratch, line + BATCH + q), load(scratch, line + 2 * BATCH + q),
+                load(scratch, fourth + q),
+            )  # fmt: skip
+            store(rows, p3 + 4 * group, d)
+            store(rows, p2 + 4 * group, c)
+            store(rows, p1 + 4 * group, b)
+            store(rows, p0 + 4 * group, a)
 
 
-@jit_inline
-def _give_groups(rows, order, first, count, q, row, scratch, line, fourth, entry):
-    """Store three lines from `line` on, and a fourth, at `entry` of the rows of up to four points from q on."""
-    groups = transposed(
-        load(scratch, line + q), load(scratch, line + BATCH + q), load(scratch, line + 2 * BATCH + q),
-        load(scratch, fourth + q),
-    )  # fmt: skip
-    store(rows, (order[first + q] & INDEX_MASK) * row + entry, groups[0])
-    if q + 1 < count:
-        store(rows, (order[first + q + 1] & INDEX_MASK) * row + entry, groups[1])
-    if q + 2 < count:
-        store(rows, (order[first + q + 2] & INDEX_MASK) * row + entry, groups[2])
-    if q + 3 < count:
-        store(rows, (order[first + q + 3] & INDEX_MASK) * row + entry, groups[3])
+@kernel_part
+def _lines_of_group(group):
+    """Where the first three numbers and the fourth of a group of four in a row stand in the lines."""
+    line = L_X + group * 4 * BATCH
+    fourth = L_MASS
+    if group == 0:
+        fourth = L_N0
+    elif group == 2:
+        fourth = L_N1
+    elif group == 3:
+        fourth = L_N2
+    elif group == 4:
+        fourth = L_N3
+    elif group == 5:
+        line, fourth = L_N4, L_N7
+    return line, fourth
+
+
+@jit_borrowing
+def _advance_blocks(
+    rows, keys, order, start, first_block, end_block, blocks, targets, nodes, tiles, ground, lowest, mine, scratch,
+    quads, integers, dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
+):  # fmt: skip
+    """`grid_to_points` for the active blocks `first_block` to `end_block`."""
+    row, real = rows.shape[1], scratch.dtype.type
+    turn, time_step, step = real(4.0 / dx), real(dt), real(dt / dx)
+    push, carry = real(next_dt * 4.0 / (dx * density)), real(4.0)
+    for a in range(first_block, end_block):
+        tile, block = tiles[a], blocks[a]
+        _fill_tile(tile, nodes, targets[a])
+        west, south = real(GHOSTS - BLOCK * block[0]), real(GHOSTS - BLOCK * block[1])
+        east, north = real(GHOSTS - BLOCK * block[0] + cells_x), real(GHOSTS - BLOCK * block[1] + cells_y)
+        deepest = real(_deepest(ground, block, dx))
+        _widen(mine, block[1], block[0], block[2] - lowest[block[1], block[0], 0] + lowest[block[1], block[0], 1])
+        for first in range(start[a], start[a + 1], BATCH):
+            count = min(BATCH, start[a + 1] - first)
+            _take_rows(rows, order, first, count, order.size, row, scratch)
+            _weigh(scratch, integers)
+            _moments(scratch)
+            _read_tile(scratch, quads, integers, count, tile)
+            _turn_quads(scratch, quads, count)
+            _strain(scratch, turn, time_step, material, softening)
+            mine[FAR] += _strain_far(scratch, count, turn, time_step, material, softening)
+            _move(scratch, count, turn, step, push, carry)
+            if row > S4:
+                _yield_work(scratch, count)
+            if wall:
+                _keep_in(scratch, west, south, east, north)
+            if not _all_within(scratch, integers, west, south, east, north):
+                _book_out(scratch, integers, count, block, west, south, east, north, dx, gravity, mine)
+            _settle(scratch, integers)
+            _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, mine)
+            _give_rows(rows, order, first, count, row, scratch)
+
+
+@jit_borrowing
+def _deepest(ground, block, dx):
+    """Place above the block [cells from its own] beneath which a point near it may be under the ground."""
+    deep = -np.inf
+    for j in range(max(block[1] * BLOCK, 0), min(block[1] * BLOCK + TILE, ground.shape[0])):
+        for i in range(max(block[0] * BLOCK, 0), min(block[0] * BLOCK + TILE, ground.shape[1])):
+            deep = max(deep, ground[j, i, GROUND_DEEP])
+    return deep / dx + (GHOSTS - BLOCK * block[2]) + INSIDE
 
 
 @jit_parallel
 def grid_to_points(
-    rows, keys, order, start, bounds, active_nodes, targets, nodes, tiles, ground, lowest, report,
-    dx, dt, next_dt, density, gravity, wall, length_x, length_y, material, softening,
+    rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground, lowest, report,
+    dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
 ):  # fmt: skip
     """Read the velocity field back, move the points, strain them and give them the stress of the next step.
 
     APIC: v_p = sum w_i v_i, C_p = 4/dx^2 sum w_i v_i (x_i - x_p)^T (Jiang et al. 2015); the deformation follows C.
+    `blocks` int32[active, 3] are the active blocks' places (x, y, z); `material` and `softening` have parameters of the
+    rows' precision.
     """
-    inverse_dx = 1.0 / dx
-    turn = 4.0 * inverse_dx
-    row = rows.shape[1]
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
         mine[BLOCK_WEST] = mine[BLOCK_SOUTH] = 1 << 40
         mine[BLOCK_EAST] = mine[BLOCK_NORTH] = mine[BLOCK_TALL] = -1
-        scratch = np.zeros(LINES)
-        quads = np.empty(QUADS)
-        integers = np.empty(INTEGERS, np.int64)
-        for a in range(bounds[c], bounds[c + 1]):
-            tile = tiles[a]
-            _fill_tile(tile, nodes, targets[a])
-            for first in range(start[a], start[a + 1], BATCH):
-                count = min(BATCH, start[a + 1] - first)
-                _take_rows(rows, order, first, count, order.size, row, scratch)
-                _weigh(scratch, integers, count, active_nodes[a, 0], active_nodes[a, 1], active_nodes[a, 2], inverse_dx)
-                _moments(scratch, count)
-                _read_tile(scratch, quads, integers, count, tile)
-                _turn_quads(scratch, quads, count)
-                _strain(scratch, count, turn, dt, material, softening)
-                mine[FAR] += _strain_far(scratch, count, turn, dt, material, softening)
-                _move(scratch, count, turn, dt, next_dt, dx, density)
-                if wall:
-                    _keep_in(scratch, count, dx, length_x, length_y)
-                _survey(scratch, count, turn, density, gravity, mine)
-                if not _locate(scratch, integers, count, inverse_dx, length_x, length_y):
-                    _book_out(scratch, integers, count, length_x, length_y, gravity, mine)
-                _give_keys(scratch, integers, keys, order, first, count, ground, lowest, dx, mine)
-                _give_rows(rows, order, first, count, row, scratch)
+        scratch, quads = np.zeros(LINES, rows.dtype), np.zeros(QUADS, rows.dtype)
+        integers = np.zeros(INTEGERS, np.int32)
+        _advance_blocks(
+            rows, keys, order, start, bounds[c], bounds[c + 1], blocks, targets, nodes, tiles, ground, lowest, mine,
+            scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
+        )  # fmt: skip
+        for q in range(BATCH):
+            mine[SHEAR_MAX] = max(mine[SHEAR_MAX], scratch[L_SHEAR_MOST + q])
+            mine[SPEED2_MAX] = max(mine[SPEED2_MAX], scratch[L_SPEED_MOST + q])
+            mine[AT_TIP] += scratch[L_TORN + q]
+            mine[PLASTIC] += scratch[L_YIELDED + q] / density

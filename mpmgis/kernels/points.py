@@ -22,7 +22,16 @@ from .point_barriers import (
 )
 from .point_blocks import EAST as BLOCKS_EAST
 from .point_blocks import NORTH as BLOCKS_NORTH
-from .point_blocks import SORT_PIECES, initial_keys, key_at, link_blocks, lowest_blocks, no_window, sort_by_block
+from .point_blocks import (
+    SORT_PIECES,
+    link_blocks,
+    lowest_blocks,
+    no_window,
+    places_of,
+    set_places,
+    sort_by_block,
+    window_of,
+)
 from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
@@ -46,7 +55,6 @@ from .point_rows import (
     AXX,
     AXY,
     AXZ,
-    BLOCK,
     BLOCK_SIZE,
     GHOSTS,
     MASS,
@@ -75,12 +83,10 @@ from .point_transfer import (
     BLOCK_WEST,
     EDGES,
     FAR,
-    KINETIC,
     NOT_FINITE,
     OUT,
     OUT_ENTRIES,
     PLASTIC,
-    POTENTIAL,
     REPORT,
     SHEAR_MAX,
     SPEED2_MAX,
@@ -112,11 +118,12 @@ __all__ = [  # what the solver needs beside its own
     "X",
     "Z",
     "advance",
-    "initial_keys",
-    "key_at",
     "lowest_blocks",
+    "places_of",
+    "set_places",
     "stored_energy",
     "volume_ratios",
+    "window_of",
 ]
 
 # why `advance` came back
@@ -130,8 +137,6 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     LAST_DT,  # last time step not cut by a frame time [s]
     FASTEST,  # largest speed at a node [m s-1]
     SHEAR,  # largest |C| of a point [s-1]
-    KINETIC_NOW,  # [J]
-    POTENTIAL_NOW,  # [J]
     SPEED_NOW,  # largest speed of a point [m s-1]
     SPEED_WORST,
     TIP_TOTAL,  # point-steps without tension
@@ -151,7 +156,7 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     BARRIER_LOSS,  # and against that of barriers [J]
     PLASTIC_LOSS,  # work done in yielding [J]
     CLOCK,
-) = range(27)
+) = range(25)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -168,8 +173,6 @@ class Settings(NamedTuple):
     viscous_limit: float  # [s], infinite without viscosity
     fixed_dt: float  # [s]; 0: by the Courant number
     clearance: float  # height above the ground at which a node touches it [m]
-    length_x: float  # [m]
-    length_y: float
     cells_x: int
     cells_y: int
     leak_stop: float  # share of the mass under the ground in one step
@@ -207,13 +210,11 @@ def set_next_step(clock, counts, time, until, after, settings):
 @jit
 def collect(report, ledger, clock, counts, window):
     """Reduce the chunks' reports in their order into clock, counts, ledger and window."""
-    clock[KINETIC_NOW] = clock[POTENTIAL_NOW] = clock[SPEED_NOW] = clock[SHEAR] = 0.0
+    clock[SPEED_NOW] = clock[SHEAR] = 0.0
     no_window(window)
     lifted = 0.0
     for c in range(CHUNKS):
         mine = report[c]
-        clock[KINETIC_NOW] += mine[KINETIC]
-        clock[POTENTIAL_NOW] += mine[POTENTIAL]
         clock[SPEED_NOW] = max(clock[SPEED_NOW], sqrt(mine[SPEED2_MAX]))
         clock[SHEAR] = max(clock[SHEAR], sqrt(mine[SHEAR_MAX]))
         clock[TIP_TOTAL] += mine[AT_TIP]
@@ -297,7 +298,7 @@ def advance(
     `after` is the time that will be asked for next. Everything that changes lives in the arrays (clock, counts,
     rows...), so that a call goes on exactly where the last one ended. Answers why it came back.
     """
-    dx, inverse_dx, gravity = settings.dx, 1.0 / settings.dx, settings.gravity
+    dx, gravity, real = settings.dx, settings.gravity, rows_pair.dtype
     window = counts[WINDOW_FIRST:]
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
@@ -307,10 +308,10 @@ def advance(
     slot, touched_slot, block = np.zeros(16, np.int32), np.zeros(16, np.int32), np.zeros(16, np.int32)
     start = np.zeros(17, np.int64)
     room = 64
-    tiles = np.zeros((room, TILE_SIZE))
-    active_nodes, targets = np.zeros((room, 3), np.int64), np.zeros((room, 8), np.int32)
+    tiles = np.zeros((room, TILE_SIZE), real)
+    blocks, targets = np.zeros((room, 3), np.int32), np.zeros((room, 8), np.int32)
     node_room = 256
-    nodes = np.zeros((node_room, BLOCK_SIZE))
+    nodes = np.zeros((node_room, BLOCK_SIZE), real)
     sources, touched = np.zeros((node_room, 8), np.int32), np.zeros((node_room, 3), np.int32)
     drags = effects.contact.drag_active()
     rows_of_ground, columns_of_ground = ground.nodes.shape[0], ground.nodes.shape[1]
@@ -344,8 +345,8 @@ def advance(
         counts[SINCE_REORDER] += 1
         if active > room:
             room = active + active // 2
-            tiles = np.zeros((room, TILE_SIZE))
-            active_nodes, targets = np.zeros((room, 3), np.int64), np.zeros((room, 8), np.int32)
+            tiles = np.zeros((room, TILE_SIZE), real)
+            blocks, targets = np.zeros((room, 3), np.int32), np.zeros((room, 8), np.int32)
         if 8 * active > touched.shape[0]:
             sources, touched = np.zeros((8 * room, 8), np.int32), np.zeros((8 * room, 3), np.int32)
         split_evenly(start, active, bounds)
@@ -353,16 +354,15 @@ def advance(
             block, active, window, width, depth, lowest, touched_slot, size, touched, sources, targets
         )
         if n_touched > nodes.shape[0]:
-            nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE))
+            nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE), real)
             block_mass = np.zeros((nodes.shape[0] if drags else 1, BLOCK_COLUMNS))
         for a in range(active):
             own = targets[a, 0]
-            for axis in range(3):
-                active_nodes[a, axis] = touched[own, (1, 0, 2)[axis]] * BLOCK
+            blocks[a, 0], blocks[a, 1], blocks[a, 2] = touched[own, 1], touched[own, 0], touched[own, 2]
 
         dt, hits = clock[STEP_NOW], clock[HITS] > 0.0
         end = until if hits else clock[TIME] + dt
-        points_to_grid(rows, order, start, bounds, active_nodes, tiles, inverse_dx)
+        points_to_grid(rows, order, start, bounds, tiles)
         if drags:
             gather_nodes(nodes, tiles, sources, n_touched)
             weigh_contact(nodes, touched, n_touched, ground, dx, settings.clearance, block_mass)
@@ -380,8 +380,8 @@ def advance(
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
-            rows, keys, order, start, bounds, active_nodes, targets, nodes, tiles, ground.nodes, lowest, report,
-            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.length_x, settings.length_y,
+            rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, report,
+            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.cells_x, settings.cells_y,
             effects.material, effects.softening,
         )  # fmt: skip
         counts[STEP] += 1

@@ -216,6 +216,7 @@ def _point_numerics(scene, grid, start):
         edges=scene.numerics.edges,
         density=start.frame.header["density"],
         clearance=scene.numerics.clearance,
+        precision=scene.numerics.precision,
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
 

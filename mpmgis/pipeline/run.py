@@ -64,7 +64,8 @@ def require_affordable(prepared, threads, confirm, say):
     if seconds > MEASURE_SECONDS and memory < MEMORY_SHARE * available:
         pace = measured_pace(prepared.solver())
         if pace is not None:
-            seconds *= slower_than_nominal(prepared.stages[0].scene.solver, pace, threads)
+            first = prepared.stages[0].scene
+            seconds *= slower_than_nominal(first.solver, pace, threads, first.numerics.precision)
             how = f", at {1e9 * pace:.0f} ns a particle and step as measured"
     need = f"{duration(seconds)} and {memory / 1e9:.2g} GB"
     say(f"predicted: {need}{how}")

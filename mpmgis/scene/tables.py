@@ -284,8 +284,8 @@ class NumericsTable:
     cell_size: float | None = _key("solver cell [m]; without it the DTM's own", None, low=0.0, above=True, example=5.0)
     particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 16, kind=int, low=1, high=400, solver="columns")
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
-    precision: str = _key("columns are computed in float64 (float32 would save 5 %)", "float64", str,
-                          choices=("float64",))  # fmt: skip
+    precision: str = _key("3D: float32: half the memory, two thirds of the time; columns are always float64", "float64",
+                          str, choices=("float64", "float32"))  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
                      choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
@@ -605,6 +605,11 @@ def _check_together(scene, where):
     check_stages(scene, where)
     if "points" in scene.solvers:
         check_points(scene, where)
+    elif numerics.precision != "float64":
+        raise SceneError(
+            f"{where} [numerics]: precision = {numerics.precision!r} belongs to solver = 'points'; columns are "
+            "computed in float64, float32 would save 5 % of their time: take it out"
+        )
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)

@@ -10,6 +10,7 @@ from ..fields import GRAVITY
 from ..kernels import columns as kernel
 from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
+from ..kernels.jit import ready_threads
 from ..particles import Frame, Particles
 from .flow import Flow
 from .grid import ColumnGrid
@@ -317,6 +318,7 @@ class ColumnSolver:
         if not self.columns:
             return kernel.ALL_LEFT
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
+        ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
             self._ledger, self._peaks, self._barrier_sums, float(until), int(max_steps),

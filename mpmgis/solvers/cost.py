@@ -12,12 +12,12 @@ from .points import courant_number
 
 BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
-BYTES_PER_POINT_BESIDE = 168  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
+BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
 BYTES_PER_START = 320  # of a point while columns become points
 MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
-NANOSECONDS_PER_POINT_STEP = 110.0  # of one point on one thread, sort and grid included
+NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
 
 
@@ -44,13 +44,15 @@ def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time
         limits.append(numerics.density * dx * dx / (6.0 * viscosity))
     steps = end_time / (courant_number(material, numerics) * min(limits))
     row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
-    memory = points * (4 * 8 * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
-    return steps * (points * NANOSECONDS_PER_POINT_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory
+    number = 4 if numerics.precision == "float32" else 8  # bytes
+    memory = points * (4 * number * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
+    seconds = NANOSECONDS_PER_POINT_STEP[numerics.precision] * 1e-9
+    return steps * (points * seconds / threads + SECONDS_PER_STEP), memory
 
 
-def slower_than_nominal(solver_name, pace, threads):
+def slower_than_nominal(solver_name, pace, threads, precision="float64"):
     """Times [1] by which a particle's step takes longer on this machine, `pace` [s], than is taken above."""
-    nominal = {"columns": NANOSECONDS_PER_STEP, "points": NANOSECONDS_PER_POINT_STEP}[solver_name]
+    nominal = NANOSECONDS_PER_POINT_STEP[precision] if solver_name == "points" else NANOSECONDS_PER_STEP
     return pace / (nominal * 1e-9 / threads)
 
 

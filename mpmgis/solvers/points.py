@@ -11,6 +11,7 @@ from ..fields import GRAVITY
 from ..geo.barriers import margin_in_3d, wall_nodes
 from ..geo.terrain import bilinear
 from ..kernels import points as kernel
+from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Frame, Particles
 from .flow import Flow
@@ -30,6 +31,7 @@ LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in
 MACH_WARNING = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 LONE_SHARE = 0.95  # of the time step at which a point on its own begins to swing higher and higher
+PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
 
@@ -39,7 +41,8 @@ class PointNumerics:
 
     `cfl` counts up to what a point on its own bears, see `courant_number`.
     `clearance` [cells] is the height above the ground up to which a node touches it (design notes 4.7).
-    `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey.
+    `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey. `precision`
+    is that of points and grid; sums, time and what is booked are float64 in any case.
     """
 
     cell_size: float
@@ -50,6 +53,7 @@ class PointNumerics:
     clearance: float = 0.5
     time_step: float | None = None
     stop_at_rest: bool = False
+    precision: str = "float64"
 
 
 def courant_number(material, numerics):
@@ -93,6 +97,9 @@ class PointSolver:
         if frame.dimension != 3:
             raise SceneError("the 3D solver wants points (dimension 3), got columns; `mpmgis convert` makes points")
         self.effects, self.numerics, self._start = effects, numerics, frame
+        self._real = PRECISIONS[numerics.precision]
+        self._effects = effects._replace(material=self._in_precision(effects.material),
+                                         softening=self._in_precision(effects.softening))  # fmt: skip
         grid = ColumnGrid.on(terrain, numerics.cell_size)
         if not grid.inside.all():
             raise SceneError("the 3D solver wants a DTM without nodata, north-up or south-up; fill it or clip it")
@@ -104,6 +111,10 @@ class PointSolver:
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
+
+    def _in_precision(self, law):
+        """`law` with parameters of the points' precision: the compiler makes of float32 and float64 a float64."""
+        return type(law)(*map(self._real, law))
 
     def _set_ground(self, frame):
         """Elevation above the domain's lowest level and slopes at all nodes that points can come near to."""
@@ -155,7 +166,7 @@ class PointSolver:
                 f"{int(off.sum())} of {len(off)} points start outside the terrain; move them or use a larger DTM"
             )
         n, row = len(particles), kernel.ROW_SHORT if material.state_count() <= 4 else kernel.ROW_LONG
-        self._rows = np.zeros((2, n, row))
+        self._rows = np.zeros((2, n, row), self._real)
         self._ids = np.zeros((2, n), np.uint64)
         self._keys = np.zeros((2, n), np.int64)
         self._order = np.zeros(n, np.int32)
@@ -165,25 +176,25 @@ class PointSolver:
         self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
         self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
         self._clock[kernel.TIME] = frame.time
-        self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = particles.mass.sum()
+        self.mass_start = float(particles.mass.astype(self._real).sum(dtype=float))
+        self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = self.mass_start
         self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max(initial=0.0))
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
         self._settings = self._made_settings()
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         rows = self._rows[0]
-        rows[:, kernel.X : kernel.Z + 1] = place
+        kernel.set_places(rows, self._keys[0], place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
         rows[:, kernel.MASS] = particles.mass
         self._stress = np.zeros((n, 6)) if stress is None else np.asarray(stress, float)
         for column, values in zip(kernel.STATE, material.state_at_stress(*self._stress.T), strict=True):
             if column < row:
                 rows[:, column] = values
-        window = self._counts[kernel.WINDOW_FIRST :]
-        kernel.initial_keys(rows, self._keys[0], 1.0 / numerics.cell_size, self._lowest, window)
-        self.mass_start, self.energy_start = float(particles.mass.sum()), self.energy()
+        kernel.window_of(self._keys[0], self._lowest, self._counts[kernel.WINDOW_FIRST :])
+        self.energy_start = self.energy()
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
-        self._momentum_start = (particles.velocity * particles.mass[:, None]).sum(axis=0)
+        self._momentum_start = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0, dtype=float)
 
     def _made_settings(self):
         numerics, material, dx = self.numerics, self.effects.material, self.numerics.cell_size
@@ -198,8 +209,6 @@ class PointSolver:
             viscous_limit=numerics.density * dx * dx / (6.0 * viscosity) if viscosity > 0.0 else np.inf,
             fixed_dt=float(numerics.time_step or 0.0),
             clearance=float(numerics.clearance * dx),
-            length_x=self._lengths[0],
-            length_y=self._lengths[1],
             cells_x=nx,
             cells_y=ny,
             leak_stop=LEAK_STOP,
@@ -263,7 +272,7 @@ class PointSolver:
 
     def resting_for(self, share):
         """For how long [s] the kinetic energy has been below `share` of its peak, over the calls of this."""
-        rest, kinetic = self._rest, self._clock[kernel.KINETIC_NOW]
+        rest, kinetic = self._rest, self._kinetic(self._alive()[0])
         rest[0] = max(rest[0], kinetic)
         if kinetic >= share * rest[0]:
             rest[1] = -1.0
@@ -279,24 +288,35 @@ class PointSolver:
         """
         if self._stress is not None:
             self._make_impulses(float(until), float(after))
+        ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger,
             self._barrier_sums, self._known_ground, self._lowest, self._zone_values, self._barriers,
-            float(until), float(after), int(max_steps), self._settings, self.effects,
+            float(until), float(after), int(max_steps), self._settings, self._effects,
         )  # fmt: skip
 
     def _alive(self):
         now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
         keep = self._keys[now, :n] != kernel.GONE
-        return self._rows[now, :n][keep], self._ids[now, :n][keep]
+        return self._rows[now, :n][keep], self._ids[now, :n][keep], self._keys[now, :n][keep]
+
+    def _places(self, rows, keys):
+        """float64[n, 3] [m] from the domain's corner at its lowest level."""
+        return kernel.places_of(rows, keys, self.numerics.cell_size, self._lowest)
+
+    @staticmethod
+    def _kinetic(rows):
+        """Kinetic energy [J]."""
+        momentum = rows[:, kernel.PX : kernel.PZ + 1].astype(float)
+        return float((0.5 * (momentum**2).sum(axis=1) / rows[:, kernel.MASS]).sum())
 
     def frame(self):
         """The points now, as a Frame."""
-        rows, ids = self._alive()
+        rows, ids, keys = self._alive()
         start = self._start
-        mass = rows[:, kernel.MASS].copy()
+        mass = rows[:, kernel.MASS].astype(float)
         velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
-        position = rows[:, kernel.X : kernel.Z + 1] + (self._origin - np.asarray(start.origin))
+        position = self._places(rows, keys) + (self._origin - np.asarray(start.origin))
         volume = mass / self.numerics.density * kernel.volume_ratios(rows, self.effects.material)
         return Frame(
             Particles(position, velocity, mass, volume, id=ids),
@@ -315,9 +335,9 @@ class PointSolver:
 
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
-        rows, _ = self._alive()
+        rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
-        state = {"rows": rows} | {name: array for name, array in begun.items() if array is not None}
+        state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
         return state | {name: array.copy() for name, array in self._changing().items()}
 
     def _changing(self):
@@ -334,19 +354,18 @@ class PointSolver:
             No state in it, or the state of another run.
         """
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not set(self._changing()) <= set(state) or "rows" not in state or ids is None:
+        if not {"rows", "keys", *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
-        if rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
+        if rows.dtype != self._real or rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         if any(state[name].shape != array.shape for name, array in self._changing().items()):
             raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
-        self._rows[0, :n], self._ids[0, :n] = rows, ids
+        self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
-        window = self._counts[kernel.WINDOW_FIRST :]
-        kernel.initial_keys(self._rows[0, :n], self._keys[0], 1.0 / self.numerics.cell_size, self._lowest, window)
+        kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
 
     def insert(self, frame, stress=None, affine=None):
@@ -426,20 +445,22 @@ class PointSolver:
 
     def energy(self):
         """(kinetic, potential, elastic) energy [J] of the points now; potential counts from the lowest ground."""
-        rows, _ = self._alive()
-        mass = rows[:, kernel.MASS]
-        kinetic = 0.5 * (rows[:, kernel.PX : kernel.PZ + 1] ** 2).sum(axis=1) / mass
-        potential = mass * self.numerics.gravity * rows[:, kernel.Z]
-        stored = kernel.stored_energy(rows, self.numerics.density, self.effects.material)
-        return float(kinetic.sum()), float(potential.sum()), float(stored)
+        stored = kernel.stored_energy(self._alive()[0], self.numerics.density, self.effects.material)
+        return *self._energy_of_motion(), float(stored)
+
+    def _energy_of_motion(self):
+        """(kinetic, potential) energy [J] of the points now."""
+        rows, _, keys = self._alive()
+        potential = rows[:, kernel.MASS] * self.numerics.gravity * self._places(rows, keys)[:, 2]
+        return self._kinetic(rows), float(potential.sum())
 
     def balances(self):
         """Mass, momentum, energy and outflow so far, in plain numbers, with the checks a reader wants first."""
-        rows, _ = self._alive()
+        rows, _, _ = self._alive()
         clock, ledger = self._clock, self._ledger
-        mass_now, mass_out = float(rows[:, kernel.MASS].sum()), float(ledger[:, 0].sum())
+        mass_now, mass_out = float(rows[:, kernel.MASS].sum(dtype=float)), float(ledger[:, 0].sum())
         kinetic, potential, stored = self.energy()
-        momentum = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0) + ledger[:, 1:4].sum(axis=0)
+        momentum = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0, dtype=float) + ledger[:, 1:4].sum(axis=0)
         given = clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GROUND_Z + 1].copy()
         given[:2] += clock[kernel.IMPULSE_WALL_X : kernel.IMPULSE_WALL_Y + 1]
         given[2] -= clock[kernel.IMPULSE_GRAVITY]
@@ -485,7 +506,7 @@ class PointSolver:
         """
         clock, start = self._clock, self._energy_whole
         lifted = clock[kernel.LIFTED_MASS] * self.numerics.gravity * LIFTED_CELLS * self.numerics.cell_size
-        now = clock[kernel.KINETIC_NOW] + clock[kernel.POTENTIAL_NOW] + self._ledger[:, 4:6].sum() - lifted
+        now = sum(self._energy_of_motion()) + self._ledger[:, 4:6].sum() - lifted
         return float(now / start - 1.0) if start > 0.0 else 0.0
 
     def _turning_energy(self, mass):
@@ -497,25 +518,27 @@ class PointSolver:
 
     def fastest(self):
         """Map E, N [m] and speed [m s-1] of the fastest point."""
-        rows, _ = self._alive()
+        rows, _, keys = self._alive()
         speed = np.linalg.norm(rows[:, kernel.PX : kernel.PZ + 1], axis=1) / rows[:, kernel.MASS]
-        x, y = rows[np.argmax(speed), kernel.X : kernel.X + 2]
+        x, y, _ = self._places(rows, keys)[np.argmax(speed)]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(speed.max())
 
     def highest(self):
         """Map E, N and height above the lowest ground [m] of the highest point."""
-        rows, _ = self._alive()
-        x, y, z = rows[np.argmax(rows[:, kernel.Z]), kernel.X : kernel.Z + 1]
+        rows, _, keys = self._alive()
+        places = self._places(rows, keys)
+        x, y, z = places[np.argmax(places[:, 2])]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(z)
 
     def trouble(self):
         """What stopped a run: map E and N, points that are not finite, share of the mass laid back onto the ground."""
-        clock, rows = self._clock, self._alive()[0]
+        clock, (rows, _, keys) = self._clock, self._alive()
         bad = int(self._counts[kernel.BAD])
         x, y = clock[kernel.BAD_AT_X], clock[kernel.BAD_AT_Y]
         if not bad:
-            place = rows[:, kernel.X : kernel.X + 2]
-            above = rows[:, kernel.Z] - self._height_under(place)
+            places = self._places(rows, keys)
+            place = places[:, :2]
+            above = places[:, 2] - self._height_under(place)
             x, y = place[int(np.argmin(np.abs(above)))]  # who was just laid back lies on it exactly
         share = float(clock[kernel.LIFTED_MASS] / clock[kernel.TOTAL_MASS])
         return float(x) + self.grid.x0, float(y) + self.grid.y0, bad, share

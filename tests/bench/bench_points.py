@@ -9,7 +9,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
-from plain_points import plain_step, stencil
+from plain_points import bed_per_mass, plain_step, stencil
 from point_scenes import block_of, points_on
 
 from mpmgis.effects.contact import CoulombContact
@@ -17,8 +17,10 @@ from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.kernels.jit import set_threads
+from mpmgis.kernels.point_rows import BLOCK_SIZE, TILE_SIZE
 
-WANTED, PROTOTYPE = 60.0, 48.0  # ns on 2 threads (issue 4); design notes on kernels, 3
+WANTED = {"float64": 60.0, "float32": 35.0}  # ns on 2 threads (issue 4)
+PROTOTYPE = {"float64": 48.0, "float32": 29.0}  # design notes on kernels, 3
 STEPS, REPEATS = 10, 4
 SLOPE = 0.5
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
@@ -29,13 +31,13 @@ MATERIALS = {
 }
 
 
-def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0)):
+def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0), precision="float64"):
     """A slab of long x wide x high points, 8 a cell of 1 m, that slides down a plane."""
     terrain = terrain_of(lambda x, y: SLOPE * (size[0] - x), *size, 10.0)
     frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))
     place = frame.particles.position
     place[:, 2] += SLOPE * (size[0] - place[:, 0])
-    return points_on(terrain, frame, 1.0, material, CoulombContact(0.3), soft)
+    return points_on(terrain, frame, 1.0, material, CoulombContact(0.3), soft, precision=precision)
 
 
 def nanoseconds(solver, points):
@@ -55,6 +57,7 @@ def plain_nanoseconds():
 
     options = {"fastmath": {"nsz"}, "error_model": "numpy"}
     plain_points.stencil = numba.njit(**options)(stencil)
+    plain_points.bed_per_mass = numba.njit(**options)(bed_per_mass)
     step = numba.njit(**options)(plain_step)
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
@@ -71,37 +74,29 @@ def plain_nanoseconds():
 
 
 def memory(solver):
-    """Bytes per point of the solver's arrays of points."""
+    """Bytes per point of the solver's arrays of points, and of its tiles and nodes if blocks are full (512 points)."""
     arrays = solver._rows, solver._ids, solver._keys, solver._order
-    return sum(array.nbytes for array in arrays) / solver.points
+    blocks = (TILE_SIZE + 2 * BLOCK_SIZE) * solver._rows.itemsize / 512
+    return sum(array.nbytes for array in arrays) / solver.points + blocks
 
 
 def rows():
     """Rows of the table."""
-    reference = plain_nanoseconds()
-    yield (
-        "plain loop, 32,000 points, Drucker-Prager",
-        reference,
-        "ns/point/step",
-        "compiled as it stands, 1 thread",
-        None,
-    )
-    for threads in (1, 2):
-        used = set_threads(threads)
-        for name, (material, soft) in MATERIALS.items():
-            solver = scene(material, soft)
-            measured = nanoseconds(solver, 500_000)
-            case = f"{name}, 500,000 points, {used} thread{'s' * (used > 1)}"
-            yield case, measured, "ns/point/step", "the plain loop (1 thread)", measured / reference
-            if name == "Drucker-Prager" and used == 2:
-                yield case, measured, "ns/point/step", f"{WANTED:.0f} ns (issue 4)", measured / WANTED
-                yield (
-                    case,
-                    measured,
-                    "ns/point/step",
-                    f"prototype, {PROTOTYPE:.0f} ns (design notes)",
-                    measured / PROTOTYPE,
-                )
-                wide = nanoseconds(scene(SOIL, size=(1600.0, 100.0)), 500_000)
-                yield "the same on a terrain ten times as long", wide, "ns/point/step", case, wide / measured
-    yield "memory of the points", memory(solver), "bytes/point", "", None
+    reference, unit = plain_nanoseconds(), "ns/point/step"
+    yield "plain loop, 32,000 points, Drucker-Prager", reference, unit, "compiled as it stands, 1 thread, float64", None
+    for precision, wanted in WANTED.items():
+        for threads in (1, 2):
+            used = set_threads(threads)
+            for name, (material, soft) in MATERIALS.items():
+                solver = scene(material, soft, precision=precision)
+                measured = nanoseconds(solver, 500_000)
+                case = f"{name}, {precision}, 500,000 points, {used} thread{'s' * (used > 1)}"
+                yield case, measured, unit, "the plain loop (1 thread)", measured / reference
+                if name == "Drucker-Prager" and used == 2:
+                    yield case, measured, unit, f"{wanted:.0f} ns (issue 4)", measured / wanted
+                    prototype = PROTOTYPE[precision]
+                    yield case, measured, unit, f"prototype, {prototype:.0f} ns (design notes)", measured / prototype
+                    wide = nanoseconds(scene(SOIL, size=(1600.0, 100.0), precision=precision), 500_000)
+                    yield f"the same, {precision}, on a terrain ten times as long", wide, unit, case, wide / measured
+        used = memory(scene(SOIL, None, 20, 20, 20, precision=precision))
+        yield f"memory of the points, Drucker-Prager, {precision}", used, "bytes/point", "250 (issue 4)", used / 250.0

@@ -102,7 +102,9 @@ REFUSED = {
     "clearance of columns": (
         {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance belongs to"),
     "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "wanted 8, 27, 64"),
-    "float32": ({"numerics": {"cell_size": 2, "precision": "float32"}}, "float64"),
+    "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "wanted float64, float32"),
+    "float32 of columns": (
+        {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "belongs to solver = 'points'"),
     "peaks": ({"output": {"end_time": 5, "frame_interval": 1, "maxima": True}}, "maxima belongs to solver = 'columns'"),
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (

@@ -83,9 +83,8 @@ def test_all_that_leaves_ends_the_run():
 
 def test_a_run_that_becomes_unphysical_says_where_and_stops():
     solver = heap()
-    rows = solver._rows[0]
-    rows[7, kernel.PX] = np.nan
-    east, north = rows[7, kernel.X], rows[7, kernel.X + 1]
+    east, north = solver.frame().particles.position[7, :2]
+    solver._rows[0, 7, kernel.PX] = np.nan
     with pytest.raises(UnphysicalError, match="not finite") as error:
         list(March(solver, 5.0, 1.0))
     text = str(error.value)
@@ -96,7 +95,8 @@ def test_a_run_that_becomes_unphysical_says_where_and_stops():
 
 def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     solver = heap()
-    solver._rows[0, :40, kernel.Z] -= 3.0
+    low = solver.frame().particles.position[:40] - solver._origin - (0.0, 0.0, 3.0)
+    kernel.set_places(solver._rows[0, :40], solver._keys[0, :40], low, 1.0, solver._lowest)
     with pytest.raises(UnphysicalError, match="under the ground") as error:
         list(March(solver, 5.0, 1.0))
     assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)

@@ -1,0 +1,134 @@
+"""The 3D solver in single precision: the same flow in half the memory, wherever on the terrain (H5, H33)."""
+
+import re
+
+import numba
+import numpy as np
+import pytest
+from column_scenes import terrain_of
+from plain_points import plain_step
+from point_scenes import block_of, march_to, plane, points_on, sorted_points
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.softening import NoSoftening
+from mpmgis.errors import FormatError
+from mpmgis.kernels import point_transfer as transfer
+from mpmgis.kernels import points as kernel
+from mpmgis.kernels.jit import set_threads
+
+SAND = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
+MU = 0.3
+
+
+def sliding(precision, east=0.0, length=200.0, velocity=(0.0, 0.0, 0.0), **numerics):
+    """A block of sand, `east` [m] from where it stands in other tests, on 20 degrees that go on for `length` [m]."""
+    slope = np.tan(np.radians(20))
+    terrain = terrain_of(lambda x, y: slope * np.maximum(60.0 + east - x, 0.0), length, 40.0, 4.0)
+    corner = (20.0 + east, 16.0, 40.0 * slope)
+    frame = block_of((6.0, 8.0, 4.0), 0.5, corner, velocity=velocity, turned=np.radians(20))
+    return points_on(terrain, frame, 1.0, SAND, CoulombContact(MU), precision=precision, **numerics)
+
+
+def test_three_steps_equal_the_plain_loop_in_double_precision():
+    """Places within 1e-6 cells, velocities within 1e-5 m/s of 4 m/s."""
+    frame = block_of((2.0, 1.5, 1.5), 0.5, (20.3, 5.2, 60.0 - 20.3 * 0.57735), velocity=(4.0, -1.0, -2.0))
+    frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
+    terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
+    solver = points_on(terrain, frame, 1.0, SAND, CoulombContact(MU), time_step=2e-3, precision="float32")
+    place, velocity = frame.particles.position - solver._origin, frame.particles.velocity.copy()
+    n = len(place)
+    ground = solver._ground[..., :3]
+    nodes = np.zeros((int(place[:, 2].max()) + 14, *ground.shape[:2], 4))
+    arrays = place, velocity, np.zeros((n, 3, 3)), frame.particles.mass, np.zeros((n, 8)), np.zeros((n, 6))
+    for _ in range(3):
+        plain_step(*arrays, nodes, ground, 1.0, 2e-3, 1000.0, 9.81, MU, SAND, NoSoftening())
+    solver.advance(3 * 2e-3)
+    now = sorted_points(solver)
+    np.testing.assert_allclose(now.position, place + solver._origin, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(now.velocity, velocity, rtol=0, atol=1e-5)
+
+
+def test_runout_and_mass_are_those_of_double_precision():
+    """H33: the front within one cell after 2 s, mass within 1e-6, momentum to rounding of the points."""
+    double, single = sliding("float64"), sliding("float32")
+    for solver in (double, single):
+        march_to(solver, 2.0)
+    far, near = (sorted_points(solver).position[:, 0] for solver in (double, single))
+    assert far.max() > 32.0  # from 27
+    assert abs(near.max() - far.max()) < 0.1 and abs(near.mean() - far.mean()) < 1e-3
+    balances = single.balances()
+    assert balances["mass_now"] == pytest.approx(double.balances()["mass_now"], rel=1e-6)
+    assert balances["mass_error_relative"] == 0.0
+    assert balances["momentum_error_relative"] <= 1e-5
+
+
+def test_nothing_is_lost_far_from_the_corner():
+    """The same bits ten kilometres east, where single precision from the corner would resolve a millimetre."""
+    here, far = sliding("float32"), sliding("float32", east=10_000.0, length=10_200.0)
+    for solver in (here, far):
+        march_to(solver, 0.3)
+    assert np.array_equal(here.state()["rows"], far.state()["rows"])
+
+
+def test_a_creep_of_a_millimetre_a_second_moves():
+    moved = []
+    for precision in ("float64", "float32"):
+        solver = sliding(precision, velocity=(1e-3, 0.0, 0.0), gravity=0.0)
+        start = sorted_points(solver).position
+        march_to(solver, 1.0)
+        moved.append((sorted_points(solver).position - start)[:, 0].mean())
+    assert moved[1] == pytest.approx(moved[0], rel=0.02) and moved[0] >= 1e-3
+
+
+def test_the_same_bits_for_any_number_of_threads_slices_and_restarts():
+    answers = []
+    for threads, slices in ((1, 1 << 40), (2, 7)):
+        set_threads(threads)
+        solver = sliding("float32")
+        while solver.advance(0.3, 0.5, slices) == kernel.RUNNING:
+            pass
+        answers.append(solver)
+    set_threads(None)
+    again = sliding("float32")
+    again.restore(answers[0].frame())
+    for solver in (*answers, again):
+        march_to(solver, 0.5)
+    one, two, resumed = (solver.state() for solver in (*answers, again))
+    assert one["rows"].dtype == np.float32
+    for name in ("rows", "keys", "clock", "ledger"):
+        assert np.array_equal(one[name], two[name]), name
+    assert np.array_equal(one["clock"], resumed["clock"])
+    assert np.array_equal(sorted_points(answers[0]).position, sorted_points(again).position)
+
+
+def test_a_frame_of_the_other_precision_is_not_resumed_from():
+    frame = sliding("float64").frame()
+    with pytest.raises(FormatError, match="of another scene"):
+        sliding("float32").restore(frame)
+
+
+LAW = type(SAND)(*map(np.float32, SAND)), NoSoftening(np.float32(0.0))
+ONE = np.float32(1.0)
+PARTS = {  # the loops over lines, with what they are given beside scratch and integers
+    "_weigh": (True, ()),
+    "_moments": (False, ()),
+    "_strain": (False, (ONE, ONE, *LAW)),
+    "_settle": (True, ()),
+    "_all_within": (True, (ONE, ONE, ONE, ONE)),
+}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_loops_have_no_double_in_them(name):
+    """A constant of double precision would halve the speed of its loop without a word."""
+    whole_numbers, further = PARTS[name]
+    scratch, integers = np.zeros(transfer.LINES, np.float32), np.zeros(transfer.INTEGERS, np.int32)
+    given = (scratch, *((integers,) if whole_numbers else ()), *further)
+    names = ", ".join(f"a{k}" for k in range(len(given)))
+    space = {"part": getattr(transfer, name)}
+    exec(f"def call({names}):\n    part({names})", space)
+    call = numba.njit(fastmath={"nsz"}, error_model="numpy")(space["call"])
+    call(*given)
+    code = "".join(call.inspect_llvm().values())
+    assert re.search(r"<\d+ x float>", code) and not re.search(r"<\d+ x double>", code)
