@@ -56,7 +56,10 @@ from .point_rows import (
     AT_TIP,  # points without tension
     FAR,  # points whose strain left the series' range
     PLASTIC,  # work done in yielding [J]
-    UNDER,  # mass lifted back onto the ground [kg]
+    UNDER,  # mass lifted back onto the ground [kg], and what the ground takes up of its momentum [N s]
+    UNDER_X,
+    UNDER_Y,
+    UNDER_Z,
     NOT_FINITE,  # points
     BAD_X,
     BAD_Y,
@@ -66,7 +69,7 @@ from .point_rows import (
     BLOCK_NORTH,
     BLOCK_TALL,
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(15)
+) = range(18)
 EDGES = 4  # west, south, east, north
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -514,6 +517,9 @@ def _lift(scratch, integers, q, block, ground, dx, mine):
         scratch[L_PX + q] -= into * nx
         scratch[L_PY + q] -= into * ny
         scratch[L_PZ + q] -= into * nz
+        mine[UNDER_X] -= into * nx
+        mine[UNDER_Y] -= into * ny
+        mine[UNDER_Z] -= into * nz
         up = surface / dx + GHOSTS
         level = int(up - 0.5) // BLOCK
         integers[I_BLOCK_Z + q] = level - block[2]

@@ -91,6 +91,9 @@ from .point_transfer import (
     SHEAR_MAX,
     SPEED2_MAX,
     UNDER,
+    UNDER_X,
+    UNDER_Y,
+    UNDER_Z,
     grid_to_points,
     points_to_grid,
 )
@@ -221,6 +224,9 @@ def collect(report, ledger, clock, counts, window):
         clock[FAR_TOTAL] += mine[FAR]
         clock[PLASTIC_LOSS] += mine[PLASTIC]
         lifted += mine[UNDER]
+        clock[IMPULSE_GROUND_X] += mine[UNDER_X]
+        clock[IMPULSE_GROUND_Y] += mine[UNDER_Y]
+        clock[IMPULSE_GROUND_Z] += mine[UNDER_Z]
         if mine[NOT_FINITE] > 0.0:
             counts[BAD] += int(mine[NOT_FINITE])
             clock[BAD_AT_X], clock[BAD_AT_Y] = mine[BAD_X], mine[BAD_Y]

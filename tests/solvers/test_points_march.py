@@ -102,6 +102,22 @@ def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)
 
 
+def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
+    """Points found six metres under a valley's axis: what they move into its far side the ground takes up.
+
+    0.7 % of the momentum was missing where that was not booked.
+    """
+    valley = terrain_of(lambda x, y: 0.5 * np.abs(x - 30.0), 60.0, 60.0, 1.0)
+    frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
+    solver = PointSolver(frame, valley, PointEffects(SAND, contact=CoulombContact(0.0)), PointNumerics(1.0))
+    low = solver.frame().particles.position - solver._origin - (0.0, 0.0, 6.0)
+    kernel.set_places(solver._rows[0, : len(low)], solver._keys[0, : len(low)], low, 1.0, solver._lowest)
+    assert solver.advance(0.05) == kernel.LEAKED
+    balances = solver.balances()
+    assert balances["mass_lifted_onto_ground"] > 0.0
+    assert abs(balances["momentum_error_relative"]) <= 1e-12
+
+
 def test_stress_of_weight_is_that_of_a_confined_column():
     vertical = np.array([0.0, -1e4])
     solid = kirchhoff_stress(vertical, 2e5, 1.2e5)

@@ -99,6 +99,7 @@ class PointScene:
     friction_angle: float | None  # [deg]; None: a fluid
     cohesion: float  # [Pa]
     viscosity: float  # [Pa s]
+    precision: str = "float64"
 
     def solver(self):
         """The solver at its start."""
@@ -110,7 +111,8 @@ class PointScene:
             else drucker_prager(stiff, 0.6 * stiff, self.friction_angle, self.cohesion)
         )  # fmt: skip
         columns = self.box.columns(self.ground, 1.0)
-        return points_of_columns(self.ground, columns, material, mu=self.mu, cfl=self.cfl, edges=self.edges)
+        numerics = {"cfl": self.cfl, "edges": self.edges, "precision": self.precision}
+        return points_of_columns(self.ground, columns, material, mu=self.mu, **numerics)
 
 
 def grounds(length, width, reliefs):
@@ -148,5 +150,5 @@ def point_scenes():
         PointScene, grounds(40.0, 20.0, (0.1, 0.5, 2.0)), box, st.sampled_from((0.0, 0.1, 0.4, 2.0)),
         st.sampled_from((0.2, 0.4, 0.9)), st.sampled_from(("open", "wall")), st.sampled_from((0.03, 0.3, 1.0, 10.0)),
         st.sampled_from((None, 0.0, 5.0, 30.0, 60.0)), st.sampled_from((0.0, 1e3, 1e5)),
-        st.sampled_from((0.0, 1e-3, 100.0, 1e4)),
+        st.sampled_from((0.0, 1e-3, 100.0, 1e4)), st.sampled_from(("float64", "float32")),
     )  # fmt: skip
