@@ -70,6 +70,13 @@ class Frame:
     maxima: dict = field(default_factory=dict)
     header: dict = field(default_factory=dict)
 
+    def told(self, name, *shape):
+        """float64[n, *shape]: what `state` has under `name` for each particle; None where it has no such numbers."""
+        values = np.asarray(self.state.get(name))
+        if values.shape != (len(self.particles), *shape) or values.dtype.kind != "f":
+            return None
+        return values.astype(float, copy=False)
+
     def map_xy(self):
         """(x, y) [m] in the CRS."""
         position = self.particles.position

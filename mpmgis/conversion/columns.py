@@ -381,7 +381,7 @@ def _gradients(over, groups, mass, centre, u, v):
         off = over.mass * (over.velocity[:, i] - groups.spread(mean))
         ax, ay = groups.sum(off * dx) / mass, groups.sum(off * dy) / mass
         gradient[:, i, 0], gradient[:, i, 1] = (ax * yy - ay * xy) * inverse, (ay * xx - ax * xy) * inverse
-    own = over.frame.state.get("affine")
+    own = over.frame.told("affine", 3, 3)
     if own is not None:
         for i in (0, 1):
             for j in (0, 1):

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..kernels import column_rows
 from ..kernels import columns_to_points as stack_kernel
+from ..kernels.column_rows import CXX, ROW
 from ..particles import Frame, Particles
 from . import geostatic
 from .footprints import squares, stretched
@@ -197,12 +197,11 @@ def velocity_gradient(frame):
 
     The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
     """
-    velocity, state = frame.particles.velocity, frame.state
-    if "velocity_gradient" in state:
-        return np.asarray(state["velocity_gradient"], float)
-    if "rows" in state and len(state["rows"]) == len(velocity):
-        first = column_rows.CXX
-        return np.ascontiguousarray(state["rows"][:, first : first + 4]).reshape(-1, 2, 2)
+    velocity, gradient, rows = frame.particles.velocity, frame.told("velocity_gradient", 2, 2), frame.told("rows", ROW)
+    if gradient is not None:
+        return gradient
+    if rows is not None:
+        return np.ascontiguousarray(rows[:, CXX : CXX + 4]).reshape(-1, 2, 2)
     if (velocity[:, :2] == velocity[0, :2]).all():
         return np.zeros((len(velocity), 2, 2))
     return None

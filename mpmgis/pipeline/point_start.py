@@ -104,13 +104,9 @@ def _points_of(path, terrain, cell_size, density, window, say):
         mass = float(frame.particles.mass.sum())
         frame = lying_in(frame, window)
         _tell_of_outside(mass - float(frame.particles.mass.sum()), mass, say)
-    stress = frame.state.get("vertical_stress")
-    if stress is None or len(stress) != len(frame.particles):
+    stress, affine = frame.told("vertical_stress"), frame.told("affine", 3, 3)
+    if stress is None:
         say(f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity")
-        stress = None
-    affine = frame.state.get("affine")
-    if affine is not None and affine.shape != (len(frame.particles), 3, 3):
-        affine = None
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
     under = above < -cell_size

@@ -1,5 +1,7 @@
 """Frames of the depth-averaged solver as points and back, and into the solver again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from converting import ORIGIN, columns_on, slope, terrain_of
@@ -44,3 +46,13 @@ def test_a_run_keeps_what_a_conversion_wants(tmp_path):
     assert again.mass_start == pytest.approx(solver.mass_start, rel=1e-12)
     assert again.frame().particles.thickness == pytest.approx(frame.particles.thickness, rel=1e-9)
     assert again.frame().particles.velocity[:, :2] == pytest.approx(frame.particles.velocity[:, :2], abs=1e-12)
+
+
+@pytest.mark.parametrize("rows", [np.float64(3.0), np.zeros((4, 12)), np.zeros((3, 2)), np.zeros(3), np.array("rows")])
+@pytest.mark.parametrize("name", ["rows", "velocity_gradient"])
+def test_a_state_of_another_shape_tells_nothing(name, rows):
+    """As a damaged file has it: the columns are converted as if there were no state."""
+    ground = terrain_of(slope(0.3, 0.0))
+    still = columns_on(ground, 2.0, (0.0, 0.0))
+    assert not velocity_gradient(replace(still, state={name: rows})).any()
+    assert replace(still, state={"told": np.ones((len(still.particles), 3))}).told("told", 3).all()
