@@ -26,7 +26,8 @@ class FramePool:
         if self.cluster is not None:
             # frames are read where the work is done, so that their paths must hold there too
             entries = [replace(entry, path=entry.path.resolve()) for entry in entries]
-            shared = [self.cluster.scatter(value, broadcast=True, hash=False) for value in shared]
+            # in a list of one, since a collection would be scattered entry by entry
+            shared = [self.cluster.scatter([value], broadcast=True, hash=False)[0] for value in shared]
             ahead = max(2, 2 * sum(self.cluster.nthreads().values()))
 
             def submit(*work):

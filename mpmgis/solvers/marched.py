@@ -96,8 +96,7 @@ class MarchedPoints:
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""
-        rests = self.solver.resting_for(REST_SHARE) >= REST_SECONDS
-        return STOPPED_AT_REST if rests and self.solver.numerics.stop_at_rest else code
+        return _rested(self.solver, code)
 
     def trouble(self, code):
         """What went wrong, in words with E and N; '' where nothing."""
@@ -131,6 +130,12 @@ class MarchedPoints:
         )
 
 
+def _rested(solver, code):
+    """STOPPED_AT_REST where points that may stop at rest do, else `code`."""
+    rests = solver.resting_for(REST_SHARE) >= REST_SECONDS
+    return STOPPED_AT_REST if rests and solver.numerics.stop_at_rest else code
+
+
 class MarchedCoupled:
     """Both solvers' side, of points with columns around them."""
 
@@ -153,8 +158,7 @@ class MarchedCoupled:
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""
-        rests = self.solver.resting_for(REST_SHARE) >= REST_SECONDS
-        return STOPPED_AT_REST if rests and self.solver.numerics.stop_at_rest else code
+        return _rested(self.solver, code)
 
     def trouble(self, code):
         """What went wrong, in words with E and N; '' where nothing."""

@@ -66,6 +66,33 @@ sys.exit(main(arguments))
 """
 
 
+def slide(cell_size, end_time, frame_interval, head='solver = "points"', friction='law = "Coulomb"\nmu = 0.3', more=""):
+    """A scene of a block (`block.geojson`) that slides down a strip of the slope, with `more` lines of [numerics]."""
+    return f"""
+{head}
+[terrain]
+dem = "dtm.tif"
+window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
+[release]
+source = "block.geojson"
+thickness = 12.0
+density = 1500
+[material]
+law = "DruckerPrager"
+bulk_modulus = 4e6
+shear_modulus = 2e6
+friction_angle = 35
+[friction]
+{friction}
+[numerics]
+cell_size = {cell_size}
+{more}
+[output]
+end_time = {end_time}
+frame_interval = {frame_interval}
+"""
+
+
 def write_raster(path, values, crs="EPSG:32632", nodata=-9999.0):
     """A raster on the site's pixels."""
     profile = {"driver": "GTiff", "height": ROWS, "width": COLUMNS, "count": 1, "dtype": "float64", "crs": crs,

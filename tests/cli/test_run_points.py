@@ -10,35 +10,13 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, write_shapes, write_site
+from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.pipeline.prepare import prepare
 
-SCENE = f"""
-solver = "points"
-[terrain]
-dem = "dtm.tif"
-window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
-[release]
-source = "block.geojson"
-thickness = 12.0
-density = 1500
-[material]
-law = "DruckerPrager"
-bulk_modulus = 4e6
-shear_modulus = 2e6
-friction_angle = 35
-[friction]
-law = "Coulomb"
-mu = 0.3
-[numerics]
-cell_size = 4.0
-[output]
-end_time = 3
-frame_interval = 0.5
-"""
+SCENE = slide(4.0, 3, 0.5)
 ZONES = '[[zones]]\nsource = "ice.geojson"\nmu = 0.1\n'
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 20\nname = "dam"\n'
 SOFTENING = "[softening]\nresidual_friction_angle = 20\n"

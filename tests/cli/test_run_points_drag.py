@@ -3,34 +3,11 @@
 import numpy as np
 import pytest
 import shapely
-from slope_site import SOUTH, WEST, decisions, run, write_shapes, write_site
+from slope_site import decisions, run, slide, write_shapes, write_site
 
 from mpmgis.io.frames import read_frame
 
-SCENE = f"""
-solver = "points"
-[terrain]
-dem = "dtm.tif"
-window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
-[release]
-source = "block.geojson"
-thickness = 12.0
-density = 1500
-[material]
-law = "DruckerPrager"
-bulk_modulus = 4e6
-shear_modulus = 2e6
-friction_angle = 35
-[friction]
-law = "Voellmy"
-mu = 0.2
-xi = 2000
-[numerics]
-cell_size = 4.0
-[output]
-end_time = 4
-frame_interval = 4
-"""
+SCENE = slide(4.0, 4, 4, friction='law = "Voellmy"\nmu = 0.2\nxi = 2000')
 ZONES = '[[zones]]\nsource = "rough.geojson"\nxi = 50\n'
 
 

@@ -10,36 +10,14 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import SOUTH, WEST, contents, record, refused, run, write_shapes, write_site
+from slope_site import WEST, contents, record, refused, run, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
 from mpmgis.pipeline.prepare import prepare
 from mpmgis.pipeline.sequence import Sequence
 
-SCENE = f"""
-[terrain]
-dem = "dtm.tif"
-window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
-[release]
-source = "block.geojson"
-thickness = 12.0
-density = 1500
-[material]
-law = "DruckerPrager"
-bulk_modulus = 4e6
-shear_modulus = 2e6
-friction_angle = 35
-[friction]
-law = "Coulomb"
-mu = 0.3
-[numerics]
-cell_size = 5.0
-particles_per_cell = 4
-[output]
-end_time = 5
-frame_interval = 1
-"""
+SCENE = slide(5.0, 5, 1, head="", more="particles_per_cell = 4")
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 6\nname = "dam"\n'
 AREAS = '[[secondary_release]]\nsource = "{}.geojson"\nthickness = 1.0\nthickness_mode = "vertical"\n'
 BEFORE = '[[stage]]\nsolver = "columns"\nuntil = {reach = "barrier"}\n'

@@ -12,33 +12,11 @@ from pathlib import Path
 import pytest
 import shapely
 from kills import VERBS, arrays, require_whole
-from slope_site import CHILD, SCENE, SOUTH, WEST, contents, record, write_shapes, write_site
+from slope_site import CHILD, SCENE, contents, record, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
 
-POINTS = f"""
-solver = "points"
-[terrain]
-dem = "dtm.tif"
-window = [{WEST}, {SOUTH + 100}, {WEST + 400}, {SOUTH + 300}]
-[release]
-source = "block.geojson"
-thickness = 12.0
-density = 1500
-[material]
-law = "DruckerPrager"
-bulk_modulus = 4e6
-shear_modulus = 2e6
-friction_angle = 35
-[friction]
-law = "Coulomb"
-mu = 0.3
-[numerics]
-cell_size = 8.0
-[output]
-end_time = 1.5
-frame_interval = 0.25
-"""
+POINTS = slide(8.0, 1.5, 0.25)
 SEED = 20261121
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 # a wall clock that jumps by years, forth and back, at every look

@@ -267,11 +267,11 @@ def test_particles_below_the_bed_are_said_and_standoff_lifts_them(tmp_path):
     sunk.particles.position[:, 2] -= 1.2
     write_frame(frames[0], sunk)
     _, said = export(frames)
-    assert any("lies below the bed" in text for text in said)
+    assert any("lies below the DTM" in text for text in said)
     plain, _ = bands(tmp_path / "slide_gis/rasters/slide_0000.tif")
     _, said = export(frames, standoff="auto")
     lifted, tags = bands(tmp_path / "slide_gis/rasters/slide_0000.tif")
-    assert float(tags["standoff"]) < -0.5 and not any("lies below" in text for text in said)
+    assert float(tags["standoff"]) < -0.5 and not any("below the DTM" in text for text in said)
     wet = plain["h"] > 0
     assert (lifted["h"] - plain["h"])[wet] == pytest.approx(-float(tags["standoff"]), abs=1e-4)
 

@@ -19,6 +19,7 @@ import rasterio
 from affine import Affine
 
 from mpmgis.cli.main import main
+from mpmgis.io.frames import read_frame
 
 SCENES = Path(__file__).parent
 
@@ -118,3 +119,14 @@ def table(rows, header):
 def relative(value, wanted):
     """Largest |value / wanted - 1| of two arrays."""
     return float(np.max(np.abs(np.asarray(value) / np.asarray(wanted) - 1.0)))
+
+
+def frames(folder):
+    """The frames of the run in `folder`, in order of time."""
+    for path in sorted((Path(folder) / "results").glob("frame_*.h5")):
+        yield read_frame(path, with_state=False)
+
+
+def placed(frame):
+    """float64[n, 3] [m]: where its particles are on the map."""
+    return frame.particles.position + np.asarray(frame.origin)

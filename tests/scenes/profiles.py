@@ -95,6 +95,7 @@ def picture(rows=1, columns=1, size=(9.0, 6.0), **options):
 def save(figure, path):
     """Write `figure` as PNG of at most LARGEST bytes: fewer colours, before fewer pixels."""
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
     if path.stat().st_size > LARGEST:
         from PIL import Image

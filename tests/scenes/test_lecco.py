@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from chain import record, scene_module
+from chain import frames, record, scene_module
 
 lecco = scene_module("lecco")
 SMALL = lecco.Size(per_cell=16, points=1.5)
@@ -47,7 +47,7 @@ def check_run(folder, cell):
     assert abs(switch["mass_error_relative"]) <= 1e-12 and switch["momentum_error_relative"] <= 1e-12
     assert abs(mass["error_relative"]) <= 1e-12 and run["balances"]["momentum_error_relative"] <= 1e-10
     assert mass["outside_windows"] < 0.1 * mass["released"]
-    for frame in lecco.frames(folder):
+    for frame in frames(folder):
         assert np.isfinite(frame.particles.position).all() and np.isfinite(frame.particles.velocity).all()
     assert 15.0 < found["front speed, largest before the barrier [m/s]"] < 25.0
     assert 0.1 < found["pressure on 2 x 1 m [MPa]"] < 2.0

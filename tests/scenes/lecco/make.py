@@ -17,8 +17,6 @@ import chain
 import profiles
 from oblique import View
 
-from mpmgis.io.frames import read_frame
-
 EAST, NORTH, PIXEL = 750.0, 1000.0, 5.0  # [m]
 CENTRE, HALF_AXES, ANGLES = (420.0, 550.0), (np.sqrt(500.0), 20.0), 256  # of the release, as printed
 MEAN_HEIGHT = 206.4  # [m], of the release above the local datum: 0.02 of it is 5.8e3 m3 over the ellipse
@@ -121,17 +119,6 @@ def make(folder, size=None, scene="lecco", **changed):
     return chain.run_scene(folder)[0]
 
 
-def frames(folder):
-    """The frames of the run in `folder`, in order of time."""
-    for path in sorted((Path(folder) / "results").glob("frame_*.h5")):
-        yield read_frame(path, with_state=False)
-
-
-def placed(frame):
-    """float64[n, 3] [m]: where its particles are on the map."""
-    return frame.particles.position + np.asarray(frame.origin)
-
-
 class Front(NamedTuple):
     """The flow over time, float64[frames]."""
 
@@ -145,8 +132,8 @@ class Front(NamedTuple):
 def front_of(folder):
     """The Front of a run."""
     rows = []
-    for frame in frames(folder):
-        place, mass = placed(frame), frame.particles.mass
+    for frame in chain.frames(folder):
+        place, mass = chain.placed(frame), frame.particles.mass
         distance, _ = along(place[:, 0], place[:, 1])
         speed = np.linalg.norm(frame.particles.velocity, axis=1)
         order = np.argsort(-distance)
@@ -164,7 +151,7 @@ def front_of(folder):
 
 def whereabouts(frame):
     """Name -> mass [kg] of a frame: before the barrier, on or behind it, past its open end."""
-    place, mass = placed(frame), frame.particles.mass
+    place, mass = chain.placed(frame), frame.particles.mass
     distance, left = along(place[:, 0], place[:, 1])
     beyond = distance > BARRIER + 0.5 * THICK
     within = (left > ARM[0]) & (left < ARM[1])
@@ -213,7 +200,7 @@ def pressure_on_face(frame, cell, across=2.0, up=1.0, deep=1.5):
     The points' own pressure K (1 / J - 1), J their volume over that at rest, of those within `deep` cells of the face;
     0 where hardly anything is. Row 0 is at the foot, column 0 at the short arm.
     """
-    place, particles = placed(frame), frame.particles
+    place, particles = chain.placed(frame), frame.particles
     distance, left = along(place[:, 0], place[:, 1])
     near = (np.abs(distance - BARRIER) < deep * cell) & (left > ARM[0] + THICK) & (left < ARM[1])
     rest = particles.mass[near] / DENSITY
@@ -244,7 +231,7 @@ def foot():
 def nearest(folder, times):
     """The frames of a run nearest to `times` [s]; of two at one time the last, which is that of points."""
     found = {}
-    for frame in frames(folder):
+    for frame in chain.frames(folder):
         for time in times:
             apart = abs(frame.time - time)
             if time not in found or apart <= found[time][0]:
@@ -264,7 +251,7 @@ def map_figure(folder, png):
     for frame, colour, label in zip(
         nearest(folder, (30.0, 38.0)), ("tab:orange", "tab:red"), ("flow at 30 s", "at 38 s"), strict=True
     ):
-        place = placed(frame)[:: max(1, len(frame.particles) // 20_000)]
+        place = chain.placed(frame)[:: max(1, len(frame.particles) // 20_000)]
         plan.plot(place[:, 0], place[:, 1], ",", color=colour, label=label)
     outline(plan, release(), "blue", "release")
     outline(plan, strip(*SHOULDER, -90.0, 90.0), "green", "wood")
@@ -316,7 +303,7 @@ def snapshots_figure(folder, times, png, largest=25.0):
     for axis, frame in zip(axes[0], nearest(folder, times), strict=True):
         view = View(35.0, 28.0, 0.3)
         scenery(view, 225.0, 345.0, 455.0, 570.0)
-        place = placed(frame)
+        place = chain.placed(frame)
         near = (place[:, 0] < 345.0) & (place[:, 1] > 455.0)
         speed = np.linalg.norm(frame.particles.velocity[near], axis=1)
         view.add(place[near], coloured(speed, largest), 2)
@@ -334,7 +321,7 @@ def section_figure(folder, times, png, half=1.5, largest=25.0):
     way = np.linspace(60.0, 185.0, 500)
     shift = ground_at(*CENTRE) - elevation(*CENTRE)
     for axis, frame in zip(axes.ravel(), nearest(folder, times), strict=True):
-        place = placed(frame)
+        place = chain.placed(frame)
         distance, left = along(place[:, 0], place[:, 1])
         near = np.abs(left) < half
         speed = np.linalg.norm(frame.particles.velocity[near], axis=1)
@@ -379,7 +366,7 @@ def load_figure(folder, cell, png):
 def largest_pressure(folder, cell):
     """(fields of `pressure_on_face` of the frame that has the largest, its time [s])."""
     best = None
-    for frame in frames(folder):
+    for frame in chain.frames(folder):
         if frame.dimension == 3:
             fields = pressure_on_face(frame, cell)
             if best is None or fields.max() > best[0].max():

@@ -18,8 +18,6 @@ import chain
 import profiles
 import shallow_water
 
-from mpmgis.io.frames import read_frame
-
 LENGTH, FOOT, FLOOR, WALL = 40.0, 10.0, 6.67, 20.0  # [m]; the paper's domain ends at 25, ours lets the flow go on
 RELEASE, SURFACE = (1.5, 5.0), 9.5  # [m]
 DENSITY, GRAVITY = 1000.0, 9.81
@@ -79,17 +77,6 @@ def make_printed(folder, free, size, **changed):
     return chain.run_scene(folder)[0]
 
 
-def frames(folder):
-    """The frames of the run in `folder`, in order of time."""
-    for path in sorted((Path(folder) / "results").glob("frame_*.h5")):
-        yield read_frame(path, with_state=False)
-
-
-def placed(frame):
-    """float64[n, 3] [m]: where its particles are on the map."""
-    return frame.particles.position + np.asarray(frame.origin)
-
-
 def depth_along(x, volume, width, cell):
     """Depth [m] in cells along the channel, from what lies in each."""
     found = np.bincount((x / cell).astype(int), volume, minlength=round(LENGTH / cell))
@@ -119,8 +106,8 @@ class Slide(NamedTuple):
 def slide_of(folder, width, cell=0.25):
     """The Slide of a run of columns."""
     rows = []
-    for frame in frames(folder):
-        x, mass = placed(frame)[:, 0], frame.particles.mass
+    for frame in chain.frames(folder):
+        x, mass = chain.placed(frame)[:, 0], frame.particles.mass
         speed = np.average(np.linalg.norm(frame.particles.velocity, axis=1), weights=mass)
         front = front_of(depth_along(x, frame.particles.volume, width, cell), cell)
         rows.append((frame.time, front, speed, mass[x > WALL].sum() / mass.sum()))
@@ -164,10 +151,10 @@ class Impact(NamedTuple):
 def impact_of(folder):
     """The Impact of the 3D frames of a run."""
     rows = []
-    for frame in frames(folder):
+    for frame in chain.frames(folder):
         if frame.dimension != 3:
             continue
-        place, particles = placed(frame), frame.particles
+        place, particles = chain.placed(frame), frame.particles
         mass, speed = particles.mass, np.linalg.norm(particles.velocity, axis=1)
         total, up = mass.sum(), place[:, 2]
         rows.append((
@@ -206,7 +193,7 @@ def load_by_finite_volumes(times, width):
 
 def side_view(axis, frame, text, fastest, east=22.0):
     """Points in the channel seen from its south side, coloured by speed; answers what a colour bar needs."""
-    place, speed = placed(frame), np.linalg.norm(frame.particles.velocity, axis=1)
+    place, speed = chain.placed(frame), np.linalg.norm(frame.particles.velocity, axis=1)
     some = slice(None, None, max(1, len(speed) // 40_000))
     x = np.linspace(0.0, east, 400)
     axis.fill_between(x, FLOOR - 0.4, bed(x), color="0.75", lw=0)
@@ -223,7 +210,7 @@ def side_view(axis, frame, text, fastest, east=22.0):
 def nearest(folder, times, origin=0.0):
     """The frames of a run nearest to `times` [s], of a run that begins at `origin` [s]; of two at one time the last."""
     found = {}
-    for frame in frames(folder):
+    for frame in chain.frames(folder):
         for time in times:
             apart = abs(origin + frame.time - time)
             if time not in found or apart <= found[time][0]:
