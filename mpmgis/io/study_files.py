@@ -93,7 +93,13 @@ def _plot_exports(axes, exports):
 
 
 def _finish(axes, across, up):
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axes.set(xscale="log", yscale="log", xlabel=across, ylabel=up)
+    for axis in (axes.xaxis, axes.yaxis):  # 1, 2 and 5 of each decade are told, as plain numbers
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes.grid(True, which="both", linewidth=0.3, color="#dddddd")
 
 
