@@ -88,6 +88,11 @@ def _rows(table):
     return table.drop(columns=table.geometry.name).to_dict("records")
 
 
+def read_area(path, terrain, say):
+    """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as of `read_polygons`."""
+    return shapely.union_all([feature.shape for feature in read_polygons(path, terrain, say)])
+
+
 def read_placed_raster(path, terrain):
     """(values float64[rows, columns] with NaN for nodata, Grid) of a raster in the terrain's own CRS.
 

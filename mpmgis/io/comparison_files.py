@@ -1,13 +1,10 @@
 """A comparison as files: its numbers as a table, its footprints and values as bands of a GeoTIFF."""
 
-import csv
-import math
-
 import numpy as np
 
 from ..fields import Quantity
 from ..products.comparison import nearest, upright
-from .atomic import whole_file
+from .csv_table import write_records
 from .geotiff import write_geotiff
 
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
@@ -16,16 +13,10 @@ CLASSES = {1: "only A", 2: "only B", 3: "both"}
 
 def write_table(path, found):
     """Write the numbers of a Comparison as CSV in SI units, an empty cell where there is no number."""
-    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(HEADINGS)
-        table.writerow(("name", "", *(side.name for side in found.sides), "", ""))
-        table.writerows((quantity, unit, *map(_cell, numbers), "") for quantity, unit, *numbers in found.rows())
-        table.writerows((quantity, unit, "", "", "", _cell(value)) for quantity, unit, value in found.common_rows())
-
-
-def _cell(value):
-    return f"{value:.10g}" if math.isfinite(value) else ""
+    names = ("name", "", *(side.name for side in found.sides), "", "")
+    rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
+    common = [(quantity, unit, "", "", "", value) for quantity, unit, value in found.common_rows()]
+    write_records(path, HEADINGS, [names, *rows, *common])
 
 
 def class_numbers(first, second):

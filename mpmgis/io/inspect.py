@@ -260,13 +260,6 @@ def _map_facts(path):
             ) from no_vector
 
 
-def _raster_first(path):
-    try:
-        return raster_facts(path)
-    except FormatError:
-        return vector_facts(path)
-
-
 _BY_SUFFIX = {
     ".h5": frame_facts,
     ".hdf5": frame_facts,

@@ -1,7 +1,4 @@
-"""A study as files: its table as CSV, its work-precision plot as PNG."""
-
-import csv
-import math
+"""A study's work-precision plot as PNG."""
 
 import numpy as np
 
@@ -14,20 +11,6 @@ COLOURS = {
     "cfl": "#2e8b57", "precision": "#8e44ad", "stiffness": "#b03a48", "several": "#8a8a8a",
 }  # fmt: skip
 FADED = 0.35  # opacity of what others beat
-
-
-def write_records(path, names, rows):
-    """Write rows of values under their names as CSV, an empty cell where a number is not finite."""
-    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(names)
-        table.writerows([_cell(value) for value in row] for row in rows)
-
-
-def _cell(value):
-    if isinstance(value, str):
-        return value
-    return f"{value:.10g}" if math.isfinite(value) else ""
 
 
 def write_plot(path, study, title=""):

@@ -122,19 +122,6 @@ def load(typingctx, array, index):
     return kind(array, types.intp), codegen
 
 
-@intrinsic
-def add_to(typingctx, array, index, value):
-    """array.flat[index : index + 4] += value, for a C-contiguous array of floats; nobody checks the bounds."""
-
-    def codegen(context, builder, signature, arguments):
-        pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-        old = builder.load(pointer, align=_bytes(array))
-        builder.store(builder.fadd(old, arguments[2]), pointer, align=_bytes(array))
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, _lanes_of(array)), codegen
-
-
 def _place(context, builder, kind, array, line, index, step=1):
     """Pointer to array.flat[line + step * index]; told the compiler so that it sees how loops over `index` walk."""
     struct = context.make_array(kind)(context, builder, array)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 
 from ..conversion.account import account_of_points
 from ..conversion.starting import lying_in, point_options, points_from, standing
 from ..errors import InputError
-from ..io.by_place import read_polygons
+from ..io.by_place import read_area
 from ..io.frames import read_frame
 from ..solvers.cost import require_memory_for_points
 from .sources import columns_of, placed_on, read_sources
@@ -86,9 +85,7 @@ def _converted(columns, scene, terrain, say):
 def _window(scene, terrain, say):
     """The polygons of [release] window as one; None without it."""
     name = scene.release.window
-    if name is None:
-        return None
-    return shapely.union_all([feature.shape for feature in read_polygons(scene.path(name), terrain, say)])
+    return None if name is None else read_area(scene.path(name), terrain, say)
 
 
 def _tell_of_outside(outside, mass, say):

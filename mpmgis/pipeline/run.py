@@ -12,11 +12,11 @@ from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..scene import scene_text
+from ..scene.points import MACH_THRESHOLD
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d, slower_than_nominal
 from ..solvers.pace import measured_pace
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
-from ..solvers.points import MACH_WARNING
 from .prepare import prepare
 from .sequence import Sequence
 
@@ -185,11 +185,12 @@ def _telling_mach(watch, say):
 
     def watching(now, end_time):
         mach = getattr(now, "mach", 0.0)
-        if not told and mach > MACH_WARNING:
+        if not told and mach > MACH_THRESHOLD:
             told.append(True)
             say(
                 f"t = {now.time:.1f} s: the flow moves at {mach:.2f} times the speed of pressure waves (more than "
-                f"{MACH_WARNING:g}): it is compressed, and impacts are too soft; give a larger [material] bulk_modulus"
+                f"{MACH_THRESHOLD:g}): it is compressed, and impacts are too soft; give a larger [material] "
+                "bulk_modulus"
             )
         watch(now, end_time)
 

@@ -11,7 +11,7 @@ from ..conversion.points import columns_to_points
 from ..conversion.starting import kirchhoff_stress, point_options
 from ..conversion.switching import switch_to_columns, switch_to_points
 from ..errors import SceneError
-from ..io.by_place import read_polygons
+from ..io.by_place import read_area
 from ..scene.stages import CLIFF, WALLS
 from ..scene.tables import StageTable
 from ..solvers.columns import ColumnSolver
@@ -163,8 +163,8 @@ def read_areas(scene, number, terrain, say):
         return {}
     table = scene.stage[number]
     named = {"window": table.window, "area": table.reached_file}
-    read = {key: read_polygons(scene.path(name), terrain, say) for key, name in named.items() if name is not None}
-    return {"table": table} | {key: shapely.union_all([part.shape for part in parts]) for key, parts in read.items()}
+    read = {key: read_area(scene.path(name), terrain, say) for key, name in named.items() if name is not None}
+    return {"table": table} | read
 
 
 def require_inflow_over(stages, events):

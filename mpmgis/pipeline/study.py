@@ -9,16 +9,17 @@ from ..errors import InputError, SceneError
 from ..geo.grid import Grid
 from ..io.atomic import whole_folder
 from ..io.by_place import read_placed_raster
-from ..io.study_files import write_plot, write_records
+from ..io.csv_table import write_records
+from ..io.study_files import write_plot
 from ..products.bed import Bed
 from ..products.comparison import nearest
 from ..solvers.march import March
 from ..studies.errors import NAMES, Errors, errors_against_exact, errors_of
 from ..studies.exports import ExportSetting, ExportSweep
-from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
+from ..studies.knobs import COST_POWER, crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
 from ..studies.states import StudyCells, centre_of, outcome
-from .prepare import prepare_scene, scene_to_prepare
+from .prepare import prepare, prepare_scene
 from .run import predicted_cost, use_threads
 
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
@@ -94,12 +95,9 @@ def _require_possible(request):
 
 
 def _study(request, confirm, say, watch):
-    scene = scene_to_prepare(request.scene, request.law)
-    if scene.output.end_time <= 0.0 or (scene.release is None and scene.hydrograph is None):
-        raise SceneError(f"{request.scene}: nothing moves in it; there is nothing to study")
-    if scene.stage:
+    base = prepare(request.scene, say, request.law)
+    if base.scene.stage:
         raise SceneError(f"{request.scene}: a study is of one solver, and the scene has [[stage]]; study each alone")
-    base = prepare_scene(scene, say)
     scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None
@@ -159,8 +157,7 @@ def _exact(path, terrain, grid):
 def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
     scene, seconds = base.scene, predicted_cost(base, threads)[0]
-    power = 3 if scene.solver == "columns" else 4
-    total = 0.0
+    power, total = COST_POWER[scene.solver], 0.0
     for setting, times in [*((s, repeats) for s in settings), *([(finer, 1)] if finer else [])]:
         numerics, own = setting.scene.numerics, scene.numerics
         more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)

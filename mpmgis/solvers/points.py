@@ -28,7 +28,6 @@ BARRIER_SUMS = (
     "moment_impulse_up", "overtopped_mass", "peak_normal_force",
 )  # fmt: skip
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
-MACH_WARNING = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 LONE_SHARE = 0.95  # of the time step at which a point on its own begins to swing higher and higher
 PRECISIONS = {"float64": np.float64, "float32": np.float32}

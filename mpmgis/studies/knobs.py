@@ -10,6 +10,8 @@ from ..scene.tables import NumericsTable
 
 HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # above it the schemes are unstable
 STEP = 2.0**0.5  # between two cell sizes
+# cost goes with the inverse cell size to this power: particles with the square or cube, steps with one more
+COST_POWER = {"columns": 3, "points": 4}
 LEAST_FINER = 1.2  # times finer cells make a reference
 COLUMNS_A_CELL = (4, 9, 16, 25, 36)
 
@@ -18,7 +20,6 @@ class Knob(NamedTuple):
     """A key of [numerics] that costs time; `values(scene)` gives what is tried, from cheap to dear."""
 
     name: str
-    what: str
     values: Callable
 
 
@@ -57,12 +58,12 @@ def _choices(key):
 
 
 KNOBS = (
-    Knob("cell_size", "side of the solver's cells [m]", _cell_sizes),
-    Knob("particles_per_cell", "columns a cell", _columns_a_cell),
-    Knob("points_per_cell", "points a cell, and so how finely columns are cut into points", _points_a_cell),
-    Knob("cfl", "Courant number", _courant_numbers),
-    Knob("precision", "of the 3D solver's numbers", _precisions),
-    Knob("stiffness", "of the 3D material: longer steps where it is scaled", _stiffnesses),
+    Knob("cell_size", _cell_sizes),
+    Knob("particles_per_cell", _columns_a_cell),
+    Knob("points_per_cell", _points_a_cell),
+    Knob("cfl", _courant_numbers),
+    Knob("precision", _precisions),
+    Knob("stiffness", _stiffnesses),
 )
 BY_NAME = {knob.name: knob for knob in KNOBS}
 CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # of --full, three values each

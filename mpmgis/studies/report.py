@@ -9,6 +9,7 @@ import numpy as np
 from .convergence import fitted, stops_paying
 from .errors import NAMES, UNITS
 from .front import NEAR_FRONT, gains, on_front, time_over_front
+from .knobs import COST_POWER
 
 FARTHEST = 4.0  # times the finest cells that were run: so far a law is continued
 PERCENT = ("thickness", "momentum", "area")
@@ -123,8 +124,7 @@ class Study:
             return None
         base = self.rows[0].outcome.setting.scene
         size = self.law.cell_size(error)
-        dimensions = 3 if base.solver == "columns" else 4  # particles go with the square or cube, steps with one more
-        seconds = self.seconds[0] * (base.numerics.cell_size / size) ** dimensions
+        seconds = self.seconds[0] * (base.numerics.cell_size / size) ** COST_POWER[base.solver]
         return Choice({"cell_size": float(f"{size:.3g}")}, float(seconds), error, True)
 
     def _finest(self):

@@ -33,23 +33,27 @@ end_time = 30
 frame_interval = 5
 """
 
-# Ends itself by a signal once a solver's time is reached, or instead of the n-th time that a file gets its name.
+# Ends itself by a signal once a solver of a kind has reached a time, or instead of the n-th time that a file gets its
+# name.
 CHILD = """
 import os, sys
 from mpmgis.cli.main import main
 from mpmgis.solvers.columns import ColumnSolver
+from mpmgis.solvers.points import PointSolver
 number, what, where, *arguments = sys.argv[1:]
-march, replace, seen = ColumnSolver.advance, os.replace, []
+replace, seen = os.replace, []
 
 def end():
     os.kill(os.getpid(), int(number))
 
-def advance(solver, *given, **named):
-    code = march(solver, *given, **named)
-    if solver.time >= float(where) and not seen:
-        seen.append(True)
-        end()
-    return code
+def watched(march):
+    def advance(solver, *given, **named):
+        code = march(solver, *given, **named)
+        if solver.time >= float(where) and not seen:
+            seen.append(True)
+            end()
+        return code
+    return advance
 
 def name(part, path):
     if os.path.basename(path) == where.split(":")[0]:
@@ -58,8 +62,9 @@ def name(part, path):
             end()
     replace(part, path)
 
-if what == "time":
-    ColumnSolver.advance = advance
+solvers = {"columns": ColumnSolver, "points": PointSolver}
+if what in solvers:
+    solvers[what].advance = watched(solvers[what].advance)
 else:
     os.replace = name
 sys.exit(main(arguments))

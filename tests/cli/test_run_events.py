@@ -121,11 +121,11 @@ def test_what_is_off_is_left_out(site, capsys):
 
 KILLS = {
     "before the first frame": (signal.SIGKILL, "name", "terrain.tif:1"),
-    "before anything came in": (signal.SIGKILL, "time", 0.5),
-    "inflow midway, both areas armed": (signal.SIGKILL, "time", 4.9),
-    "one area released, one armed": (signal.SIGKILL, "time", 11.0),
-    "all released": (signal.SIGKILL, "time", 27.0),
-    "asked to end": (signal.SIGTERM, "time", 11.0),
+    "before anything came in": (signal.SIGKILL, "columns", 0.5),
+    "inflow midway, both areas armed": (signal.SIGKILL, "columns", 4.9),
+    "one area released, one armed": (signal.SIGKILL, "columns", 11.0),
+    "all released": (signal.SIGKILL, "columns", 27.0),
+    "asked to end": (signal.SIGTERM, "columns", 11.0),
     "between a frame and its name": (signal.SIGKILL, "name", "frame_000003.h5:1"),
     "between a frame and what older ones lose": (signal.SIGKILL, "name", "frame_000001.h5:2"),
 }
@@ -177,7 +177,7 @@ def released_at(site):
 
 
 def test_inputs_that_changed_are_refused_and_notes_in_them_are_not(site, tmp_path, capsys):
-    code, _ = cut_short(site, tmp_path / "cut", signal.SIGKILL, "time", 4.9)
+    code, _ = cut_short(site, tmp_path / "cut", signal.SIGKILL, "columns", 4.9)
     assert code == -signal.SIGKILL
     (tmp_path / "cut" / ".lock").unlink()  # a kill leaves it, the next run takes it away
     before = {path.name: path.read_bytes() for path in (tmp_path / "cut").iterdir()}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import WEST, contents, record, refused, run, slide, write_shapes, write_site
+from slope_site import CHILD, WEST, contents, record, refused, run, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
@@ -27,39 +27,6 @@ AFTER = '[[stage]]\nsolver = "columns"\ncell_size = 4\n'
 ALL = SCENE + DAM + AREAS.format("near") + AREAS.format("foot") + BEFORE + AMID + AFTER
 INFLOW = '[hydrograph]\nsource = "inlet.geojson"\nfile = "inflow.csv"\n'
 COUPLED = SCENE + DAM + AREAS.format("near") + BEFORE + BESIDE + AFTER + INFLOW
-
-# Ends itself by a signal once a solver of this kind has reached a time, or instead of the n-th time that a file gets
-# its name.
-CHILD = """
-import os, sys
-from mpmgis.cli.main import main
-from mpmgis.solvers.columns import ColumnSolver
-from mpmgis.solvers.points import PointSolver
-what, where, *arguments = sys.argv[1:]
-replace, seen = os.replace, []
-
-def watched(march):
-    def advance(solver, *given, **named):
-        code = march(solver, *given, **named)
-        if solver.time >= float(where):
-            os.kill(os.getpid(), 9)
-        return code
-    return advance
-
-def name(part, path):
-    if os.path.basename(path) == where.split(":")[0]:
-        seen.append(path)
-        if len(seen) == int(where.split(":")[1]):
-            os.kill(os.getpid(), 9)
-    replace(part, path)
-
-solvers = {"columns": ColumnSolver, "points": PointSolver}
-if what in solvers:
-    solvers[what].advance = watched(solvers[what].advance)
-else:
-    os.replace = name
-sys.exit(main(arguments))
-"""
 
 
 @pytest.fixture(scope="module")
@@ -289,12 +256,16 @@ KILLS = {
 KILLS_BESIDE = {"at the start of it": ("points", 3.3), "amid exchanges": ("points", 4.25)}
 
 
+def kill(scene, output, what, where):
+    """A run of `scene` into `output` that is killed once a solver of the kind `what` is at a time, or at a file."""
+    command = [sys.executable, "-c", CHILD, str(int(signal.SIGKILL)), what, str(where), "run", str(scene), "-q", "-o"]
+    done = subprocess.run([*command, str(output)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+
+
 @pytest.mark.parametrize("when", KILLS)
 def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
-    what, where = KILLS[when]
-    command = [sys.executable, "-c", CHILD, what, str(where), "run", str(site / "all.toml"), "-q", "-o"]
-    done = subprocess.run([*command, str(tmp_path / "cut")], capture_output=True, text=True, timeout=300)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    kill(site / "all.toml", tmp_path / "cut", *KILLS[when])
     assert record(tmp_path, "cut")["state"] == "running"
     before = contents(tmp_path / "cut")
     assert 0 < len(before) < len(contents(site / "whole"))
@@ -312,10 +283,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
 
 @pytest.mark.parametrize("when", KILLS_BESIDE)
 def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, when):
-    what, where = KILLS_BESIDE[when]
-    command = [sys.executable, "-c", CHILD, what, str(where), "run", str(beside / "beside.toml"), "-q", "-o"]
-    done = subprocess.run([*command, str(tmp_path / "cut")], capture_output=True, text=True, timeout=300)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    kill(beside / "beside.toml", tmp_path / "cut", *KILLS_BESIDE[when])
     assert main(["run", str(beside / "beside.toml"), "-q", "-o", str(tmp_path / "cut"), "--resume"]) == 0
     assert contents(tmp_path / "cut") == contents(beside / "beside")
     again, whole = record(tmp_path, "cut"), record(beside, "beside")

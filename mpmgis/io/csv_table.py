@@ -1,0 +1,20 @@
+"""Rows of numbers and words as CSV."""
+
+import csv
+import math
+
+from .atomic import whole_file
+
+
+def write_records(path, names, rows):
+    """Write rows of values under their names as CSV, an empty cell where a number is not finite."""
+    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(names)
+        table.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value):
+    if isinstance(value, str):
+        return value
+    return f"{value:.10g}" if math.isfinite(value) else ""
