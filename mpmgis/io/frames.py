@@ -18,6 +18,8 @@ FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
+_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has, and what sums of squares bear
+_LARGEST_OF_OTHERS = 1e30
 _IDENTITY = ("id", "parent")
 MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
@@ -274,7 +276,7 @@ def _read_particles(path, group, dimension, header, density, memory):
             values = values.astype(np.uint64, copy=False)
         else:
             values = _filled(values, name, memory)
-            _require_finite(path, name, values)
+            _require_possible(path, name, values)
         arrays[name] = values
     for name in ("position", "velocity"):
         if name not in arrays:
@@ -296,7 +298,7 @@ def _read_particles(path, group, dimension, header, density, memory):
         if "thickness" not in arrays:
             with np.errstate(over="ignore"):
                 arrays["thickness"] = arrays["volume"] / arrays["area"]
-            _require_finite(path, "thickness", arrays["thickness"])
+            _require_possible(path, "thickness", arrays["thickness"])
     return Particles(**arrays)
 
 
@@ -321,14 +323,19 @@ def _scratch(memory, size):
     return memory["scratch"][:size]
 
 
-def _require_finite(path, name, values):
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = values.sum()
-    if not np.isfinite(total) and not np.isfinite(values).all():  # the sum is the quick look
+def _require_possible(path, name, values):
+    largest = float(max(values.max(), -values.min())) if values.size else 0.0  # NaN where one is
+    if not np.isfinite(largest):
         bad = ~np.isfinite(values)
         raise FormatError(
             f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
             f"{int(np.argwhere(bad)[0][0])}"
+        )
+    limit = _LARGEST.get(name, _LARGEST_OF_OTHERS)
+    if largest > limit:
+        row = int(np.argwhere(np.abs(values) == largest)[0][0])
+        raise FormatError(
+            f"{path}: particles/{name} reaches {largest:g} {PARTICLE[name].unit} in row {row}, wanted at most {limit:g}"
         )
     if name in _POSITIVE:
         _require_above_zero(path, name, values)

@@ -30,6 +30,10 @@ def raster_facts(path, values=True):
         grid = Grid(None, source.transform, source.shape)
         tags = source.tags(ns=TAG_NAMESPACE)
         placed = source.transform != Affine.identity()
+        with np.errstate(over="ignore", invalid="ignore"):
+            on_a_map = np.isfinite(grid.corners()).all()
+        if not on_a_map:
+            raise FormatError(f"{path}: its corners lie at no finite coordinates; georeference it anew")
         facts = {
             "kind": "raster",
             "driver": source.driver,

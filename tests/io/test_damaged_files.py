@@ -144,3 +144,9 @@ def test_speeds_of_any_size_are_told(tmp_path, capfd):
 def test_differences_of_any_size_are_told():
     told = difference(np.full((2, 2), 1e300), np.zeros((2, 2)), np.ones((2, 2), bool))
     assert told.mean == pytest.approx(1e300) and told.rms == np.inf
+
+
+def test_a_raster_at_infinity_is_refused(site, capfd):
+    """Pixels so wide that the corners overflow: NumPy warned, and the extent was infinite."""
+    write_dtm(site / "far.tif", pixel=1e308)
+    assert "no finite coordinates" in line_of(capfd, "info", site / "far.tif")
