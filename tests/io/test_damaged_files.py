@@ -132,15 +132,6 @@ def test_columns_beside_the_terrain_are_refused(site, capfd):
     assert "lie outside the terrain" in line_of(capfd, "effects", site / "scene.toml")
 
 
-def test_speeds_of_any_size_are_told(tmp_path, capfd):
-    velocity = np.array([[1e300, 0.0, 1e300], [0.0, 0.0, 0.0]])
-    particles = Particles(np.ones((2, 3)), velocity, np.ones(2), np.ones(2), area=np.ones(2))
-    write_frame(tmp_path / "a.h5", Frame(particles))
-    assert main(["info", str(tmp_path / "a.h5"), "-q"]) == 0
-    out, err = capfd.readouterr()
-    assert "1.4142e+300" in out and err == ""
-
-
 def test_differences_of_any_size_are_told():
     told = difference(np.full((2, 2), 1e300), np.zeros((2, 2)), np.ones((2, 2), bool))
     assert told.mean == pytest.approx(1e300) and told.rms == np.inf

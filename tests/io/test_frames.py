@@ -209,7 +209,7 @@ BROKEN = {
     ),
     "position NaN": (poke("position", np.nan), "position holds 3 values that are NaN or infinite, the first in row 3"),
     "velocity infinite": (poke("velocity", np.inf), "velocity holds 3 values"),
-    "velocity of no flow": (poke("velocity", -1e300), r"velocity reaches 1e\+300 m s-1 in row 3, wanted at most 1e\+06"),
+    "velocity of no flow": (poke("velocity", -1e300), r"velocity reaches 1e\+300 m s-1 in row 3, wanted at most"),
     "position on no map": (poke("position", 1e12), r"position reaches 1e\+12 m in row 3"),
     "mass of a galaxy": (poke("mass", 1e40), r"mass reaches 1e\+40 kg in row 3"),
     "mass zero": (poke("mass", 0.0), "mass is 0 in row 3, wanted above 0"),
