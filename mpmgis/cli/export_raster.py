@@ -30,7 +30,7 @@ def add_arguments(parser):
         help="folder to write (default: <name>_gis next to the folder <name> that holds the frames)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier export of that name, as a whole")
-    _add_terrain_options(parser.add_argument_group("terrain"))
+    add_terrain_options(parser.add_argument_group("terrain"))
     _add_sampling_options(parser.add_argument_group("cells and steps"))
     _add_averaging_options(parser.add_argument_group("averaging"))
     _add_file_options(parser.add_argument_group("files"))
@@ -38,7 +38,8 @@ def add_arguments(parser):
     foreign_options.add_arguments(parser.add_argument_group("another code's particle files"))
 
 
-def _add_terrain_options(group):
+def add_terrain_options(group):
+    """Declare what says which DTM the frames lie on."""
     group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frames name)")
     group.add_argument("--dem-band", type=count, metavar="N", help="band of the DTM, where it has several")
     group.add_argument(

@@ -11,6 +11,7 @@ from ..errors import MpmgisError, one_line
 from . import talk
 from .progress import ended_by_signals
 
+DESCRIPTION = "Landslides, debris flows, snow and ice avalanches on real terrain with the Material Point Method."
 # verb -> (module, one line of help); a module offers EXAMPLE, add_arguments(parser) and run(arguments) -> exit code
 VERBS = {
     "demo": ("demo", "the whole chain on the shipped sample site, in under two minutes"),
@@ -19,9 +20,21 @@ VERBS = {
     "run": ("run", "simulate a scene"),
     "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
     "study": ("study", "what accuracy costs in time: work-precision table and plot"),
+    "runout": ("runout", "how far a flow ran, its drop, the angles of energy line and centre of mass"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),
+}
+
+# how `mpmgis --help` sorts the verbs; what no group names stands under the last one
+GROUPS = {
+    "from a terrain to a map": ("demo", "seed", "convert", "run", "export-raster"),
+    "answers from results": (
+        *("runout", "profile", "timeseries", "hydrograph", "vertical"),
+        *("intensity", "compare", "report"),
+    ),
+    "many runs": ("study", "ensemble"),
+    "what is what": ("info", "effects"),
 }
 
 
@@ -49,20 +62,22 @@ def main(argv=None):
     argv = list(sys.argv[1:] if argv is None else argv)
     parser = OneLineParser(
         prog="mpmgis",
-        description="Landslides, debris flows, snow and ice avalanches on real terrain with the Material Point Method.",
+        description=DESCRIPTION + "\n\n" + verbs_by_group(),
         epilog="mpmgis VERB --help tells more, with an example.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"mpmgis {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=OneLineParser)
+    verbs = parser.add_subparsers(
+        dest="verb", metavar="VERB", help="one of the above", required=True, parser_class=OneLineParser
+    )
     asked = next((word for word in argv if word in VERBS), None)
     for verb, (module_name, line) in VERBS.items():
         if verb != asked:  # only the verb asked for is imported: the others need no more than their line of help
-            verbs.add_parser(verb, help=line, add_help=False)
+            verbs.add_parser(verb, add_help=False)
             continue
         module = importlib.import_module(f".{module_name}", __package__)
         sub = verbs.add_parser(
             verb,
-            help=line,
             description=line[0].upper() + line[1:] + ".",
             epilog="example:\n  " + module.EXAMPLE.strip().replace("\n", "\n  "),
             formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -73,6 +88,17 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     talk.set_volume(arguments)
     return _guarded(arguments)
+
+
+def verbs_by_group():
+    """Lines of text: every verb and what it does, sorted as GROUPS says."""
+    grouped = {verb for verbs in GROUPS.values() for verb in verbs}
+    last = list(GROUPS)[-1]
+    lines = []
+    for title, verbs in GROUPS.items():
+        more = [verb for verb in VERBS if verb not in grouped] if title == last else []
+        lines += [f"{title}:"] + [f"  {verb:<15}{VERBS[verb][1]}" for verb in (*verbs, *more) if verb in VERBS]
+    return "\n".join(lines)
 
 
 def _guarded(arguments):

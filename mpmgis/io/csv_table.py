@@ -14,6 +14,11 @@ def write_records(path, names, rows):
         table.writerows([_cell(value) for value in row] for row in rows)
 
 
+def column_name(name, unit):
+    """The heading `name_unit` of a column, for example ``Ut_m_s``; a number without unit has its name alone."""
+    return name if unit in ("", "1") else f"{name}_{unit.replace('-1', '').replace('-2', '2').replace(' ', '_')}"
+
+
 def _cell(value):
     if isinstance(value, str):
         return value

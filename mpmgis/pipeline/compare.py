@@ -2,7 +2,6 @@
 
 import math
 import re
-import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +16,16 @@ from ..geo.terrain import Terrain
 from ..io.atomic import refuse_existing, whole_folder
 from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
-from ..io.observed import cells_within, read_line, read_outline
+from ..io.exported_steps import is_export
+from ..io.observed import cells_within, read_outline
 from ..io.raster import open_raster, read_terrain
 from ..io.results import open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
-from .export import ExportRequest, export_raster
+from .export import ExportRequest
+from .given_line import given_line
+from .opened_results import exported_peaks
 
 MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
 OUTLINE = "outline"
@@ -101,11 +103,9 @@ class _Outline:
 def _source(path, dem, stack, say):
     """The Result at `path` (frames are exported first, on `dem` if it is given), or the outline."""
     path = Path(path)
-    if path.is_dir() and not (path / "rasters").is_dir() and any(path.glob("*.h5")):
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-compare-"))) / "gis"
+    if path.is_dir() and not is_export(path) and any(path.glob("*.h5")):
         say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
-        export_raster(ExportRequest((path,), folder, dem=dem, time_step=math.inf, qgis=False), say)  # maxima, no steps
-        return replace(open_result(folder), name=path.resolve().name, kind="run")
+        return exported_peaks(ExportRequest((path,), dem=dem), stack, say)
     plain = Path(str(path).partition("|")[0])
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")
@@ -302,12 +302,12 @@ def _terrain(request, sources, joint, say):
 
 def _line(request, footprints, terrain, joint, say):
     """(vertices, where from) of the line that runout is read along; (None, why not) without --line and DTM."""
+    flowed = footprints[0].on_joint | footprints[1].on_joint
     if request.line is not None:
-        return _given_line(request.line, footprints, terrain, joint, say), str(request.line)
+        return given_line(request.line, flowed, joint, terrain, say), str(request.line)
     if terrain is None:
         say("no DTM beside the results: runout wants --line, or --dem to find the way of the flow")
         return None, "none: no --line, no DTM"
-    flowed = footprints[0].on_joint | footprints[1].on_joint
     elevation = np.full(joint.shape, np.nan)
     elevation[flowed] = terrain.sample(*joint.xy(*np.nonzero(flowed)))
     masks, weights = ([getattr(f, key) for f in footprints] for key in ("on_joint", "weight"))
@@ -316,20 +316,6 @@ def _line(request, footprints, terrain, joint, say):
         say(f"{terrain.path} has no heights under the flow, or the flow is one cell: no runout; give --line")
         return None, "none: no heights under the flow"
     return line, "centre line of both flows"
-
-
-def _given_line(path, footprints, terrain, joint, say):
-    line = read_line(path, joint, say)
-    flowed = footprints[0].on_joint | footprints[1].on_joint
-    distance = flow_line.distance_to_line(line, flowed, joint)
-    if distance > 2 * joint.cell_size:
-        raise InputError(f"{path} passes no nearer than {distance:.0f} m to either flow; give the line that they took")
-    if terrain is not None:
-        begin, end = terrain.sample(*line[[0, -1]].T)
-        if begin < end:
-            say(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
-            return line[::-1]
-    return line
 
 
 def _tell_of_overrun(found, say):

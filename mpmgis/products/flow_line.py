@@ -63,10 +63,25 @@ def runout(mask, grid, line):
 def up_to(line, distance):
     """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or continued straight."""
     line = np.asarray(line, float)
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    along = vertex_distances(line)
     last = min(int(np.searchsorted(along, distance)), len(line) - 1)
     direction = (line[last] - line[last - 1]) / (along[last] - along[last - 1])
     return np.vstack([line[:last], line[last - 1] + (distance - along[last - 1]) * direction])
+
+
+def vertex_distances(line):
+    """float64[n]: distance [m] of each vertex of `line` from its start, along it."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(np.asarray(line, float), axis=0), axis=1))]
+
+
+def places_along(line, along):
+    """(x, y) float64[k] [m] of the places at the distances `along` [m] from the start of `line`: undoes
+    `positions_along`, straight on beyond both ends."""
+    line, along = np.asarray(line, float), np.asarray(along, float)
+    vertices = vertex_distances(line)
+    piece = np.clip(np.searchsorted(vertices, along, side="right") - 1, 0, len(line) - 2)
+    direction = (line[piece + 1] - line[piece]) / (vertices[piece + 1] - vertices[piece])[:, None]
+    return tuple((line[piece] + (along - vertices[piece])[:, None] * direction).T)
 
 
 def distance_to_line(line, mask, grid):

@@ -334,7 +334,7 @@ def bad_cases(tmp_path, first, second):
         "two outlines": ((area, area), "both outlines"),
         "lines as outline": ((first, path), "wanted polygons"),
         "an outline as line": ((first, second, "--line", area), "wanted lines"),
-        "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to either flow"),
+        "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to the flow"),
         "two lines": ((first, second, "--line", two), "2 lines that do not join"),
         "an outline smaller than a cell": ((first, sliver), "holds no centre of a cell of 2 m"),
         "another CRS": ((first, other_crs), "is in EPSG:32633, the other rasters in EPSG:32632; reproject"),

@@ -1,0 +1,82 @@
+"""A runout as files: its figures, its way over time and along the line as tables, a profile with the energy line."""
+
+import numpy as np
+
+from ..products.runout_report import PROFILE_COLUMNS, TIME_COLUMNS
+from .csv_table import column_name, write_records
+from .plots import COLOURS, draw_ground, dress, legend, plot_file
+
+FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
+
+
+def write_figures(path, found):
+    """The figures of a RunoutFound as CSV, a row each."""
+    write_records(path, ("quantity", "unit", "value"), found.rows())
+
+
+def write_over_time(path, found):
+    """Where the mass is, a row a frame."""
+    write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
+
+
+def write_profile(path, found):
+    """The line's profile, a row a place."""
+    write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], zip(*found.profile, strict=True))
+
+
+def write_runout_plot(path, found):
+    """Longitudinal profile: terrain, reach of flow and deposit, energy line, way of the centre of mass."""
+    along, _, _, _, elevation, _, depth, deposit = found.profile
+    with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
+        upper, lower = axes[:, 0]
+        draw_ground(upper, along, elevation)
+        _draw_energy_line(upper, found)
+        _draw_centre(upper, found)
+        dress(
+            upper,
+            "elevation [m]",
+            title=f"{found.name}: runout {found.flow.length:.0f} m, drop {found.flow.drop:.0f} m",
+        )
+        legend(upper, loc="upper right")
+        _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h")
+        _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame")
+        dress(lower, "h [m]", f"distance along the {_source(found)} [m]")
+        highest = float(np.nan_to_num(depth).max(initial=1e-3))
+        lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))
+        legend(lower, loc="upper right", ncols=2)
+
+
+def _draw_depth(axes, along, depth, colour, label):
+    if np.isfinite(depth).any():
+        shown = np.nan_to_num(depth)
+        axes.fill_between(along, 0, shown, step="mid", color=colour, alpha=0.55, linewidth=0, label=label)
+
+
+def _source(found):
+    return found.line_source if found.line_source.startswith("centre") else "line"
+
+
+def _draw_energy_line(axes, found):
+    top, toe = found.flow.top, found.flow.toe
+    label = f"energy line, {found.flow.angle:.1f}° (tan {found.flow.drop / found.flow.length:.3f})"
+    axes.plot((top.along, toe.along), (top.z, toe.z), color=LINE_COLOUR, linewidth=1.5, zorder=4, label=label)
+    axes.plot((top.along, toe.along), (top.z, toe.z), "o", color=LINE_COLOUR, markersize=5, zorder=5)
+    if found.deposit is not None and found.deposit.toe != toe:
+        at = found.deposit.toe
+        label = f"toe of the deposit, {found.deposit.length:.0f} m, {found.deposit.angle:.1f}°"
+        look = {"color": DEPOSIT_COLOUR, "markersize": 6, "markeredgecolor": "white", "zorder": 5}
+        axes.plot(at.along, at.z, "s", label=label, **look)
+
+
+def _draw_centre(axes, found):
+    if found.centre is not None:
+        way = [(state.along, state.z) for state in found.states]
+        label = f"centre of mass, {found.centre[2]:.1f}° from start to end"
+        axes.plot(*np.array(way).T, color=MASS_COLOUR, linewidth=1.2, zorder=4, label=label)
+        ends = np.array([way[0], way[-1]]).T
+        axes.plot(*ends, "^", color=MASS_COLOUR, markersize=6, markeredgecolor="white", zorder=5)
+        axes.plot(*ends, color=MASS_COLOUR, linewidth=1.0, linestyle="--", zorder=4)
+    if found.farthest_mass is not None:
+        at = found.farthest_mass
+        label = f"99 % of the mass, {at.along - found.flow.top.along:.0f} m"
+        axes.plot(at.along, at.z, "D", color=COLOURS[3], markersize=5, markeredgecolor="white", zorder=5, label=label)

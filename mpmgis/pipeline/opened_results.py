@@ -1,0 +1,203 @@
+"""Results opened for questions: frames of any code or an exported folder, cells averaged as in an export."""
+
+import math
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..geo.georeference import LOCAL
+from ..geo.terrain import Terrain
+from ..io.exported_steps import ExportedSteps, is_export, open_steps
+from ..io.frame_list import list_frames
+from ..io.raster import open_raster, read_terrain
+from ..io.results import open_result
+from ..products.bed import Bed
+from ..products.cell_series import cells_of, frame_at_cells
+from ..products.frame_values import Averaging
+from ..products.sampling import export_grid
+from ..products.table import PRODUCTS
+from .export import ExportRequest, export_raster
+from .export_inputs import release_density, run_terrain
+from .frame_pool import frame_pool
+
+EXPORTED_FOLDER = "gis"
+
+
+@dataclass(frozen=True)
+class FrameFlow:
+    """A flow as frames on disk: `entries` by time, the `terrain` under them, how their cells are averaged."""
+
+    name: str
+    entries: tuple
+    terrain: Terrain
+    averaging: Averaging
+
+    @property
+    def times(self):
+        """float64[frames] [s]."""
+        return np.array([entry.time for entry in self.entries])
+
+    @property
+    def grid(self):
+        """Grid of the cells."""
+        return self.averaging.grid
+
+    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
+        """Values of the flat `cells` of the grid at the numbered `steps`.
+
+        Returns
+        -------
+        dict of str to float64[steps, cells]
+            Of the products `names`; NaN off the grid, and velocities where the flow is too shallow.
+        """
+        wanted = tuple(name for name in PRODUCTS if name in names or name == "h")
+        averaging = replace(self.averaging, names=wanted)
+        found = []
+        with frame_pool() as pool:
+            entries = [self.entries[step] for step in steps]
+            for values in pool.map(_entry_at_cells, entries, averaging, cells):
+                found.append(values)
+                progress(len(found), len(entries))
+        return {name: np.array([values[name] for values in found]) for name in names}
+
+
+def _entry_at_cells(entry, averaging, cells):
+    return frame_at_cells(entry.read(averaging.density), averaging, cells)
+
+
+@dataclass(frozen=True)
+class ExportFlow:
+    """A flow as the exported `steps`, with its `terrain`."""
+
+    name: str
+    steps: ExportedSteps
+    terrain: Terrain
+
+    @property
+    def times(self):
+        """float64[steps] [s]."""
+        return np.array(self.steps.times)
+
+    @property
+    def grid(self):
+        """Grid of the cells."""
+        return self.steps.grid
+
+    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
+        """As `FrameFlow.at_cells`, from the rasters."""
+        missing = [name for name in names if name not in self.steps.bands]
+        if missing:
+            raise InputError(
+                f"{self.name}: the exported steps have no {', '.join(missing)}; name the frames instead, or export "
+                f"them with --products {','.join(missing)}"
+            )
+        found = []
+        for step in steps:
+            found.append(self.steps.read(step, names, cells))
+            progress(len(found), len(steps))
+        return {name: np.array([values[name] for values in found]) for name in names}
+
+
+def open_flow(request, output, say=lambda text: None):
+    """The flow that `request` (ExportRequest) names: frames, or one exported folder.
+
+    `output` is where the answers go: a DTM in there is refused.
+
+    Returns
+    -------
+    FrameFlow or ExportFlow
+
+    Raises
+    ------
+    MpmgisError
+    """
+    if any(is_export(path) for path in request.frames):
+        return _open_export(request, say)
+    return open_frames(request, output, say)
+
+
+def open_frames(request, output, say=lambda text: None, why=""):
+    """As `open_flow`, of frames only; `why` an export will not do is said in its refusal."""
+    for path in request.frames:
+        if is_export(path):
+            raise InputError(f"{path} is an export; {why}; give the folder of the frames it was made from")
+    entries = list_frames(request.frames, request.terms())
+    terrain = run_terrain(request, entries, output, say)
+    density = release_density(request, entries, say)
+    averaging = Averaging(
+        bed=Bed.of(terrain, request.bed, request.standoff),
+        grid=export_grid(terrain.grid, request.cell_size),
+        density=density,
+        names=(),
+        percentile=request.percentile,
+        min_depth=request.min_depth,
+    )
+    return FrameFlow(result_name(request), entries, terrain, averaging)
+
+
+def result_name(request):
+    """Name of a result: that of the folder that holds the frames, or of the export."""
+    path = Path(str(request.frames[0])).absolute()
+    folder = path if path.is_dir() else path.parent
+    return folder.resolve().name or "frames"
+
+
+def _open_export(request, say):
+    if len(request.frames) > 1:
+        raise InputError(f"{request.frames[0]} is an export; give one at a time, and no frames beside it")
+    _refuse_options_of_frames(request)
+    steps = open_steps(request.frames[0])
+    path = request.dem or steps.terrain
+    with open_raster(path) as source:
+        crs = LOCAL if source.crs is None else None
+    terrain = read_terrain(path, crs, request.dem_band, say)
+    return ExportFlow(steps.name, steps, replace(terrain, grid=replace(terrain.grid, crs=steps.grid.crs)))
+
+
+def _refuse_options_of_frames(request):
+    """An export's cells are made: options that say how frames are read and averaged would change nothing."""
+    told = [
+        field.name
+        for field in fields(ExportRequest)
+        if field.name not in ("frames", "dem", "dem_band", "output", "overwrite")
+        and getattr(request, field.name) != field.default
+    ]
+    if told:
+        raise InputError(
+            f"{request.frames[0]} is an export, whose cells are averaged already; the option for "
+            f"{', '.join(name.replace('_', ' ') for name in told)} is for frames"
+        )
+
+
+def exported_peaks(request, stack, say=lambda text: None, progress=lambda done, total: None):
+    """The Result (maxima, deposit, terrain) of an export, or of frames, which are exported for it.
+
+    `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it.
+    """
+    import tempfile
+
+    if any(is_export(path) for path in request.frames):
+        if len(request.frames) > 1:
+            raise InputError(f"{request.frames[0]} is an export; give one at a time, and no frames beside it")
+        _refuse_options_of_frames(request)
+        return open_result(request.frames[0])
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
+    asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
+    export_raster(asked, say, progress)
+    return replace(open_result(folder), name=result_name(request), kind="run")
+
+
+def require_on_grid(flow, x, y, names, what):
+    """Flat cells of map points [m]; InputError names the first that lies off the raster."""
+    cells = cells_of(flow.grid, x, y)
+    off = np.flatnonzero(cells < 0)
+    if off.size:
+        west, south, east, north = flow.grid.bounds
+        k = int(off[0])
+        raise InputError(
+            f"{what} {names[k]!r} (E {x[k]:.1f}, N {y[k]:.1f}) lies off {flow.terrain.path} (E {west:.0f} to "
+            f"{east:.0f}, N {south:.0f} to {north:.0f}); move it, or check its CRS"
+        )
+    return cells

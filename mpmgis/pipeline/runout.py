@@ -1,0 +1,157 @@
+"""`mpmgis runout`: results in, how far the flow ran and under which angle out."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..io.exported_steps import is_export
+from ..io.runout_files import write_figures, write_over_time, write_profile, write_runout_plot
+from ..products.cell_series import cells_of
+from ..products.comparison import footprint
+from ..products.flow_line import centre_line
+from ..products.runout_figures import (
+    Place,
+    energy_line,
+    farthest_place,
+    highest_place,
+    line_profile,
+    mass_state,
+)
+from ..products.runout_report import RunoutFound
+from .answer_files import answer_output, write_answer
+from .export import ExportRequest
+from .frame_pool import frame_pool
+from .given_line import given_line
+from .opened_results import exported_peaks, open_flow
+
+PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
+FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
+WORD = "runout"
+CENTRE_LINE = "centre line of the flow"
+_ROOM = 0.08  # of the runout: how far the profile goes on at both ends
+
+
+@dataclass(frozen=True)
+class RunoutRequest:
+    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+
+    results: ExportRequest
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+    output: Path | None = None
+    overwrite: bool = False
+
+
+def runout(request, say=lambda text: None, progress=lambda done, total: None, write=True):
+    """Find runout, drop, angles of the energy line and of the centre of mass; write figures where `write` says so.
+
+    Returns
+    -------
+    RunoutFound
+
+    Raises
+    ------
+    MpmgisError
+        What cannot be read, or a flow that reached nothing; nothing is written then.
+    """
+    output = answer_output(request.results, request.output, request.overwrite, WORD, FILES)
+    flow = open_flow(request.results, output, say)
+    with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
+        peaks = exported_peaks(request.results, stack, say, progress)
+        depth, grid = peaks.read("h_max")
+        deposit = peaks.read("deposit_h")[0] if "deposit_h" in peaks.bands else np.full(depth.shape, np.nan)
+    found = _found(request, flow, depth, deposit, grid, say)
+    files = _write(output, request.overwrite, found, flow.terrain) if write else ()
+    return replace(found, files=files)
+
+
+def _found(request, flow, depth, deposit, grid, say):
+    mask = footprint(depth, request.threshold)
+    if not mask.any():
+        raise InputError(
+            f"{flow.name}: no cell was ever deeper than --threshold {request.threshold:g} m; give a lower one"
+        )
+    elevation = np.full(grid.shape, np.nan)
+    elevation[mask] = flow.terrain.sample(*grid.xy(*np.nonzero(mask)))
+    line, source = _line(request, flow, mask, depth, elevation, grid, say)
+    top = highest_place(mask, elevation, grid, line)
+    toe = farthest_place(mask, elevation, grid, line)
+    lying = footprint(deposit, request.threshold)
+    spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
+    reached = energy_line(top, toe, line, flow.terrain, spacing)
+    if reached is None:
+        raise InputError(
+            f"{flow.name}: the flow does not get beyond its highest place along {source}; give another --line"
+        )
+    states = _states(request, flow, line)
+    return RunoutFound(
+        name=flow.name,
+        threshold=request.threshold,
+        line=line,
+        line_source=source,
+        flow=reached,
+        deposit=energy_line(top, farthest_place(lying & mask, elevation, grid, line), line, flow.terrain, spacing),
+        states=states,
+        farthest_mass=_farthest_mass(states, line, flow.terrain),
+        profile=_profile(reached, line, flow.terrain, spacing, depth, deposit, grid),
+    )
+
+
+def _line(request, flow, mask, depth, elevation, grid, say):
+    """(vertices, where from) of the line that the runout is read along."""
+    if request.line is not None:
+        return given_line(request.line, mask, grid, flow.terrain, say), str(request.line)
+    line = centre_line([mask], [depth], elevation, grid)
+    if line is None:
+        raise InputError(
+            f"{flow.name}: the flow is one cell, or has no heights under it; give --line, or smaller --cs-e"
+        )
+    return line, CENTRE_LINE
+
+
+def _states(request, flow, line):
+    """MassState of every frame; () of an export."""
+    if any(is_export(path) for path in request.results.frames):
+        return ()
+    with frame_pool() as pool:
+        return tuple(state for state in pool.map(_entry_state, flow.entries, flow.averaging, line) if state is not None)
+
+
+def _entry_state(entry, averaging, line):
+    return mass_state(entry.read(averaging.density), averaging, line)
+
+
+def _farthest_mass(states, line, terrain):
+    """Place on the line where 99 % of the last frame's mass lie at or before; None without frames."""
+    if not states:
+        return None
+    along = float(states[-1].quantiles[-1])
+    (_, x, y, elevation, _) = line_profile(line, terrain, along, along + 1e-3, 1.0)
+    return Place(along, float(x[0]), float(y[0]), float(elevation[0]))
+
+
+def _profile(reached, line, terrain, spacing, depth, deposit, grid):
+    """The columns of PROFILE_COLUMNS, from a little above the top to a little beyond the toe."""
+    room = _ROOM * reached.length
+    begin, end = reached.top.along - room, reached.toe.along + room
+    along, x, y, elevation, ground = line_profile(line, terrain, begin, end, 2 * spacing)
+    share = (along - reached.top.along) / reached.length
+    falling = np.where((share >= 0) & (share <= 1), reached.top.z - share * reached.drop, np.nan)
+    cells = cells_of(grid, x, y)
+    values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, deposit)]
+    return (along, ground, x, y, elevation, falling, *values)
+
+
+def _write(output, overwrite, found, terrain):
+    writers = {
+        PLOT_FILE: lambda path: write_runout_plot(path, found),
+        FIGURES_FILE: lambda path: write_figures(path, found),
+        TIME_FILE: lambda path: write_over_time(path, found),
+        PROFILE_FILE: lambda path: write_profile(path, found),
+    }
+    if not found.states:
+        del writers[TIME_FILE]
+    return write_answer(output, overwrite, writers)
