@@ -96,7 +96,7 @@ class ExportedRun:
 
         bands = [quantity.name for quantity in self.bands_of(file)]
         with rasterio.open(self.folder / file) as source:
-            return [_with_nan(source, bands.index(name) + 1, window) if name in bands else None for name in names]
+            return [read_part(source, bands.index(name) + 1, window) if name in bands else None for name in names]
 
     def bands_of(self, file):
         """Tuple of Quantity: the bands of one of the run's rasters, in order."""
@@ -107,7 +107,7 @@ class ExportedRun:
         import rasterio
 
         with rasterio.open(self.folder / self.terrain_file) as source:
-            return _with_nan(source, 1, self.flow_window)
+            return read_part(source, 1, self.flow_window)
 
     @cached_property
     def flow_window(self):
@@ -163,8 +163,8 @@ def moved_corner(transform, row, column):
     return Affine(t.a, t.b, t.c + t.a * column + t.b * row, t.d, t.e, t.f + t.d * column + t.e * row)
 
 
-def _with_nan(source, band, window):
-    """float32[rows, columns]: part of a band of an open raster, with NaN for its nodata value."""
+def read_part(source, band, window):
+    """float32[rows, columns]: `window` (row slice, column slice) of a band of an open raster, NaN for nodata."""
     values = source.read(band, window=tuple((part.start, part.stop) for part in window), out_dtype="float32")
     if source.nodata is not None:
         values[values == np.float32(source.nodata)] = np.nan

@@ -84,8 +84,12 @@ def read_raster(path, band=None, may_be_empty=False):
     path = Path(path)
     with open_raster(path) as source:
         band = _band(source, path, band, option="a file with one band")
-        grid = Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)
-        return _values(source, path, band, may_be_empty), grid
+        return _values(source, path, band, may_be_empty), grid_of(source, path)
+
+
+def grid_of(source, path):
+    """Grid of an open raster; its crs is the horizontal one, None where the file has none."""
+    return Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)
 
 
 @contextmanager

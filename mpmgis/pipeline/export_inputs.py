@@ -42,6 +42,8 @@ def _refuse_within(output, path):
 def run_terrain(request, entries, output, say):
     """The DTM asked for, or the one that the frames name. It must lie in the frames' CRS.
 
+    `output` is the folder that is going to be written, None where nothing is.
+
     Raises
     ------
     MpmgisError
@@ -58,7 +60,8 @@ def run_terrain(request, entries, output, say):
         if crs is None and not _carries_crs(path):
             crs = _word_of(header.crs)
     terrain = read_terrain(path, crs, request.dem_band, say)
-    _refuse_within(output, Path(path))
+    if output is not None:
+        _refuse_within(output, Path(path))
     if header.crs is None and terrain.grid.crs is not None:
         say(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
     elif not same_place(header.crs, terrain.grid.crs):

@@ -1,17 +1,18 @@
 """What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..effects.own_law import load_laws, require_sound
+from ..effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
 from ..io.raster import read_terrain
 from ..kernels.own_laws import require_compiled, use_own_laws
-from ..scene import TerrainFacts, read_scene, resolve
+from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.events import Events
@@ -98,18 +99,20 @@ class _Start:
     affine: np.ndarray | None = None
 
 
-def prepare(scene_path, say=lambda text: None, laws=None):
+def prepare(given, say=lambda text: None, laws=None):
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
-    `laws` is the path of a Python file with laws of friction of one's own; it is run as a program.
+    `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
+    a Python file with laws of friction of one's own; it is run as a program.
     """
-    scene = scene_to_prepare(scene_path, laws)
+    scene = scene_to_prepare(given, laws)
     try:
         return prepare_scene(scene, say)
     except SceneError:
         raise
     except InputError as error:  # told in the words of `seed`; say whose file they are about
-        raise type(error)(f"{Path(scene_path).name}: {error}") from error
+        where = "scene" if isinstance(given, Mapping) else Path(given).name
+        raise type(error)(f"{where}: {error}") from error
 
 
 def prepare_scene(scene, say=lambda text: None):
@@ -240,16 +243,15 @@ def _with_courant_number(scene, cell_size=None):
     return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
 
 
-def scene_to_prepare(path, laws=None):
-    """The scene, with its own law of friction, if it has one, tried out and fit for the compiler."""
-    if laws is None:
-        return read_scene(path)
-    own = load_laws(laws)
-    scene = read_scene(path, own)
-    use_own_laws(own)
-    law = own.laws[scene.friction.law][0](**trial_parameters(scene))
-    require_sound(law, scene.friction.law)
-    require_compiled(law, scene.friction.law)
+def scene_to_prepare(given, laws=None):
+    """The scene at a path, or of tables; its own law of friction, if it has one, is tried and fit for the compiler."""
+    own = NO_OWN_LAWS if laws is None else load_laws(laws)
+    scene = scene_from_tables(given, own_laws=own) if isinstance(given, Mapping) else read_scene(given, own)
+    if laws is not None:
+        use_own_laws(own)
+        law = own.laws[scene.friction.law][0](**trial_parameters(scene))
+        require_sound(law, scene.friction.law)
+        require_compiled(law, scene.friction.law)
     return scene
 
 

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -109,10 +110,11 @@ def _predicted_of(prepared, number, threads):
     )  # fmt: skip
 
 
-def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
+def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
         confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):  # fmt: skip
-    """Simulate the scene at `scene_path` into the folder `output` (default `results/` beside the scene).
+    """Simulate a scene into the folder `output` (default `results/` beside the scene).
 
+    `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
     `watch(solver, end_time)` is called a few times a second; `say(text)` gets lines for the user; `confirm(question)`
     decides on very large runs. With `resume` the run goes on after its last whole frame, bitwise as if never stopped;
     an empty or missing folder starts at the beginning, a finished run is told and left as it is. `laws` is the path of
@@ -129,9 +131,9 @@ def run(scene_path, output=None, *, overwrite=False, resume=False, threads=None,
     UnphysicalError
         The run stopped itself; the frames before are whole.
     """
-    output = output or Path(scene_path).parent / "results"
+    output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
-    prepared = prepare(scene_path, say, laws)
+    prepared = prepare(scene, say, laws)
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     foreseen = require_affordable(prepared, used, confirm, say)
     sequence = Sequence(prepared, _telling_mach(watch, say), say)

@@ -395,8 +395,9 @@ def main():
     began = time.monotonic()
     run_cases(range(arguments.first, arguments.first + arguments.cases), arguments.seed, sound, work, kinds, tell)
     middle = time.monotonic()
+    baseline = _needed_whole(sound, work) if arguments.whole else 0
     for number in range(arguments.whole):
-        tell(run_whole(number, arguments.seed, sound, work, _baseline()))
+        tell(run_whole(number, arguments.seed, sound, work, baseline))
     for kind in kinds:
         codes = {code: n for (name, code), n in sorted(counts.items(), key=str) if name == kind}
         total = sum(codes.values())
@@ -437,9 +438,15 @@ def import_what_commands_import():
         importlib.import_module(f"mpmgis.cli.{name}")
 
 
-def _baseline():
-    """Address space [bytes] of a program with everything imported: what this process has."""
-    return psutil.Process().memory_info().vms
+def _needed_whole(sound, work):
+    """Address space [bytes] at most of a sound run in a process of its own; what is resident is a sixth of it."""
+    code = (
+        "import re, sys; from mpmgis.cli.main import main; code = main(sys.argv[1:])\n"
+        "print(re.search(r'VmPeak:\\s+(\\d+)', open('/proc/self/status').read())[1]); sys.exit(code)"
+    )
+    words = ["run", str(sound / "plain.toml"), "-o", str(work / "sound_run"), "-q"]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
+    return 1024 * int(done.stdout.split()[-1])
 
 
 def _show(number, seed, kinds, sound, work):

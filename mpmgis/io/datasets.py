@@ -1,0 +1,205 @@
+"""Results as xarray datasets: coordinates, CRS and attributes by the CF conventions, values read when they are needed.
+
+Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
+"""
+
+from pathlib import Path
+
+import dask.array
+import numpy as np
+import pyproj
+import rasterio
+import rioxarray  # noqa: F401  registers `.rio`, which carries the CRS
+import xarray
+
+from .. import __version__
+from ..errors import FormatError, InputError
+from ..fields import BAND, Quantity
+from ..geo.grid import Grid
+from ..geo.terrain import Terrain
+from .exported import read_part
+from .geotiff import NAMESPACE
+from .raster import grid_of, open_raster
+from .step_rasters import SparseBands
+
+BLOCK = 2048  # rows and columns that are read at once
+ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
+DEPOSIT = "deposit"  # suffix of the last step's bands, where they come from a raster of their own
+_TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
+_PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # where it is written to NetCDF
+
+
+def gridded(grid, variables, times=None, **attributes):
+    """The Dataset of `variables` on `grid`.
+
+    Parameters
+    ----------
+    grid : Grid
+        North-up.
+    variables : dict of str to (Quantity, array)
+        Each [time, rows, columns] or [rows, columns].
+    times : sequence of float [s], optional
+    **attributes
+        Of the whole.
+
+    Returns
+    -------
+    xarray.Dataset
+        With x, y [m] at the cells' centres, time [s], and the CRS, where the grid has one, as `spatial_ref`.
+    """
+    rows, columns = grid.shape
+    coordinates = {"y": grid.xy(np.arange(rows), 0)[1], "x": grid.xy(0, np.arange(columns))[0]}
+    if times is not None:
+        coordinates["time"] = ("time", np.asarray(times, float), _TIME)
+    dataset = xarray.Dataset(
+        {name: _variable(quantity, values) for name, (quantity, values) in variables.items()},
+        coordinates,
+        {"Conventions": "CF-1.8", "source": f"mpmgis {__version__}", **attributes},
+    )
+    if grid.crs is not None:
+        dataset = dataset.rio.write_crs(grid.crs.to_wkt())
+    return dataset.rio.write_transform(grid.transform).rio.write_coordinate_system()
+
+
+def _variable(quantity, values):
+    dimensions = ("time", "y", "x")[3 - values.ndim :]
+    return xarray.Variable(
+        dimensions, values, {"units": quantity.unit, "long_name": quantity.long_name}, encoding=dict(_PACKED)
+    )
+
+
+def averaged_steps(count, quantities, grid, frame_values):
+    """Name -> (Quantity, lazy float32[count, rows, columns]) of bands that are averaged when they are asked for.
+
+    Parameters
+    ----------
+    count : int
+        Number of steps.
+    quantities : list of (Quantity, float)
+        What is averaged, and its value in cells without particles.
+    grid : Grid
+    frame_values : callable
+        `frame_values(step)` answers a FrameValues with those quantities.
+    """
+    rows, columns = grid.shape
+    stack = dask.array.map_blocks(
+        _averaged_block, chunks=((1,) * count, (len(quantities),), (rows,), (columns,)), dtype=np.float32,
+        meta=np.empty((0, 0, 0, 0), np.float32), quantities=quantities, grid=grid, frame_values=frame_values,
+    )  # fmt: skip
+    return {quantity.name: (quantity, stack[:, k]) for k, (quantity, _) in enumerate(quantities)}
+
+
+def _averaged_block(quantities, grid, frame_values, block_info=None):
+    values = frame_values(block_info[None]["array-location"][0][0])
+    bands = [(values.values[quantity.name], empty) for quantity, empty in quantities]
+    rows_of = SparseBands(grid, values.index, bands)
+    return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])[np.newaxis]
+
+
+def is_export(folder):
+    """True for a folder that `mpmgis export-raster` wrote."""
+    return _maxima_file(folder) is not None
+
+
+def _maxima_file(folder):
+    found = sorted((Path(folder) / "rasters").glob("*_max.tif"))
+    return found[0] if found else None
+
+
+def open_export(folder):
+    """The Dataset of an exported folder: bands of the steps, maxima, deposit and terrain, all lazy.
+
+    Raises
+    ------
+    FormatError
+        No such folder, or rasters that do not fit together.
+    """
+    maxima = _maxima_file(folder)
+    if maxima is None:
+        raise FormatError(f"{folder}: no folder of mpmgis export-raster (no rasters/*_max.tif in it)")
+    folder, name = Path(folder), maxima.stem.removesuffix("_max")
+    steps = [path for path in sorted(maxima.parent.glob(f"{name}_*")) if _is_step(path, name)]
+    grid, tags = _grid_and_tags(maxima)
+    times = [_time_of(step, grid) for step in steps]
+    variables = {}
+    if steps:
+        for band, quantity in _bands(steps[0]):
+            variables[quantity.name] = quantity, _lazy_bands(steps, band, grid.shape)
+    for path, suffix in ((maxima, ""), (maxima.with_name(f"{name}_deposit.tif"), f"_{DEPOSIT}")):
+        for band, quantity in _bands(path) if path.exists() else ():
+            variables[quantity.name + suffix] = quantity, _lazy_bands([path], band, grid.shape)[0]
+    if (folder / "dtm.tif").exists():
+        variables[ELEVATION.name] = ELEVATION, _lazy_bands([folder / "dtm.tif"], 1, grid.shape)[0]
+    about = {key: tags[key] for key in ("digest", "dem", "density", "min_depth", "bed", "percentile") if key in tags}
+    return gridded(grid, variables, times, title=name, **about)
+
+
+def _is_step(path, name):
+    return path.suffix in (".tif", ".vrt") and path.stem.removeprefix(f"{name}_").isdigit()
+
+
+def _grid_and_tags(path):
+    with open_raster(path) as source:
+        return grid_of(source, path), source.tags(ns=NAMESPACE)
+
+
+def _time_of(path, grid):
+    with open_raster(path) as source:
+        if source.shape != tuple(grid.shape) or source.transform != grid.transform:
+            raise FormatError(f"{path} lies on other cells than the maxima beside it; export again")
+        try:
+            return float(source.tags(ns=NAMESPACE)["time"])
+        except (KeyError, ValueError) as error:
+            raise FormatError(f"{path} does not say its time; export again") from error
+
+
+def _bands(path):
+    """(number, Quantity) of each band of a raster, by its description `NAME [unit]`."""
+    with open_raster(path) as source:
+        described = [(band, text or f"band_{band}") for band, text in enumerate(source.descriptions, start=1)]
+    return [(band, _quantity(text)) for band, text in described]
+
+
+def _quantity(text):
+    name, _, unit = text.partition(" [")
+    return BAND.get(name) or Quantity(name, unit.rstrip("]") or "1", name, "float32")
+
+
+def _lazy_bands(paths, band, shape):
+    """Lazy float32[files, rows, columns] of one band of rasters of one shape."""
+    rows, columns = (_cut(length) for length in shape)
+    return dask.array.map_blocks(
+        _read_block, chunks=((1,) * len(paths), rows, columns), dtype=np.float32, meta=np.empty((0, 0, 0), np.float32),
+        paths=tuple(map(str, paths)), band=band,
+    )  # fmt: skip
+
+
+def _cut(length):
+    whole, rest = divmod(length, BLOCK)
+    return (BLOCK,) * whole + ((rest,) if rest else ())
+
+
+def _read_block(paths, band, block_info=None):
+    (step, _), *window = block_info[None]["array-location"]
+    with rasterio.open(paths[step]) as source:
+        return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
+
+
+def terrain_of(array):
+    """The Terrain in an xarray.DataArray [y, x] of elevations [m] that rioxarray knows the place of.
+
+    Raises
+    ------
+    InputError
+        No such array, not two dimensions, no place on a map.
+    """
+    if not isinstance(array, xarray.DataArray):
+        raise InputError(f"dem is {type(array).__name__}, wanted a path, a Terrain or an xarray.DataArray")
+    array = array.squeeze(drop=True)
+    if array.ndim != 2:
+        raise InputError(f"dem has the dimensions {', '.join(map(str, array.dims))}, wanted y and x; take one band")
+    elevation = np.asarray(array, float)
+    if array.rio.nodata is not None:
+        elevation = np.where(elevation == array.rio.nodata, np.nan, elevation)
+    crs = None if array.rio.crs is None else pyproj.CRS.from_wkt(array.rio.crs.to_wkt())
+    return Terrain(Grid(crs, array.rio.transform(), elevation.shape), elevation, path="the DTM given")

@@ -1,0 +1,158 @@
+"""Results in memory: folders and frames as xarray datasets, averaged as `mpmgis export-raster` does."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import GeoreferenceError, InputError
+from ..fields import BAND
+from ..geo.georeference import name_of, same_place
+from ..geo.terrain import Terrain
+from ..io.datasets import ELEVATION, averaged_steps, gridded, is_export, open_export, terrain_of
+from ..io.foreign.readers import OWN
+from ..io.frame_list import list_frames
+from ..particles import Frame
+from ..products.frame_values import Averaging, average_frame
+from ..products.table import PRODUCTS, RUNNING, choose_products
+from .export import ExportRequest, make_plan
+from .export_inputs import refuse_nowhere, run_terrain
+from .frame_pool import frame_pool
+from .python_options import AveragingOptions, require_known
+
+
+@dataclass(frozen=True)
+class GivenFrame:
+    """A Frame in memory, with what an export asks of one on disk."""
+
+    frame: Frame
+    path: Path = Path("the frame")
+    reader: str = OWN
+
+    @property
+    def header(self):
+        """The frame without its particles."""
+        return replace(self.frame, particles=None, header=self.frame.header | {"count": self.count})
+
+    @property
+    def time(self):
+        """Time [s]."""
+        return self.frame.time
+
+    @property
+    def count(self):
+        """Number of particles."""
+        return len(self.frame.particles)
+
+    def read(self, density=1000.0):
+        """The frame, whatever `density` is: mass and volume are there."""
+        return self.frame
+
+    def read_maxima(self):
+        """Running peaks of the solver."""
+        return self.frame.maxima
+
+
+@dataclass(frozen=True)
+class AveragedSteps:
+    """Answers a step's FrameValues, read and averaged anew each time: `entries` of the steps, on `terrain`."""
+
+    entries: tuple
+    averaging: Averaging
+    terrain: Terrain
+
+    def __call__(self, step):
+        entry = self.entries[step]
+        values = average_frame(entry.read(self.averaging.density), self.averaging)
+        if values.outside == values.count:
+            refuse_nowhere(entry, self.terrain)
+        return values
+
+
+def open_results(folder, dem=None, say=lambda text: None, **options):
+    """A folder as a lazy xarray.Dataset: an exported one as it is, one of frames averaged step by step when asked for.
+
+    Parameters
+    ----------
+    folder : str or Path
+    dem : as of `depth_average`
+    say : callable
+    **options
+        `AveragingOptions`, for frames; `extent` is "dtm" unless it is given, because "flow" reads all frames first.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    folder = Path(folder)
+    if is_export(folder):
+        idle = [*(["dem"] if dem is not None else []), *options]
+        if idle:
+            raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
+        return open_export(folder)
+    request = _request(folder, options, "open_results")
+    return _dataset(request, list_frames([folder], request.terms()), dem, say)
+
+
+def depth_average(frame, dem=None, say=lambda text: None, **options):
+    """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
+
+    Parameters
+    ----------
+    frame : str, Path or Frame
+    dem : path, Terrain or xarray.DataArray (rioxarray), optional
+        Default: the DTM that the frame names.
+    say : callable
+    **options
+        `AveragingOptions`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Without a dimension of time.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    given = isinstance(frame, Frame)
+    request = _request("the frame" if given else frame, options, "depth_average")
+    entries = (GivenFrame(frame),) if given else list_frames([frame], request.terms())
+    if len(entries) > 1:
+        raise InputError(f"{frame} holds {len(entries)} frames, wanted one; mpmgis.open_results averages them all")
+    return _dataset(request, entries, dem, say).isel(time=0).compute()
+
+
+def _request(frames, options, where):
+    require_known(options, AveragingOptions, where)
+    if RUNNING in options.get("products", ()):
+        raise InputError(f"{where}: products={RUNNING!r} is of exported folders; here it is .max('time')")
+    return ExportRequest(frames=(frames,), **({"extent": "dtm"} | options))
+
+
+def _dataset(request, entries, dem, say):
+    products = choose_products(request.products)
+    if dem is None or isinstance(dem, (str, Path)):
+        terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
+    else:
+        terrain = _terrain_in_memory(dem, entries[0])
+    with frame_pool() as pool:
+        plan = make_plan(request, entries, terrain, products, pool, say)
+    grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
+    quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
+    variables = averaged_steps(len(steps), quantities, grid, AveragedSteps(steps, plan.averaging, terrain))
+    variables[ELEVATION.name] = ELEVATION, plan.terrain_rows(grid, 0, grid.shape[0]).astype(np.float32)
+    return gridded(
+        grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,
+        min_depth=plan.averaging.min_depth,
+    )  # fmt: skip
+
+
+def _terrain_in_memory(dem, entry):
+    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem)
+    if entry.header.crs is not None and not same_place(entry.header.crs, terrain.grid.crs):
+        raise GeoreferenceError(
+            f"{entry.path} is in {name_of(entry.header.crs)}, but the DTM given is in {name_of(terrain.grid.crs)}; "
+            "reproject it (dem.rio.reproject)"
+        )
+    return terrain
