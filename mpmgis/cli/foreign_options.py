@@ -2,7 +2,7 @@
 
 import argparse
 
-from .values import number, positive
+from .values import number, numbers, positive
 
 
 def add_arguments(group, with_times=True):
@@ -13,7 +13,7 @@ def add_arguments(group, with_times=True):
         "--axes", type=_axes, metavar="X,Y,Z", help="where its x, y, z point: e,n,u; e,u,-n (y is up); .."
     )
     if with_times:
-        group.add_argument("--times", type=_times, metavar="T,..", help="time of each file [s], by their numbers")
+        group.add_argument("--times", type=numbers, metavar="T,..", help="time of each file [s], by their numbers")
     group.add_argument("--dt", type=positive, metavar="S", dest="frame_step", help="or: seconds from number to number")
     group.add_argument("--fps", type=positive, metavar="F", dest="frames_per_second", help="or: numbers a second")
     group.add_argument(
@@ -47,10 +47,6 @@ def _axes(text):
     if len(words) != 3:
         raise argparse.ArgumentTypeError(f"got {text!r}, wanted three directions, for example e,u,-n")
     return words
-
-
-def _times(text):
-    return tuple(number(part) for part in text.split(","))
 
 
 def _columns(text):

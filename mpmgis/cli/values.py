@@ -23,6 +23,19 @@ def positive(text):
     return value
 
 
+def numbers(text):
+    """Finite numbers with commas between them, as a tuple."""
+    return tuple(number(part) for part in text.split(","))
+
+
+def place(text):
+    """Two numbers E,N [m] on the map, as a tuple."""
+    found = numbers(text)
+    if len(found) != 2:
+        raise argparse.ArgumentTypeError(f"got {text!r}, wanted two numbers E,N")
+    return found
+
+
 def count(text):
     """A whole number above 0."""
     if not (text.isascii() and text.isdigit() and int(text) > 0):

@@ -1,4 +1,4 @@
-"""What was observed in the field or drawn on the map: outlines of a flow, and the line along which runout is read."""
+"""What was observed in the field or drawn on the map: outlines of a flow, lines and points where it is looked at."""
 
 import numpy as np
 import pyproj
@@ -8,7 +8,7 @@ from rasterio.features import geometry_mask
 from ..errors import GeoreferenceError, InputError
 from ..geo.georeference import horizontal, name_of, same_place
 from ..geo.release import polygons_only
-from .vector import KINDS, read_table, transformer_to
+from .vector import KINDS, names_of, read_table, transformer_to
 
 
 def read_outline(path, grid, say=lambda text: None):
@@ -47,6 +47,20 @@ def read_line(path, grid, say=lambda text: None):
     return vertices
 
 
+def read_points(path, grid, say=lambda text: None):
+    """(names, x float64[n], y float64[n]) of the points at `path` [m], in the CRS of `grid`.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+        No points, or none that can be brought to the grid's CRS.
+    """
+    shapes, names = _named_shapes(path, grid, "Point", "--points ", say)
+    parts, of = shapely.get_parts(shapes, return_index=True)
+    x, y = shapely.get_coordinates(parts).T
+    return tuple(names[k] for k in of), x, y
+
+
 def cells_within(shape, grid):
     """bool[rows, columns]: cells of `grid` whose centre lies within a shapely geometry."""
     return geometry_mask([shape], grid.shape, grid.transform, invert=True)
@@ -54,11 +68,17 @@ def cells_within(shape, grid):
 
 def _shapes(path, grid, kind, flag, say):
     """Geometries of one kind at `path`, 2D and in the CRS of `grid`; empty ones are left out."""
+    return _named_shapes(path, grid, kind, flag, say)[0]
+
+
+def _named_shapes(path, grid, kind, flag, say):
+    """As `_shapes`, with the name of each."""
     table = read_table(path, kind, flag)
     wanted = KINDS[kind]
     if getattr(table, "geometry", None) is None:
         raise InputError(f"{path} holds a table without geometry, wanted {wanted}")
-    shapes = table.geometry[~(table.geometry.isna() | table.geometry.is_empty)]
+    there = ~(table.geometry.isna() | table.geometry.is_empty)
+    shapes = table.geometry[there]
     foreign = sorted(set(shapes.geom_type) - {kind, f"Multi{kind}"})
     if foreign:
         raise InputError(f"{path} holds {', '.join(foreign)}, wanted {wanted}")
@@ -67,7 +87,7 @@ def _shapes(path, grid, kind, flag, say):
     flat = shapely.force_2d(shapes.to_numpy())
     if not np.isfinite(shapely.get_coordinates(flat)).all():
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
-    return _on_grid(flat, table.crs, grid, path, say)
+    return _on_grid(flat, table.crs, grid, path, say), np.array(names_of(table), dtype=object)[there.to_numpy()]
 
 
 def _on_grid(shapes, crs, grid, path, say):

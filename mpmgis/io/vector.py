@@ -34,7 +34,7 @@ from .raster import file_sha256, open_raster, read_raster
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _LAYER = "|layername="  # as QGIS writes a source with several layers
-KINDS = {"Polygon": "polygons", "LineString": "lines"}  # of geometry, in words
+KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
 _FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
 _SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
 _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting

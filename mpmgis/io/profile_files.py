@@ -1,0 +1,55 @@
+"""A flow along a line, and at points over time: tables and plots."""
+
+import numpy as np
+
+from .csv_table import column_name, write_records
+from .plots import COLOURS, draw_ground, dress, legend, plot_file
+from .styles import BATLOW, LOOKS, ramp_colours
+
+LATE = 0.85  # of the ramp that times are coloured with: its end is too pale for lines
+
+
+def write_rows(path, found):
+    """The rows of a ProfileFound or SeriesFound as CSV."""
+    write_records(path, [column_name(*column) for column in found.columns()], found.rows())
+
+
+def write_profile_plot(path, found):
+    """Terrain with the free surface, depth and thickness, velocities: three panels, a colour for each time."""
+    with plot_file(path, (9.0, 8.0), rows=3, heights=(1.3, 1, 1)) as axes:
+        ground, depths, speeds = axes[:, 0]
+        draw_ground(ground, found.along, found.terrain)
+        count = len(found.times)
+        colours = ramp_colours(BATLOW, round(max(count, 2) / LATE) + 1)[:count] if count > 1 else COLOURS[:1]
+        for k, (time, colour) in enumerate(zip(found.times, colours, strict=True)):
+            wet = found.values["h"][k] > 0
+            surface = np.where(wet, found.surface[k], np.nan)
+            ground.plot(found.along, surface, color=colour, linewidth=1.3, zorder=4, label=f"surface, {time:.4g} s")
+            _draw_pair(depths, found, k, ("h", "t"), colour)
+            _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
+        dress(ground, "elevation [m]", title=f"{found.name}: profile")
+        legend(ground, loc="best")
+        dress(depths, "h (full), t (dashed) [m]")
+        dress(speeds, "Ut (full), Un (dashed) [m/s]", "distance along the line [m]")
+        speeds.axhline(0, color="#999999", linewidth=0.6)
+        speeds.set_xlim(found.along[0], found.along[-1])
+
+
+def _draw_pair(axes, found, k, names, colour):
+    for name, style in zip(names, ("-", "--"), strict=True):
+        shown = np.where(found.values["h"][k] > 0, found.values[name][k], np.nan)
+        axes.plot(found.along, shown, style, color=colour, linewidth=1.3)
+
+
+def write_series_plot(path, found):
+    """A panel a product, a curve a point."""
+    with plot_file(path, (9.0, 2.1 * len(found.values) + 0.5), rows=len(found.values)) as axes:
+        for row, (name, values) in enumerate(found.values.items()):
+            look = LOOKS[name]
+            for point, label in enumerate(found.names):
+                colour = COLOURS[point % len(COLOURS)]
+                axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
+            unit = look.unit.partition(";")[0]
+            last = row == len(found.values) - 1
+            dress(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", f"{found.name}: series" * (row == 0))
+        legend(axes[0, 0], loc="best", ncols=2)
