@@ -11,9 +11,10 @@ from ..kernels import columns as kernel
 from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
-from ..particles import Frame, Particles
+from ..particles import Particles
 from .flow import Flow
 from .grid import ColumnGrid
+from .particle_store import ParticleStore, named_sums
 from .places import Places
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
@@ -52,7 +53,7 @@ class ColumnNumerics:
     reference_thickness: float | None = None
 
 
-class ColumnSolver:
+class ColumnSolver(ParticleStore):
     """Marches the columns of `frame` over `terrain`.
 
     Parameters
@@ -69,6 +70,8 @@ class ColumnSolver:
     gradient : float64[n, 2, 2], optional [s-1]
         Velocity gradient du_i/dx_j that the columns start with; default none.
     """
+
+    kernel = kernel
 
     def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
         if frame.dimension != 2 or frame.particles.area is None:
@@ -209,7 +212,7 @@ class ColumnSolver:
 
         Mass and energy at the start are less by what they have now.
         """
-        rows, _ = self._alive()
+        rows, _, _ = self._alive()
         out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
         if not out.any():
             return None
@@ -229,16 +232,6 @@ class ColumnSolver:
         self.mass_start -= lost[0]
         self.energy_start = tuple(a - b for a, b in zip(self.energy_start, lost[1], strict=True))
         return taken
-
-    def _require_room(self, count):
-        """Make the arrays long enough for `count` rows."""
-        more = max(count, int(1.5 * self._rows.shape[1])) - self._rows.shape[1]
-        if count > self._rows.shape[1]:
-            self._rows, self._ids, self._keys = (
-                np.concatenate([array, np.zeros((2, more, *array.shape[2:]), array.dtype)], axis=1)
-                for array in (self._rows, self._ids, self._keys)
-            )
-            self._order = np.zeros(self._rows.shape[1], np.int32)
 
     def _expect(self, thickness, speed, speed2):
         """Ready the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
@@ -291,19 +284,9 @@ class ColumnSolver:
         return True
 
     @property
-    def time(self):
-        """Simulated time [s]."""
-        return float(self._clock[kernel.TIME])
-
-    @property
     def columns(self):
         """Number of columns on the terrain now."""
         return int(self._counts[kernel.ALIVE])
-
-    @property
-    def step(self):
-        """Number of steps taken."""
-        return int(self._counts[kernel.STEP])
 
     @property
     def speed_max(self):
@@ -325,27 +308,13 @@ class ColumnSolver:
             settings, self.fields, self.effects,
         )  # fmt: skip
 
-    def share_step(self, share):
-        """From now on take steps of `share` [1] of what they would be."""
-        whole = self._whole_step
-        self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
-
-    def wait(self, until):
-        """Let time pass to `until` [s] on a terrain with no columns."""
-        self._clock[kernel.TIME] = until
-
-    def _alive(self):
-        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
-        keep = self._keys[now, :n] != kernel.GONE
-        return self._rows[now, :n][keep], self._ids[now, :n][keep]
-
     def frame(self):
         """The columns now, as a Frame: z is the bed, velocities are tangent to it.
 
         After the first step areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was
         stretched a hundred cells long is a thin line on the ground, not a square of that area. Masses are exact.
         """
-        rows, ids = self._alive()
+        rows, ids, _ = self._alive()
         grid, density = self.grid, self.numerics.density
         bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         origin = self._start.origin
@@ -360,31 +329,19 @@ class ColumnSolver:
             seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
             area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
         volume = mass / density
-        start = self._start
-        return Frame(
-            Particles(position, velocity, mass, volume, thickness=volume / area, area=area, id=ids),
-            time=self.time,
-            step=self.step,
-            dimension=2,
-            solver="columns",
-            crs=start.crs,
-            origin=start.origin,
-            dem=start.dem,
-            dem_sha256=start.dem_sha256,
-            digest=start.digest,
-            header={"density": density},
-            maxima=self.maxima(),
+        return replace(
+            self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids),
+            time=self.time, step=self.step, solver="columns", header={"density": density}, maxima=self.maxima(),
             state=self.state(),
-        )
+        )  # fmt: skip
 
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
-        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
-        keep = self._keys[now, :n] != kernel.GONE
+        rows, _, _ = self._alive()
         arrays = {name: array.copy() for name, array in self._changing().items()}
         if self.numerics.maxima:
             arrays |= self._peaks_state()
-        return arrays | {"rows": self._rows[now, :n][keep], "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
+        return arrays | {"rows": rows, "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
 
     def _changing(self):
         """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
@@ -447,7 +404,7 @@ class ColumnSolver:
 
     def flow(self):
         """The Flow now."""
-        rows, _ = self._alive()
+        rows, _, _ = self._alive()
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
         mass, x, y = rows[:, kernel.MASS], rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
@@ -473,7 +430,7 @@ class ColumnSolver:
 
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""
-        rows, _ = self._alive()
+        rows, _, _ = self._alive()
         x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
         return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
 
@@ -487,7 +444,7 @@ class ColumnSolver:
 
     def balances(self):
         """Mass, energy and outflow so far, in plain numbers [kg, J, kg m s-1], with the checks a reader wants first."""
-        rows, _ = self._alive()
+        rows, _, _ = self._alive()
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
         kinetic, potential = self.energy()
@@ -496,6 +453,7 @@ class ColumnSolver:
         energy_in = float(self._inserted[INSERTED_KINETIC] + self._inserted[INSERTED_POTENTIAL])
         clock = self._clock
         released = float(clock[kernel.TOTAL_MASS] - clock[kernel.ENTRAINED_TOTAL])
+        over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
         return {
             "mass_start": self.mass_start,
             "mass_now": mass_now,
@@ -503,17 +461,7 @@ class ColumnSolver:
             "mass_released": released,
             "mass_entrained": float(clock[kernel.ENTRAINED_TOTAL]),
             "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / (clock[kernel.TOTAL_MASS] or 1.0),
-            "outflow": {
-                name: dict(
-                    zip(
-                        LEDGER,
-                        map(float, self._ledger[k]),
-                        strict=True,
-                    )
-                )
-                for k, name in enumerate(EDGE_NAMES)
-                if self._ledger[k, 5] > 0
-            },
+            "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
             "kinetic_energy": kinetic,
             "potential_energy": potential,
             "energy_lost": sum(self.energy_start) + energy_in - kinetic - potential - energy_out,
@@ -526,10 +474,7 @@ class ColumnSolver:
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
             "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
             "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
-            "barriers": {
-                name: dict(zip(BARRIER_SUMS, map(float, sums), strict=True))
-                for name, sums in zip(self.places.barrier_names, self._barrier_sums, strict=True)
-            },
+            "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
         }
 

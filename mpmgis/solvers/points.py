@@ -13,10 +13,11 @@ from ..geo.terrain import bilinear
 from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
-from ..particles import Frame, Particles
+from ..particles import Particles
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
+from .particle_store import ParticleStore, named_sums
 
 EDGE_NAMES = ("west", "south", "east", "north")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
@@ -68,7 +69,7 @@ def courant_number(material, numerics):
     return float(min(numerics.cfl, LONE_SHARE * lone))
 
 
-class PointSolver:
+class PointSolver(ParticleStore):
     """Marches the points of `frame` over `terrain`.
 
     Parameters
@@ -91,6 +92,8 @@ class PointSolver:
     ------
     SceneError
     """
+
+    kernel = kernel
 
     def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
         if frame.dimension != 3:
@@ -235,19 +238,9 @@ class PointSolver:
         self._stress = self._affine = None
 
     @property
-    def time(self):
-        """Simulated time [s]."""
-        return float(self._clock[kernel.TIME])
-
-    @property
     def points(self):
         """Number of points on the terrain now."""
         return int(self._counts[kernel.ALIVE])
-
-    @property
-    def step(self):
-        """Number of steps taken."""
-        return int(self._counts[kernel.STEP])
 
     @property
     def speed_max(self):
@@ -258,11 +251,6 @@ class PointSolver:
     def mach(self):
         """Largest speed so far over that of pressure waves [1]."""
         return float(self._clock[kernel.SPEED_WORST] / self._settings.signal_speed)
-
-    def share_step(self, share):
-        """From the next step but one on take steps of `share` [1] of what they would be."""
-        whole = self._whole_step
-        self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
 
     @property
     def kinetic_peak(self):
@@ -294,11 +282,6 @@ class PointSolver:
             float(until), float(after), int(max_steps), self._settings, self._effects,
         )  # fmt: skip
 
-    def _alive(self):
-        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
-        keep = self._keys[now, :n] != kernel.GONE
-        return self._rows[now, :n][keep], self._ids[now, :n][keep], self._keys[now, :n][keep]
-
     def _places(self, rows, keys):
         """float64[n, 3] [m] from the domain's corner at its lowest level."""
         return kernel.places_of(rows, keys, self.numerics.cell_size, self._lowest)
@@ -317,20 +300,11 @@ class PointSolver:
         velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
         position = self._places(rows, keys) + (self._origin - np.asarray(start.origin))
         volume = mass / self.numerics.density * kernel.volume_ratios(rows, self.effects.material)
-        return Frame(
-            Particles(position, velocity, mass, volume, id=ids),
-            time=self.time,
-            step=self.step,
-            dimension=3,
-            solver="points",
-            crs=start.crs,
-            origin=start.origin,
-            dem=start.dem,
-            dem_sha256=start.dem_sha256,
-            digest=start.digest,
-            header={"density": self.numerics.density, "cell_size": self.numerics.cell_size},
-            state=self.state(),
-        )
+        header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
+        return replace(
+            start, particles=Particles(position, velocity, mass, volume, id=ids), time=self.time, step=self.step,
+            dimension=3, solver="points", header=header, maxima={}, state=self.state(),
+        )  # fmt: skip
 
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
@@ -403,22 +377,12 @@ class PointSolver:
         """Rows, ids and keys of the solver `new` behind those of this one."""
         counts, now, count = self._counts, int(self._counts[kernel.CURRENT]), len(new._order)
         first = int(counts[kernel.ROWS])
-        if first + count > self._rows.shape[1]:
-            more = max(first + count, int(1.5 * self._rows.shape[1])) - self._rows.shape[1]
-            self._rows, self._ids, self._keys = (
-                np.concatenate([array, np.zeros((2, more, *array.shape[2:]), array.dtype)], axis=1)
-                for array in (self._rows, self._ids, self._keys)
-            )
-            self._order = np.zeros(self._rows.shape[1], np.int32)
+        self._require_room(first + count)
         for mine, theirs in ((self._rows, new._rows), (self._ids, new._ids), (self._keys, new._keys)):
             mine[now, first : first + count] = theirs[0]
         counts[kernel.ROWS] += count
         window, others = (some[kernel.WINDOW_FIRST :] for some in (counts, new._counts))
         window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
-
-    def wait(self, until):
-        """Let time pass to `until` [s] on a terrain with no points."""
-        self._clock[kernel.TIME] = until
 
     def started(self):
         """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
@@ -475,9 +439,7 @@ class PointSolver:
             "momentum_error_relative": float(np.abs(momentum - self._momentum_start - given).max() / passed),
             "ground_impulse": [float(part) for part in clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GROUND_Z + 1]],
             "outflow": {
-                name: dict(zip(LEDGER, map(float, ledger[k]), strict=True))
-                for k, name in enumerate(EDGE_NAMES)
-                if ledger[k, -1] > 0
+                edge: sums for edge, sums in named_sums(EDGE_NAMES, ledger, LEDGER).items() if sums["particles"] > 0
             },
             "kinetic_energy": kinetic,
             "potential_energy": potential,
@@ -492,10 +454,7 @@ class PointSolver:
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
-            "barriers": {
-                wall.name: dict(zip(BARRIER_SUMS, map(float, sums), strict=True))
-                for wall, sums in zip(self.walls, self._barrier_sums, strict=True)
-            },
+            "barriers": named_sums([wall.name for wall in self.walls], self._barrier_sums, BARRIER_SUMS),
         }
 
     def energy_gained(self):

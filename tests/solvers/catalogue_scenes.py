@@ -112,7 +112,7 @@ def spin_in_bowl(dx, **numerics):
 
 def _spin(solver):
     """(angular momentum with the share of the affine velocities [kg m2/s], kinetic energy [J], places by id [m])."""
-    rows, ids = solver._alive()
+    rows, ids, _ = solver._alive()
     rows = rows[np.argsort(ids)]
     dx, mass = solver.grid.cell_size, rows[:, row.MASS]
     x, y = rows[:, row.X] + solver.grid.x0, rows[:, row.Y] + solver.grid.y0

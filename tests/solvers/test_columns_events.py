@@ -205,7 +205,7 @@ def test_slabs_laid_on_one_another_are_as_thick_as_both():
     events.let_in(solver)
     solver.wait(1e-9)
     events.let_in(solver)
-    rows, ids = solver._alive()
+    rows, ids, _ = solver._alive()
     middle = (rows[:, kernel.X] > 13) & (rows[:, kernel.X] < 27)
     thickness = rows[:, kernel.MASS] / (1000 * rows[:, kernel.AREA])
     np.testing.assert_allclose(thickness[middle], 1.5, rtol=1e-3)

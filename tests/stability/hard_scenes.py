@@ -155,7 +155,7 @@ class Watch:
         solver = self.solver
         if not isinstance(solver.effects.metric, SlopeMetric):
             return 0.0
-        rows, _ = solver._alive()
+        rows, _, _ = solver._alive()
         mass, density = rows[:, column_rows.MASS], solver.numerics.density
         steep2 = 1.0 + rows[:, column_rows.GX] ** 2 + rows[:, column_rows.GY] ** 2
         height = mass / (density * rows[:, column_rows.AREA])
