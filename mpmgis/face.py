@@ -153,7 +153,7 @@ def open_results(
     >>> results.to_netcdf("results.nc")  # doctest: +SKIP
     >>> results.h_max.rio.to_raster("h_max.tif", driver="COG")  # doctest: +SKIP
     """
-    from .pipeline.open_results import open_results as opened
+    from .pipeline.datasets import open_results as opened
 
     return opened(folder, dem, _say, **options)
 
@@ -183,7 +183,7 @@ def depth_average(
     --------
     >>> mpmgis.depth_average("results/frame_000010.h5", cell_size=2.0).h.plot()  # doctest: +SKIP
     """
-    from .pipeline.open_results import depth_average as averaged
+    from .pipeline.datasets import depth_average as averaged
 
     return averaged(frame, dem, _say, **options)
 

@@ -3,8 +3,6 @@
 Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
 """
 
-from pathlib import Path
-
 import dask.array
 import numpy as np
 import pyproj
@@ -18,12 +16,13 @@ from ..fields import BAND, Quantity
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 from .exported import read_part
-from .geotiff import NAMESPACE
-from .raster import grid_of, open_raster
+from .exported_steps import open_steps
+from .raster import open_raster
 from .step_rasters import SparseBands
 
 BLOCK = 2048  # rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
+TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, that the whole takes over
 DEPOSIT = "deposit"  # suffix of the last step's bands, where they come from a raster of their own
 _TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
 _PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # where it is written to NetCDF
@@ -96,66 +95,37 @@ def _averaged_block(quantities, grid, frame_values, block_info=None):
     return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])[np.newaxis]
 
 
-def is_export(folder):
-    """True for a folder that `mpmgis export-raster` wrote."""
-    return _maxima_file(folder) is not None
-
-
-def _maxima_file(folder):
-    found = sorted((Path(folder) / "rasters").glob("*_max.tif"))
-    return found[0] if found else None
-
-
 def open_export(folder):
     """The Dataset of an exported folder: bands of the steps, maxima, deposit and terrain, all lazy.
 
     Raises
     ------
-    FormatError
-        No such folder, or rasters that do not fit together.
+    FormatError, InputError
+        As of `open_steps`; rasters that do not fit together.
     """
-    maxima = _maxima_file(folder)
-    if maxima is None:
-        raise FormatError(f"{folder}: no folder of mpmgis export-raster (no rasters/*_max.tif in it)")
-    folder, name = Path(folder), maxima.stem.removesuffix("_max")
-    steps = [path for path in sorted(maxima.parent.glob(f"{name}_*")) if _is_step(path, name)]
-    grid, tags = _grid_and_tags(maxima)
-    times = [_time_of(step, grid) for step in steps]
-    variables = {}
-    if steps:
-        for band, quantity in _bands(steps[0]):
-            variables[quantity.name] = quantity, _lazy_bands(steps, band, grid.shape)
-    for path, suffix in ((maxima, ""), (maxima.with_name(f"{name}_deposit.tif"), f"_{DEPOSIT}")):
-        for band, quantity in _bands(path) if path.exists() else ():
-            variables[quantity.name + suffix] = quantity, _lazy_bands([path], band, grid.shape)[0]
-    if (folder / "dtm.tif").exists():
-        variables[ELEVATION.name] = ELEVATION, _lazy_bands([folder / "dtm.tif"], 1, grid.shape)[0]
-    about = {key: tags[key] for key in ("digest", "dem", "density", "min_depth", "bed", "percentile") if key in tags}
-    return gridded(grid, variables, times, title=name, **about)
+    steps = open_steps(folder)
+    first, shape = steps.files[0], steps.grid.shape
+    variables = {
+        quantity.name: (quantity, _lazy_bands(steps.files, band, shape)) for band, quantity in _bands(first, steps.grid)
+    }
+    for path in steps.files[1:]:
+        _bands(path, steps.grid)
+    for kind, suffix in (("max", ""), (DEPOSIT, f"_{DEPOSIT}")):
+        path = first.with_name(f"{steps.name}_{kind}.tif")
+        for band, quantity in _bands(path, steps.grid) if path.exists() else ():
+            variables[quantity.name + suffix] = quantity, _lazy_bands([path], band, shape)[0]
+    if steps.terrain.exists():
+        _bands(steps.terrain, steps.grid)
+        variables[ELEVATION.name] = ELEVATION, _lazy_bands([steps.terrain], 1, shape)[0]
+    about = {key: steps.tags[key] for key in TAGS if key in steps.tags}
+    return gridded(steps.grid, variables, steps.times, title=steps.name, **about)
 
 
-def _is_step(path, name):
-    return path.suffix in (".tif", ".vrt") and path.stem.removeprefix(f"{name}_").isdigit()
-
-
-def _grid_and_tags(path):
-    with open_raster(path) as source:
-        return grid_of(source, path), source.tags(ns=NAMESPACE)
-
-
-def _time_of(path, grid):
+def _bands(path, grid):
+    """(number, Quantity) of each band of a raster on `grid`, by its description `NAME [unit]`."""
     with open_raster(path) as source:
         if source.shape != tuple(grid.shape) or source.transform != grid.transform:
-            raise FormatError(f"{path} lies on other cells than the maxima beside it; export again")
-        try:
-            return float(source.tags(ns=NAMESPACE)["time"])
-        except (KeyError, ValueError) as error:
-            raise FormatError(f"{path} does not say its time; export again") from error
-
-
-def _bands(path):
-    """(number, Quantity) of each band of a raster, by its description `NAME [unit]`."""
-    with open_raster(path) as source:
+            raise FormatError(f"{path} lies on other cells than the steps beside it; export again")
         described = [(band, text or f"band_{band}") for band, text in enumerate(source.descriptions, start=1)]
     return [(band, _quantity(text)) for band, text in described]
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import FormatError, InputError
 from ..products.cell_series import NOWHERE
 from .geotiff import NAMESPACE
-from .raster import open_raster, read_raster
+from .raster import grid_of, open_raster, read_raster
 
 _STEP_NAME = re.compile(r"(.+)_\d{4,}\.(?:tif|vrt)")
 
@@ -61,8 +61,7 @@ def open_steps(folder):
     timed = sorted((_time(path), path) for path in found)
     with open_raster(timed[0][1]) as source:
         bands = tuple((text or "").partition(" [")[0] for text in source.descriptions)
-        tags = source.tags(ns=NAMESPACE)
-    _, grid = read_raster(timed[0][1], 1, may_be_empty=True)
+        tags, grid = source.tags(ns=NAMESPACE), grid_of(source, timed[0][1])
     times, files = zip(*timed, strict=True)
     return ExportedSteps(next(iter(found.values())), files, times, bands, grid, tags, folder / "dtm.tif")
 

@@ -50,7 +50,7 @@ def test_a_way_crosses_a_line_once_or_not(before, after, times):
 @given(places)
 @settings(max_examples=200, deadline=None)
 def test_whatever_the_way_crossings_of_the_continued_line_add_up_to_a_change_of_side(path):
-    path = np.array(path, float) + [0.37, 0.21]  # off the line: a place on it has no side
+    path = np.array(path, float) + np.array([0.37, 0.21])  # off the line: a place on it has no side
     count = crossings(WHOLE, path[:-1], path[1:]).sum()
     first, last = is_beyond(WHOLE, path[[0, -1]]).astype(int)
     assert count == last - first

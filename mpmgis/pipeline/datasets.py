@@ -9,7 +9,8 @@ from ..errors import GeoreferenceError, InputError
 from ..fields import BAND
 from ..geo.georeference import name_of, same_place
 from ..geo.terrain import Terrain
-from ..io.datasets import ELEVATION, averaged_steps, gridded, is_export, open_export, terrain_of
+from ..io.datasets import ELEVATION, averaged_steps, gridded, open_export, terrain_of
+from ..io.exported_steps import is_export
 from ..io.foreign.readers import OWN
 from ..io.frame_list import list_frames
 from ..particles import Frame
