@@ -24,6 +24,7 @@ VERBS = {
     "profile": ("profile", "depth, thickness and velocities along a line at chosen times"),
     "timeseries": ("timeseries", "depth, thickness, velocities and pressure at points over time"),
     "hydrograph": ("hydrograph", "volume and mass through a section over time"),
+    "report": ("report", "one HTML file about a run: maps, runout, balances, parameters, effects, warnings"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),

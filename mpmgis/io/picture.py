@@ -19,6 +19,7 @@ SLIMMEST = 0.62  # shorter over longer side of the map
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
 GREYS = (0.58, 1.0)  # of the hillshade from its darkest to its lightest 2 %: light, so that colours over it stay clear
+OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
 
@@ -52,7 +53,7 @@ def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, t
     FigureCanvasAgg(figure)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
-    classes = _draw_speed(axes, grid, speed_max)
+    classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
     deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform)
     draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
@@ -165,22 +166,25 @@ def draw_terrain(axes, terrain, view):
     return interval
 
 
-def _draw_speed(axes, grid, speed):
-    """The speed's classes as colours over the hillshade; returns those that occur."""
-    from matplotlib.colors import to_rgb
+def draw_values(axes, grid, values, look, min_depth=0.0):
+    """A band's classes as colours over the hillshade; returns those that occur.
+
+    `values` float[rows, columns] are NaN where the flow never was; depths up to `min_depth` [m] are not drawn.
+    """
+    from matplotlib.colors import to_rgba
 
     west, south, east, north = grid.bounds
-    finite = speed[np.isfinite(speed)]
-    typical = float(np.percentile(finite, TYPICAL_PERCENTILE)) if finite.size else 0.0
-    classes = colour_classes(LOOKS["Ut"], typical)
-    number = np.searchsorted([entry.upper for entry in classes], np.where(np.isfinite(speed), speed, 0.0))
-    image = np.empty((*speed.shape, 4))
-    image[..., :3] = np.array([to_rgb(entry.colour) for entry in classes])[number]
-    image[..., 3] = np.where(np.isfinite(speed), 0.82, 0.0)
+    known = np.isfinite(values)
+    sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
+    typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
+    classes = colour_classes(look, typical, min_depth)
+    number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
+    opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
+    image = np.where(known[..., None], np.array(opaque)[number], 0.0)
     view = axes.get_xlim(), axes.get_ylim()
     axes.imshow(image, extent=(west, east, south, north), zorder=2, interpolation="nearest")
     axes.set(xlim=view[0], ylim=view[1])
-    return [entry for k, entry in enumerate(classes) if k <= number[np.isfinite(speed)].max(initial=0)]
+    return [entry for k, entry in enumerate(classes) if entry.colour and k <= number[known].max(initial=0)]
 
 
 def draw_outline(axes, shapes, colour):

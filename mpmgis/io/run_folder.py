@@ -107,15 +107,7 @@ class RunFolder:
         FormatError
             `run.json` cannot be read.
         """
-        file = self.path / RECORD_FILE
-        if not file.is_file():
-            return {}
-        try:
-            record = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            reason = one_line(error)[:80]
-            raise FormatError(f"{file} cannot be read ({reason}); start again with --overwrite") from error
-        return record if isinstance(record, dict) else {}
+        return read_record(self.path, "start again with --overwrite")
 
     def last_frame(self):
         """The newest whole frame with its state, None where there is none; `frames` then counts up to it.
@@ -195,6 +187,24 @@ class RunFolder:
         """Leave nothing behind where nothing was written."""
         with contextlib.suppress(OSError):
             self.path.rmdir()
+
+
+def read_record(folder, cure="remove it"):
+    """The record of the run in `folder`; {} where there is none.
+
+    Raises
+    ------
+    FormatError
+        `run.json` cannot be read; `cure` is what its message advises.
+    """
+    file = Path(folder) / RECORD_FILE
+    if not file.is_file():
+        return {}
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {cure}") from error
+    return record if isinstance(record, dict) else {}
 
 
 def versions():

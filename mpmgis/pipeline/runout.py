@@ -45,8 +45,8 @@ class RunoutRequest:
     overwrite: bool = False
 
 
-def runout(request, say=lambda text: None, progress=lambda done, total: None, write=True):
-    """Find runout, drop, angles of the energy line and of the centre of mass; write figures where `write` says so.
+def runout(request, say=lambda text: None, progress=lambda done, total: None):
+    """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
 
     Returns
     -------
@@ -63,12 +63,12 @@ def runout(request, say=lambda text: None, progress=lambda done, total: None, wr
         peaks = exported_peaks(request.results, stack, say, progress)
         depth, grid = peaks.read("h_max")
         deposit = peaks.read("deposit_h")[0] if "deposit_h" in peaks.bands else np.full(depth.shape, np.nan)
-    found = _found(request, flow, depth, deposit, grid, say)
-    files = _write(output, request.overwrite, found, flow.terrain) if write else ()
-    return replace(found, files=files)
+    found = found_runout(request, flow, depth, deposit, grid, say)
+    return replace(found, files=_write(output, request.overwrite, found))
 
 
-def _found(request, flow, depth, deposit, grid, say):
+def found_runout(request, flow, depth, deposit, grid, say):
+    """The RunoutFound of a flow whose largest and last depths [m] on `grid` are known; no files."""
     mask = footprint(depth, request.threshold)
     if not mask.any():
         raise InputError(
@@ -145,7 +145,7 @@ def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     return (along, ground, x, y, elevation, falling, *values)
 
 
-def _write(output, overwrite, found, terrain):
+def _write(output, overwrite, found):
     writers = {
         PLOT_FILE: lambda path: write_runout_plot(path, found),
         FIGURES_FILE: lambda path: write_figures(path, found),

@@ -1,0 +1,242 @@
+"""`mpmgis report`: the frames of a run in, one HTML file about it out."""
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..errors import MpmgisError
+from ..io.band_map import write_band_map
+from ..io.report_html import write_report
+from ..io.run_folder import SCENE_FILE, read_record, versions
+from ..io.runout_files import write_runout_plot
+from ..products.comparison import footprint, high_percentile, peak
+from ..products.report_content import Lines, Picture, Source, Table, figure_rows, section
+from ..products.run_account import account
+from .answer_files import answer_output, write_answer
+from .export import ExportRequest
+from .export_inputs import release_outlines
+from .opened_results import exported_peaks, open_frames
+from .runout import RunoutRequest, found_runout
+
+REPORT_FILE = "report.html"
+WORD = "report"
+MAPS = (  # band of the result, of the looks, title
+    ("h_max", "h_max", "Largest flow depth"),
+    ("Ut_max", "Ut_max", "Largest speed along the slope"),
+    ("p_max", "p_max", "Largest impact pressure"),
+    ("deposit_h", "h", "Depth in the last frame"),
+)
+PASCAL_PER_KILOPASCAL = 1000.0
+SQUARE_METRES_PER_HECTARE = 1e4
+
+
+@dataclass(frozen=True)
+class ReportRequest:
+    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+
+    results: ExportRequest
+    title: str | None = None
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+    output: Path | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """What a report is made from: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
+
+    flow: object
+    peaks: dict
+    grid: object
+    record: dict
+    scene: str
+    runout: object
+    notes: tuple
+
+
+def report(request, say=lambda text: None, progress=lambda done, total: None):
+    """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
+
+    Returns
+    -------
+    tuple of Path
+
+    Raises
+    ------
+    MpmgisError
+    """
+    output = answer_output(request.results, request.output, request.overwrite, WORD, (REPORT_FILE,))
+    gathered = _gather(request, output, say, progress)
+    title = request.title or f"{gathered.flow.name}: report of a simulated flow"
+    with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
+        sections = (
+            section("Result", _key_figures(request, gathered)),
+            section("Maps", *_maps(gathered, Path(folder))),
+            section("Runout", *_runout(gathered, Path(folder))),
+            section("Balances", _balances(gathered.record)),
+            section("Warnings", _warnings(gathered)),
+            section("Effects, and why", *_effects(gathered.record)),
+            section("Parameters", Source(gathered.scene) if gathered.scene else None),
+            section("Origin", _origin(gathered)),
+        )
+    under = f"made by mpmgis {__version__} from {len(gathered.flow.entries)} frames"
+    writers = {REPORT_FILE: lambda path: write_report(path, title, under, sections)}
+    return write_answer(output, request.overwrite, writers)
+
+
+def _gather(request, output, say, progress):
+    notes = []
+
+    def note(text):
+        notes.append(text)
+        say(text)
+
+    flow = open_frames(request.results, output, note, "a report tells of the run as well")
+    with ExitStack() as stack:
+        result = exported_peaks(request.results, stack, note, progress)
+        peaks = {band: result.read(band) for band, *_ in MAPS}
+    values = {band: layer[0] for band, layer in peaks.items()}
+    grid = peaks["h_max"][1]
+    folder = flow.entries[0].path.parent
+    scene = folder / SCENE_FILE
+    asked = RunoutRequest(request.results, request.line, request.threshold)
+    try:
+        runout = found_runout(asked, flow, values["h_max"], values["deposit_h"], grid, note)
+    except MpmgisError as error:  # a flow that does not run out has a report all the same
+        if request.line is not None:
+            raise
+        note(f"no runout: {error}")
+        runout = None
+    text = scene.read_text(encoding="utf-8") if scene.is_file() else ""
+    return _Gathered(flow, values, grid, read_record(folder), text, runout, tuple(dict.fromkeys(notes)))
+
+
+def _key_figures(request, gathered):
+    flow, peaks, record = gathered.flow, gathered.peaks, gathered.record
+    reached = footprint(peaks["h_max"], request.threshold)
+    first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
+    area = float(np.count_nonzero(reached) * gathered.grid.cell_area) / SQUARE_METRES_PER_HECTARE
+    facts = [
+        ("solver", record.get("scene", {}).get("solver", flow.entries[0].header.solver or flow.entries[0].reader), ""),
+        ("mass of the first frame", first, "kg"),
+        ("volume of the first frame at the density of the release", first / flow.averaging.density, "m3"),
+        ("density of the release", flow.averaging.density, "kg m-3"),
+        ("last frame at", float(flow.times[-1]), "s"),
+        (f"area deeper than {request.threshold:g} m", area, "ha"),
+    ]
+    for band, unit, factor, words in (
+        ("h_max", "m", 1.0, "flow depth"),
+        ("Ut_max", "m/s", 1.0, "speed along the slope"),
+        ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
+        ("deposit_h", "m", 1.0, "depth in the last frame"),
+    ):
+        facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
+        facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
+    ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
+    return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
+
+
+def _maps(gathered, folder):
+    """Pictures of the bands that the flow has."""
+    release = release_outlines(gathered.flow.entries, gathered.flow.terrain)
+    release = None if release is None else list(release)
+    for band, look, title in MAPS:
+        values = gathered.peaks[band]
+        if np.isfinite(values).any():
+            path = folder / f"{band}.png"
+            min_depth = gathered.flow.averaging.min_depth
+            write_band_map(path, gathered.flow.terrain, gathered.grid, values, look, title, release, min_depth)
+            yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
+
+
+def _runout(gathered, folder):
+    found = gathered.runout
+    if found is None:
+        return
+    path = folder / "runout.png"
+    write_runout_plot(path, found)
+    yield Picture(path.read_bytes(), f"Longitudinal profile along {found.line_source}")
+    rows = [(what.replace("_", " "), value, "" if unit == "1" else unit) for what, unit, value in found.rows()]
+    yield Table(("figure", "value", "unit"), figure_rows(rows))
+
+
+def _balances(record):
+    """What the run itself said at its end; None where there is no record."""
+    balances = record.get("balances")
+    if not balances:
+        return Lines(("no run.json beside the frames: balances are not known",))
+    solver = "points" if "momentum_error_relative" in balances else "columns"
+    return Lines(tuple(account(balances, solver, record.get("mass"))))
+
+
+def _warnings(gathered):
+    """What went wrong or was assumed, of the run and of this reading of its frames."""
+    record = gathered.record
+    lines = [*record.get("troubles", ()), *gathered.notes]
+    lines += [
+        f"{decision['effect']} is off although its number {decision['indicator']:.3g} is beyond "
+        f"{decision['threshold']:g}: {decision['reason']}"
+        for stage in _stages(record)
+        for decision in stage.get("effects", ())
+        if decision["state"] == "off"
+        and None not in (decision["indicator"], decision["threshold"])
+        and decision["indicator"] > decision["threshold"]
+    ]
+    lines += [line for line in _balances(record).texts if line.startswith("beyond the model")]
+    return Lines(tuple(dict.fromkeys(lines)) or ("none",))
+
+
+def _stages(record):
+    """What the record tells of each stage of the run; of one where it has no stages."""
+    return record.get("stages") or [{"effects": record.get("effects", ())}]
+
+
+def _effects(record):
+    """A table of decisions for each stage; those that are on come first."""
+    stages = _stages(record)
+    for number, stage in enumerate(stages, start=1):
+        if len(stages) > 1:
+            yield Lines((f"stage {number}: {stage.get('solver', '')}",))
+        decisions = sorted(stage.get("effects", ()), key=lambda decision: decision.get("state") == "off")
+        rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
+        if rows:
+            yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
+
+
+_EFFECT_COLUMNS = {
+    "effect": "effect",
+    "state": "state",
+    "decided_by": "decided by",
+    "indicator": "number",
+    "threshold": "threshold",
+    "reason": "reason",
+}
+
+
+def _word(value):
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _origin(gathered):
+    flow, record = gathered.flow, gathered.record
+    header = flow.entries[0].header
+    rows = [
+        (
+            "frames",
+            f"{len(flow.entries)} in {flow.entries[0].path.resolve().parent.name}, read as {flow.entries[0].reader}",
+        ),
+        ("terrain", Path(flow.terrain.path).name),
+        ("sha256 of the terrain", flow.terrain.sha256),
+        ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
+        ("digest of the scene", header.digest),
+        ("digest of the result", record.get("result_digest") or ""),
+        *((f"computed with {name}", version) for name, version in record.get("versions", {}).items()),
+        *((f"reported with {name}", version) for name, version in versions().items()),
+        ("wall time", f"{record['wall_seconds']:.3g} s" if record.get("wall_seconds") else ""),
+    ]
+    return Table(("what", "is"), tuple((what, value) for what, value in rows if value))

@@ -1,0 +1,97 @@
+"""The balances of a run in plain words: what `mpmgis run` says at its end and a report keeps."""
+
+AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
+
+
+def account(balances, solver, mass=None):
+    """Lines of text about a run's balances.
+
+    Parameters
+    ----------
+    balances : dict
+        As the run's last solver gives them and `run.json` holds them.
+    solver : {"columns", "points"}
+    mass : dict, optional
+        Where the mass of a run in several stages is.
+
+    Returns
+    -------
+    list of str
+    """
+    lines = [] if mass is None else [*_of_stages(mass), f"of the last stage, of {solver}:"]
+    return lines + (_of_points if solver == "points" else _of_columns)(balances)
+
+
+def _of_stages(mass):
+    """Where the mass of a run in several stages is."""
+    lines = []
+    come = mass["released"] + mass["entrained"]
+    entrained = f" and {mass['entrained']:.6g} kg entrained" if mass["entrained"] else ""
+    on, left, outside = (100 * mass[name] / come for name in ("on_terrain", "left_terrain", "outside_windows"))
+    shares = f"{on:.2f} % on the terrain, {left:.2f} % left it, {outside:.2f} % stayed outside windows"
+    lines.append(f"mass of all stages: {mass['released']:.6g} kg released{entrained}; {shares}, error "
+             f"{mass['error_relative']:.1e}")  # fmt: skip
+    return lines
+
+
+def _of_columns(b):
+    """Balances of a depth-averaged run."""
+    lines = []
+    out = b["mass_out"] / max(b["mass_released"] + b["mass_entrained"], 1e-300)
+    later = b["mass_released"] - b["mass_start"]
+    came = f", {later:.6g} kg came in later" if later > 1e-9 * b["mass_released"] else ""
+    mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
+    lines.append(f"{mass}, error {b['mass_error_relative']:.1e}")
+    lines.append(
+        f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J"
+    )
+    bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"
+    lines.append(f"largest thickness {b['thickness_max']:.2f} m, {bound}, footprint {b['footprint_area'] / 1e4:.2f} ha")
+    if b["speed_limited_share_max"] > 0:
+        share = f"up to {100 * b['speed_limited_share_max']:.2g} % of the mass"
+        lines.append(
+            f"beyond the model: on ground too steep for its cells {share} was held to the speed its drop allows"
+        )
+    if b["airborne_share_max"] > AIRBORNE_SHARE:
+        lines.append(
+            f"beyond the model: up to {100 * b['airborne_share_max']:.0f} % of the mass would have left the ground "
+            "(the bed falls away faster than it falls); a 3D run would follow it"
+        )
+    for name, taken in b["barriers"].items():
+        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N"
+        over = f"{taken['overtopped_mass']:.3g} kg went over it"
+        lines.append(f"barrier '{name}': impulse {impulse}, peak force {peak}, {over} (screening only; loads need 3D)")
+    if b["mass_entrained"] > 0:
+        share = b["mass_entrained"] / b["mass_released"]
+        lines.append(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
+    return lines
+
+
+def _of_points(b):
+    """Balances of a 3D run."""
+    lines = []
+    out = b["mass_out"] / max(b["mass_start"], 1e-300)
+    mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
+    lines.append(f"{mass}, error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}")
+    takers = {"the bed": "ground", "barriers": "barriers", "yielding": "yielding"}
+    taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
+    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules > 1e-6 * b["energy_lost"])
+    rest = f"{b['energy_lost'] - sum(taken.values()):.3g} J to blows, viscosity and the grid"
+    lines.append(f"energy: {b['energy_lost']:.4g} J lost: {to + ', ' if to else ''}{rest}")
+    lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
+    lines.append(f"largest speed {b['speed_max']:.1f} m/s, {b['mach_max']:.2f} times that of pressure waves")
+    if b["mass_lifted_onto_ground"] > 0:
+        share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
+        lines.append(f"{share:.2g} % of the mass came more than a cell under the ground and was laid back on it")
+    outside = b.get("outside_columns")
+    if outside is not None:
+        lines.append(
+            f"outside the window: {outside['mass_now']:.6g} kg of columns; {outside['exchanged_columns']} columns with "
+            f"{outside['exchanged_mass']:.6g} kg came into it and became points"
+        )
+    for name, taken in b["barriers"].items():
+        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N in a single step"
+        lines.append(
+            f"barrier '{name}': impulse {impulse}, peak {peak}, {taken['overtopped_mass']:.3g} kg went over it"
+        )
+    return lines
