@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..errors import MpmgisError
+from ..errors import MpmgisError, one_line
 from ..io.band_map import write_band_map
 from ..io.report_html import write_report
 from ..io.run_folder import SCENE_FILE, read_record, versions
@@ -171,7 +171,11 @@ def _balances(record):
     if not balances:
         return Lines(("no run.json beside the frames: balances are not known",))
     solver = "points" if "momentum_error_relative" in balances else "columns"
-    return Lines(tuple(account(balances, solver, record.get("mass"))))
+    try:
+        return Lines(tuple(account(balances, solver, record.get("mass"))))
+    except (KeyError, TypeError) as error:  # another version knew other balances
+        known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
+        return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))
 
 
 def _warnings(gathered):

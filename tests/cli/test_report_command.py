@@ -118,3 +118,11 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
         said = capsys.readouterr().err.splitlines()
         assert len(said) == 1 and words in said[0], said
     assert not (tmp_path / "run_report").exists() and not (broken / "run_report").exists()
+
+
+def test_balances_of_another_version_are_shown_as_they_stand(tmp_path):
+    folder = write_block_run(tmp_path)
+    (folder / "run.json").write_text(json.dumps({"balances": {"mass_start": 5.0, "momentum_error_relative": 0.0}}))
+    report(folder, "-o", tmp_path / "r.html")
+    page = Reader((tmp_path / "r.html").read_text(encoding="utf-8"))
+    assert "of another version of mpmgis" in page.text and "mass_start: 5" in page.text

@@ -1,0 +1,80 @@
+"""Intensity classes as files: GeoTIFF with a colour table, QGIS style, polygons, table of areas."""
+
+import geopandas
+import numpy as np
+import rasterio
+from rasterio.enums import ColorInterp
+
+from .atomic import whole_file
+from .csv_table import write_records
+from .geotiff import BLOCK, NAMESPACE
+from .markup import node
+from .outlines import mask_outline
+from .styles import style_document
+
+HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source")
+
+
+def write_class_raster(path, grid, numbers, guideline, tags):
+    """Write uint8[rows, columns] class numbers as GeoTIFF with the guideline's colours; 0 is nodata."""
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    rows, columns = grid.shape
+    profile = {
+        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "uint8", "nodata": 0, "crs": crs,
+        "transform": grid.transform, "compress": "deflate", "tiled": True, "blockxsize": BLOCK, "blockysize": BLOCK,
+    }  # fmt: skip
+    colours = {0: (0, 0, 0, 0)}
+    for number, entry in enumerate(guideline.classes, start=1):
+        colours[number] = (*(int(entry.colour[k : k + 2], 16) for k in (1, 3, 5)), 255)
+    meaning = {f"class_{k}": f"{entry.name}: {entry.words()}" for k, entry in enumerate(guideline.classes, start=1)}
+    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
+        target.write(numbers, 1)
+        target.write_colormap(1, colours)
+        target.colorinterp = [ColorInterp.palette]
+        target.set_band_description(1, "intensity [1]")
+        told = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
+        target.update_tags(ns=NAMESPACE, **told, **meaning, **tags)
+
+
+def write_class_style(path, guideline):
+    """Write the .qml with which QGIS shows the raster: a colour and a name for each class."""
+    entries = [
+        node(
+            "paletteEntry", {"value": k, "color": entry.colour, "alpha": 255, "label": f"{entry.name}: {entry.words()}"}
+        )
+        for k, entry in enumerate(guideline.classes, start=1)
+    ]
+    renderer = node(
+        "rasterrenderer",
+        {"type": "paletted", "band": 1, "opacity": 0.8, "alphaBand": -1, "nodataColor": ""},
+        node("colorPalette", None, *entries),
+    )
+    with whole_file(path) as part:
+        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8")
+
+
+def write_class_polygons(path, grid, numbers, guideline, areas):
+    """Write a GeoPackage with one multipolygon for each class that occurs, with its area [m2] in plan."""
+    rows = []
+    for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1):
+        outline = mask_outline(numbers == number, grid.transform)
+        if outline is not None:
+            rows.append((*_record(number, entry, area, guideline), outline))
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(HEADINGS)}
+    crs = None if grid.crs is None else grid.crs.to_wkt()
+    table = geopandas.GeoDataFrame(columns, geometry=[row[-1] for row in rows], crs=crs)
+    with whole_file(path) as part:
+        table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
+
+
+def write_class_table(path, guideline, areas):
+    """Write the areas of all classes as CSV."""
+    rows = [
+        _record(number, entry, area, guideline)
+        for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1)
+    ]
+    write_records(path, HEADINGS, rows)
+
+
+def _record(number, entry, area, guideline):
+    return number, entry.name, entry.words(), float(np.round(area, 6)), guideline.name, guideline.source

@@ -1,0 +1,86 @@
+"""`mpmgis intensity`: results in, classes of a named guideline on a map out."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..errors import InputError
+from ..io.guideline_tables import choose_guideline
+from ..io.intensity_files import write_class_polygons, write_class_raster, write_class_style, write_class_table
+from ..products.comparison import upright
+from ..products.guidelines import Guideline, class_areas, classify
+from .answer_files import answer_output, write_answer
+from .export import ExportRequest
+from .opened_results import exported_peaks
+
+RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
+POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
+FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE)
+WORD = "intensity"
+
+
+@dataclass(frozen=True)
+class IntensityRequest:
+    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+
+    results: ExportRequest
+    guideline: str
+    guidelines: Path | None = None
+    output: Path | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class IntensityFound:
+    """What was found: the result's `name`, the `guideline`, plan `areas` float64[classes] [m2], and the `files`."""
+
+    name: str
+    guideline: Guideline
+    areas: np.ndarray
+    files: tuple
+
+
+def intensity(request, say=lambda text: None, progress=lambda done, total: None):
+    """Classes of the largest values that each cell saw, as raster, polygons and areas.
+
+    Returns
+    -------
+    IntensityFound
+
+    Raises
+    ------
+    MpmgisError
+        An unknown guideline, what cannot be read, a flow that came nowhere; nothing is written then.
+    """
+    guideline = choose_guideline(request.guideline, request.guidelines)
+    output = answer_output(request.results, request.output, request.overwrite, WORD, FILES)
+    with ExitStack() as stack:
+        result = exported_peaks(request.results, stack, say, progress)
+        bands, grid = _bands(result, guideline)
+    reached = np.nan_to_num(bands["h_max"]) >= request.results.min_depth
+    if not reached.any():
+        least = request.results.min_depth
+        raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller --min-depth")
+    numbers = classify(guideline, bands, reached)
+    areas = class_areas(guideline, numbers, grid.cell_area)
+    tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.min_depth:g}"}
+    writers = {
+        RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, guideline, tags),
+        STYLE_FILE: lambda path: write_class_style(path, guideline),
+        POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, guideline, areas),
+        TABLE_FILE: lambda path: write_class_table(path, guideline, areas),
+    }
+    return IntensityFound(result.name, guideline, areas, write_answer(output, request.overwrite, writers))
+
+
+def _bands(result, guideline):
+    """(band -> float[rows, columns], their Grid) of depth and of all that the guideline asks for."""
+    names = dict.fromkeys(("h_max", *guideline.bands))
+    missing = [name for name in names if name not in result.bands]
+    if missing:
+        raise InputError(f"{result.name} has no {', '.join(missing)}, which {guideline.name} asks for; export it anew")
+    bands = {name: result.read(name) for name in names}
+    return {name: values for name, (values, _) in bands.items()}, upright(bands["h_max"][1])

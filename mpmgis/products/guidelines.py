@@ -1,0 +1,152 @@
+"""Intensity classes of a guideline: which conditions a cell's largest values meet."""
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+# what a condition may name -> its unit, the band that it is taken from, and what that is multiplied by
+QUANTITIES = {
+    "h": ("m", "h_max", 1.0),
+    "v": ("m/s", "Ut_max", 1.0),
+    "p": ("kPa", "p_max", 1e-3),
+    "vh": ("m2/s", None, 1.0),  # h times v
+    "deposit": ("m", "deposit_h", 1.0),
+}
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+MOST_CLASSES = 250  # a byte's values, with room
+
+
+@dataclass(frozen=True)
+class IntensityClass:
+    """A class: its `name`, its `colour` (#rrggbb), and conditions, any of which will do: dicts quantity -> least."""
+
+    name: str
+    colour: str
+    when: tuple
+
+    def words(self):
+        """The conditions in words."""
+        if any(not condition for condition in self.when):
+            return "wherever the flow came"
+        parts = (
+            " and ".join(f"{name} >= {least:g} {QUANTITIES[name][0]}" for name, least in condition.items())
+            for condition in self.when
+        )
+        return " or ".join(parts)
+
+
+@dataclass(frozen=True)
+class Guideline:
+    """A guideline: `name`, `title`, the document that is its `source`, a `note`, `classes` from the lowest."""
+
+    name: str
+    title: str
+    source: str
+    note: str
+    classes: tuple
+
+    @property
+    def bands(self):
+        """Names of the bands that its conditions need."""
+        named = {name for entry in self.classes for condition in entry.when for name in condition}
+        named |= {"h", "v"} if "vh" in named else set()
+        return tuple(band for name, (_, band, _) in QUANTITIES.items() if name in named and band is not None)
+
+
+def parse_guidelines(tables, where):
+    """Guideline by name of the tables of a TOML file; `where` names it in refusals.
+
+    Raises
+    ------
+    InputError
+        What is missing, unknown or no number.
+    """
+    return {name: _guideline(name, table, f"{where} [{name}]") for name, table in tables.items()}
+
+
+def _guideline(name, table, where):
+    _require_table(table, where, ("title", "source", "note", "class"), ("source", "class"))
+    entries = table["class"]
+    if not (isinstance(entries, list) and 0 < len(entries) <= MOST_CLASSES):
+        raise InputError(f"{where}: class must be one or more [[{name}.class]] tables")
+    classes = tuple(_class(entry, f"{where} class {k}") for k, entry in enumerate(entries, start=1))
+    texts = (_text(table.get(key, ""), where, key) for key in ("title", "source", "note"))
+    return Guideline(name, *texts, classes)
+
+
+def _class(table, where):
+    _require_table(table, where, ("name", "colour", "when"), ("name", "colour", "when"))
+    colour = _text(table["colour"], where, "colour")
+    if not _COLOUR.fullmatch(colour):
+        raise InputError(f"{where}: colour is {colour!r}, wanted #rrggbb, for example #c1272d")
+    conditions = table["when"]
+    if not (isinstance(conditions, list) and conditions and all(isinstance(entry, dict) for entry in conditions)):
+        raise InputError(f"{where}: when must be a list of conditions, for example [{{ h = 1, v = 1 }}, {{ p = 30 }}]")
+    for condition in conditions:
+        for name, least in condition.items():
+            if name not in QUANTITIES:
+                raise InputError(f"{where}: there is no quantity {name!r}; choose from {', '.join(QUANTITIES)}")
+            if isinstance(least, bool) or not isinstance(least, int | float) or not math.isfinite(least) or least <= 0:
+                raise InputError(f"{where}: {name} is {least!r}, wanted a number above 0")
+    return IntensityClass(_text(table["name"], where, "name"), colour, tuple(map(dict, conditions)))
+
+
+def _require_table(table, where, known, needed):
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: wanted a table with {', '.join(known)}")
+    for key in table:
+        if key not in known:
+            raise InputError(f"{where}: there is no key {key!r}; it takes {', '.join(known)}")
+    for key in needed:
+        if key not in table:
+            raise InputError(f"{where}: {key} is missing; it takes {', '.join(known)}")
+
+
+def _text(value, where, key):
+    if not isinstance(value, str):
+        raise InputError(f"{where}: {key} is {value!r}, wanted text")
+    return value
+
+
+def classify(guideline, bands, reached):
+    """Number of the class of each cell.
+
+    Parameters
+    ----------
+    guideline : Guideline
+    bands : dict of str to float[rows, columns]
+        Its `bands` in their own units; NaN where there is no value.
+    reached : bool[rows, columns]
+        Where the flow came.
+
+    Returns
+    -------
+    uint8[rows, columns]
+        From 1, the lowest; 0 where the flow never came or no condition holds.
+    """
+    numbers = np.zeros(reached.shape, np.uint8)
+    for number, entry in enumerate(guideline.classes, start=1):
+        met = np.zeros(reached.shape, bool)
+        for condition in entry.when:
+            met |= np.logical_and.reduce([reached, *(_at_least(bands, *item) for item in condition.items())])
+        numbers[met] = number
+    return numbers
+
+
+def _at_least(bands, name, least):
+    if name == "vh":
+        values = bands["h_max"] * bands["Ut_max"]
+    else:
+        _, band, factor = QUANTITIES[name]
+        values = bands[band] * factor
+    with np.errstate(invalid="ignore"):
+        return values >= least
+
+
+def class_areas(guideline, numbers, cell_area):
+    """float64[classes] [m2]: plan area of each class."""
+    return np.bincount(numbers.ravel(), minlength=len(guideline.classes) + 1)[1:] * cell_area

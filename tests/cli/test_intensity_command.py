@@ -1,0 +1,82 @@
+"""`mpmgis intensity` on a block whose depth and speed are known."""
+
+from xml.etree import ElementTree
+
+import geopandas
+import numpy as np
+import pytest
+import rasterio
+from block_frames import CRS, SIDE, table, write_block_run
+
+from mpmgis.cli.main import main
+
+FILES = ["intensity.csv", "intensity.gpkg", "intensity.qml", "intensity.tif"]
+PLACES = (150.0, 450.0, 600.0)  # on the slope at rest, on the flat fast, on the flat at rest: apart from each other
+
+
+@pytest.fixture
+def run(tmp_path):
+    return write_block_run(tmp_path, PLACES, speeds=(0.0, 10.0, 0.0))
+
+
+def areas(folder):
+    return {row["name"]: float(row["area_m2"]) for row in table(folder / "intensity.csv")}
+
+
+def test_fast_and_deep_is_strong_and_all_files_say_the_same(tmp_path, run, capsys):
+    assert main(["intensity", str(run), "--guideline", "swiss-debris-flow"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    folder = tmp_path / "run_intensity"
+    assert sorted(file.name for file in folder.iterdir() if file.suffix) == FILES
+    assert "BUWAL (1997)" in shown[1] and "1.00 ha" in shown[-5]
+    assert areas(folder) == {"medium": 2 * SIDE**2, "strong": SIDE**2}
+    with rasterio.open(folder / "intensity.tif") as source:
+        numbers = source.read(1)
+        assert (source.dtypes, source.nodata, source.crs.to_epsg()) == (("uint8",), 0, CRS.to_epsg())
+        assert source.colormap(1)[2] == (0xC1, 0x27, 0x2D, 255)
+        assert source.tags(ns="mpmgis")["class_2"] == "strong: h >= 1 m and v >= 1 m/s"
+        cells = np.bincount(numbers.ravel()) * 100.0
+    assert cells[1:].tolist() == [2 * SIDE**2, SIDE**2]
+    shapes = geopandas.read_file(folder / "intensity.gpkg")
+    assert shapes.crs == CRS and shapes["name"].tolist() == ["medium", "strong"]
+    for found in (shapes.geometry.area, shapes["area_m2"]):
+        assert found.tolist() == pytest.approx(cells[1:].tolist())
+    entries = ElementTree.parse(folder / "intensity.qml").findall(".//paletteEntry")
+    assert [(entry.get("value"), entry.get("color")) for entry in entries] == [("1", "#ffb000"), ("2", "#c1272d")]
+
+
+def test_an_export_and_its_frames_have_the_same_classes(tmp_path, run):
+    assert main(["export-raster", str(run), "--no-qgis"]) == 0
+    for guideline in ("swiss-avalanche", "austrian-torrent-deposit"):
+        found = []
+        for source in (run, tmp_path / "run_gis"):
+            folder = tmp_path / "classes"
+            assert main(["intensity", str(source), "--guideline", guideline, "-o", str(folder), "--overwrite"]) == 0
+            found.append(areas(folder))
+        assert found[0] == found[1] and sum(found[0].values()) == 3 * SIDE**2
+
+
+def test_a_guideline_of_ones_own_in_one_file(tmp_path, run):
+    own = tmp_path / "own.toml"
+    own.write_text('[deep]\nsource = "s"\n[[deep.class]]\nname = "deep"\ncolour = "#0000ff"\nwhen = [{ h = 1.9 }]\n')
+    options = ["--guidelines", str(own), "--guideline", "deep", "-o", str(tmp_path / "d.tif")]
+    assert main(["intensity", str(run), *options]) == 0
+    with rasterio.open(tmp_path / "d.tif") as source:  # 2 m upright are 1.79 m normal to the slope
+        assert np.count_nonzero(source.read(1)) * 100 == 2 * SIDE**2
+
+
+def test_refusals_are_one_line(tmp_path, run, capsys):
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[mine\n")
+    for arguments, words in (
+        (("--guideline", "swiss"), "there are swiss-debris-flow"),
+        (("--guideline", "mine", "--guidelines", broken), "no TOML"),
+        (("--guideline", "mine", "--guidelines", tmp_path / "none.toml"), "no such file"),
+        (("--guideline", "swiss-flood", "--min-depth", 9), "smaller --min-depth"),
+        (("--guideline", "swiss-flood", "-o", tmp_path / "x.shp"), "wanted .tif"),
+    ):
+        capsys.readouterr()
+        assert main(["intensity", str(run), *map(str, arguments)]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 1 and words in said[0], said
+    assert not (tmp_path / "run_intensity").exists()
