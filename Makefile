@@ -5,7 +5,7 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate fuzz bench study lint clean
+.PHONY: help demo test validate fuzz bench study plugin lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
@@ -14,6 +14,7 @@ help:
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (README's chapter)"
+	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
 	@echo "make lint      style"
 	@echo "make clean     remove the environment and what was made"
 
@@ -34,6 +35,9 @@ bench: $(ENVIRONMENT)/installed-test
 
 study: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python tests/bench/study.py
+
+plugin: $(ENVIRONMENT)/installed
+	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite $(if $(HOMEPAGE),--homepage=$(HOMEPAGE)) $(if $(EMAIL),--email=$(EMAIL))
 
 lint: $(ENVIRONMENT)/installed-test
 	@$(BIN)/ruff check

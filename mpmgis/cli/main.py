@@ -29,6 +29,7 @@ VERBS = {
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),
+    "qgis-plugin": ("qgis_plugin", "the toolbox for QGIS as a zip, to be installed there"),
 }
 
 # how `mpmgis --help` sorts the verbs; what no group names stands under the last one
@@ -39,7 +40,7 @@ GROUPS = {
         *("intensity", "compare", "report"),
     ),
     "many runs": ("study", "ensemble"),
-    "what is what": ("info", "effects"),
+    "what is what": ("info", "effects", "qgis-plugin"),
 }
 
 

@@ -124,20 +124,40 @@ def _bar():
         yield watch
 
 
+class _NowAndThen:
+    """Says whether a line for logs is due: every LINE_SECONDS, the first one so long after the first question."""
+
+    def __init__(self):
+        self._last = None
+
+    def is_due(self):
+        now = time.monotonic()
+        if self._last is None:
+            self._last = now
+        due = now - self._last >= LINE_SECONDS
+        if due:
+            self._last = now
+        return due
+
+
+_export_lines = _NowAndThen()
+
+
 def _lines():
     """A line now and then, for logs."""
-    last = [time.monotonic()]
+    lines = _NowAndThen()
+    lines.is_due()
 
     def watch(solver, end_time):
-        now = time.monotonic()
-        if now - last[0] >= LINE_SECONDS:
-            last[0] = now
+        if lines.is_due():
             talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
     return watch
 
 
 def frame_progress(done, total):
-    """Told by exports how many frames are done; writes over its own line on a terminal, quiet elsewhere."""
+    """Told by exports how many frames are done; on a terminal over its own line, for logs a line now and then."""
     if talk.volume >= 0 and sys.stderr.isatty():
         print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
+    elif _export_lines.is_due():
+        talk.say(f"frame {done} of {total}")

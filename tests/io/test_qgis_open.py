@@ -1,51 +1,20 @@
 """The exported folder in a real QGIS: it opens, it is styled, it moves."""
 
-import json
-import os
-import shutil
-import subprocess
-from functools import cache
 from pathlib import Path
 
 import pytest
 import qgis_run
 import shapely
 from pyproj import CRS
+from qgis_python import report_of
 
 pytestmark = pytest.mark.qgis
 HERE = Path(__file__).parent
 MOVING = {"flow depth h (m)", "outline of the flow", "velocity arrows"}
 
 
-@cache
-def python_with_qgis():
-    """Path of a Python that has PyQGIS, or None."""
-    for python in ("/usr/bin/python3", shutil.which("python3"), os.environ.get("MPMGIS_QGIS_PYTHON")):
-        if (
-            python
-            and subprocess.run([python, "-c", "import qgis.core"], capture_output=True, check=False).returncode == 0
-        ):
-            return python
-    return None
-
-
 def look(run, *files):
-    python = python_with_qgis()
-    if python is None:
-        pytest.skip("no PyQGIS on this machine (Debian: apt-get install python3-qgis)")
-    paths = [str(run.folder / file) for file in (run.project_file, *files)]
-    clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV", "GDAL", "PROJ"))}
-    done = subprocess.run(
-        [python, str(HERE / "qgis_check.py"), *paths],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=clean,
-        check=False,
-    )
-    lines = [line for line in done.stdout.splitlines() if line.startswith("REPORT ")]
-    assert lines, done.stderr[-2000:]
-    return json.loads(lines[0].removeprefix("REPORT "))
+    return report_of(HERE / "qgis_check.py", *(run.folder / file for file in (run.project_file, *files)))
 
 
 @pytest.fixture(scope="module")

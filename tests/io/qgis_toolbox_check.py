@@ -1,0 +1,172 @@
+"""Uses the toolbox in a real QGIS without a window, and tells what came of it as one JSON object on stdout.
+
+Run by a Python that has PyQGIS: `python3 qgis_toolbox_check.py PLUGINS SITE COMMAND SLEEPER`; PLUGINS is the folder
+that holds the plugin, SITE one with dtm.tif and release.gpkg, COMMAND is `mpmgis`, SLEEPER a program that never ends.
+"""
+
+import json
+import os
+import sys
+import tempfile
+
+os.environ["QT_QPA_PLATFORM"] = "offscreen"
+os.environ["QGIS_CUSTOM_CONFIG_PATH"] = os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="qgis_toolbox_")
+
+from qgis.core import (
+    QgsApplication,
+    QgsFeature,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeedback,
+    QgsProject,
+    QgsRasterLayer,
+    QgsVectorLayer,
+)
+
+PLUGINS, SITE, COMMAND, SLEEPER = sys.argv[1:]
+# what QGIS has in its environment on Windows and macOS, and what keeps another Python from starting
+FOREIGN = {"PYTHONHOME": "/nowhere", "PROJ_LIB": "/nowhere", "PROJ_DATA": "/nowhere"}
+DEM, RELEASE = os.path.join(SITE, "dtm.tif"), os.path.join(SITE, "release.gpkg")
+
+
+class Feedback(QgsProcessingFeedback):
+    """Keeps what is said; `stop_at` cancels at the first line that begins so."""
+
+    def __init__(self, stop_at=None):
+        super().__init__(False)
+        self.said, self.printed, self.errors, self.stop_at = [], [], [], stop_at
+
+    def pushInfo(self, line):
+        self.said.append(line)
+        if self.stop_at and line.startswith(self.stop_at):
+            self.cancel()
+
+    def pushCommandInfo(self, line):
+        self.said.append(line)
+
+    def pushConsoleInfo(self, line):
+        self.printed.append(line)
+
+    def reportError(self, line, fatalError=False):
+        self.errors.append(line)
+
+
+def use(name, stop_at=None, project=None, **parameters):
+    """What an algorithm gave, said, printed, or the error that it ended with."""
+    import processing
+
+    feedback, context = Feedback(stop_at), QgsProcessingContext()
+    context.setProject(project or QgsProject.instance())
+    try:
+        outputs, error = processing.run(f"mpmgis:{name}", parameters, feedback=feedback, context=context), None
+    except QgsProcessingException as exception:
+        outputs, error = {}, str(exception)
+    return {
+        "outputs": {key: value for key, value in outputs.items() if isinstance(value, str)},
+        "error": error or "",
+        "errors": feedback.errors,
+        "said": feedback.said,
+        "printed": feedback.printed,
+        "progress": feedback.progress(),
+        "to_load": [details.name for details in context.layersToLoadOnCompletion().values()],
+    }
+
+
+def set_command(path):
+    from processing.core.ProcessingConfig import ProcessingConfig
+
+    ProcessingConfig.setSettingValue("MPMGIS_COMMAND", path)
+
+
+def tree(node):
+    """Names of the groups and layers below a node of the layer tree, nested."""
+    return [{child.name(): tree(child)} if hasattr(child, "addGroup") else child.name() for child in node.children()]
+
+
+def unsaved_release(of):
+    """The polygons of the release as a layer that is no file."""
+    layer = QgsVectorLayer("Polygon?crs=EPSG:32632&field=thickness:double", "unsaved", "memory")
+    for feature in QgsVectorLayer(of, "release", "ogr").getFeatures():
+        copy = QgsFeature(layer.fields())
+        copy.setGeometry(feature.geometry())
+        copy.setAttributes([feature["thickness"]])
+        layer.dataProvider().addFeatures([copy])
+    layer.updateExtents()
+    return layer
+
+
+def simulate(folder, **more):
+    given = {"DEM": DEM, "RELEASE": RELEASE, "END_TIME": 6, "FRAME_INTERVAL": 2, "OUTPUT": folder, "THREADS": 1}
+    return use("simulate", **given | more)
+
+
+def check_simulation():
+    folder = os.path.join(SITE, "slide")
+    QgsProject.instance().addMapLayer(unsaved_release(RELEASE))
+    found = {"simulate": simulate(folder, RELEASE=unsaved_release(RELEASE))}
+    project = QgsProject.instance()
+    layers = project.mapLayers().values()
+    found["tree"] = tree(project.layerTreeRoot())
+    found["valid"] = [layer.isValid() for layer in layers]
+    found["renderers"] = sorted({layer.renderer().type() for layer in layers if isinstance(layer, QgsRasterLayer)})
+    found["timed"] = sum(layer.temporalProperties().isActive() for layer in layers if layer.temporalProperties())
+    found["has_times"] = project.timeSettings().temporalRange().begin().isValid()
+    found["again"] = simulate(folder)
+    frames = found["simulate"]["outputs"]["FRAMES"]
+    found["export"] = use("exportraster", FRAMES=frames, CELL="5", STEP="4", OUTPUT=os.path.join(SITE, "maps"))
+    found["count_twice"] = len(project.mapLayers()) / len(found["valid"])
+    found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=os.path.join(SITE, "more"), LOAD=False)
+    found["compare"] = use("compare", FIRST=os.path.join(SITE, "maps"), OUTLINE=RELEASE)
+    found["unclear"] = use("compare", FIRST=os.path.join(SITE, "maps"))
+    found["effects"] = use("effects", SCENE=found["simulate"]["outputs"]["SCENE"])
+    return found
+
+
+def check_seed():
+    found = {"seed": use("seed", DEM=DEM, RELEASE=RELEASE, COUNT=200, OUTPUT=os.path.join(SITE, "seed.gpkg"))}
+    found["existing"] = use("seed", DEM=DEM, RELEASE=RELEASE, OUTPUT=os.path.join(SITE, "seed.gpkg"))
+    found["temporary"] = use("seed", DEM=DEM, RELEASE=RELEASE, COUNT=50, OUTPUT="TEMPORARY_OUTPUT")
+    found["local"] = use("seed", DEM=DEM, RELEASE=RELEASE, THICKNESS="no_such_column", OUTPUT="TEMPORARY_OUTPUT")
+    return found
+
+
+def check_command():
+    set_command(SLEEPER)
+    found = {"cancelled": use("effects", stop_at="t = ")}
+    gone = os.path.join(SITE, "gone")
+    os.symlink(COMMAND, gone)
+    set_command(gone)
+    os.remove(gone)
+    found["missing"] = use("effects")
+    set_command("")
+    os.environ["PATH"], path = "/nowhere", os.environ["PATH"]
+    found["not_on_path"] = use("effects")
+    os.environ["PATH"] = path
+    return found
+
+
+def main():
+    QgsApplication.setPrefixPath("/usr", True)
+    application = QgsApplication([], True)
+    application.initQgis()
+    sys.path += [os.path.join(QgsApplication.pkgDataPath(), "python", "plugins"), PLUGINS]
+    from processing.core.Processing import Processing
+
+    Processing.initialize()
+    import mpmgis_qgis
+
+    plugin = mpmgis_qgis.classFactory(None)
+    plugin.initProcessing()
+    set_command(COMMAND)
+    os.environ.update(FOREIGN)
+    provider = QgsApplication.processingRegistry().providerById("mpmgis")
+    report = {"algorithms": sorted(algorithm.name() for algorithm in provider.algorithms())}
+    report |= check_seed() | check_simulation() | check_command()
+    plugin.unload()
+    report["unloaded_provider"] = QgsApplication.processingRegistry().providerById("mpmgis") is None
+    print("REPORT " + json.dumps(report), flush=True)
+    os._exit(0)  # QGIS' own teardown may crash after the answer is out
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,161 @@
+"""The toolbox in a real QGIS: it seeds, simulates, exports, opens what came of it, and fails in one line."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import geopandas
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from affine import Affine
+from qgis_python import clean_environment, python_with_qgis, report_of
+
+pytestmark = pytest.mark.qgis
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+PLUGINS = ROOT / "mpmgis" / "qgis_plugin"
+WEST, NORTH, PIXEL, SHAPE = 500_000.0, 5_200_400.0, 10.0, (40, 60)
+# says how far it is, and ends when it is told to, which it writes down
+SLEEPER = """#!/bin/sh
+MARK='{mark}'
+trap 'echo stopped > "$MARK"; exit 143' TERM
+echo 't = 1.0 of 4 s, fastest 2 m/s' >&2
+while :; do sleep 0.05; done
+"""
+
+
+def make_site(folder):
+    """A slope of 31 degrees and a release on it, in files."""
+    rows, columns = np.indices(SHAPE)
+    with rasterio.open(
+        folder / "dtm.tif", "w", driver="GTiff", height=SHAPE[0], width=SHAPE[1], count=1, dtype="float32",
+        crs="EPSG:32632", transform=Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH),
+    ) as dtm:  # fmt: skip
+        dtm.write((1000.0 - 6.0 * columns + 0.0 * rows).astype("float32"), 1)
+    area = shapely.box(WEST + 60, NORTH - 260, WEST + 140, NORTH - 140)
+    release = geopandas.GeoDataFrame({"thickness": [2.0]}, geometry=[area], crs="EPSG:32632")
+    release.to_file(folder / "release.gpkg")
+
+
+def script(path, text):
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
+def command_of_tests(folder):
+    """The command `mpmgis` of the Python that runs the tests, as one file."""
+    return script(folder / "mpmgis", f'#!/bin/sh\nexport PYTHONPATH="{ROOT}"\nexec "{sys.executable}" -m mpmgis "$@"\n')
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("toolbox and space")
+    make_site(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(site):
+    sleeper = script(site / "sleeper", SLEEPER.format(mark=site / "stopped"))
+    return report_of(HERE / "qgis_toolbox_check.py", PLUGINS, site, command_of_tests(site), sleeper, timeout=300)
+
+
+def test_the_toolbox_has_the_verbs(report):
+    assert {"seed", "run", "exportraster", "effects", "simulate", "convert", "compare"} <= set(report["algorithms"])
+    assert report["unloaded_provider"]
+
+
+def test_seeded_particles_are_loaded(site, report):
+    assert report["seed"]["error"] == ""
+    assert report["seed"]["to_load"] == ["seed"]
+    assert any("columns on 9600 m2: " in line for line in report["seed"]["said"])
+    particles = geopandas.read_file(report["seed"]["outputs"]["OUTPUT"])
+    assert abs(len(particles) - 200) <= 2
+    assert report["temporary"]["error"] == "" and Path(report["temporary"]["outputs"]["OUTPUT"]).suffix == ".gpkg"
+
+
+def test_a_refusal_is_the_commands_own_line(report):
+    assert report["existing"]["error"].startswith("mpmgis seed: ")
+    assert "exists already" in report["existing"]["error"]
+    assert "no_such_column" in report["local"]["error"]
+    assert "\n" not in report["existing"]["error"] + report["local"]["error"]
+
+
+def test_the_form_makes_a_map_that_moves(report):
+    found = report["simulate"]
+    assert found["error"] == "" and not found["errors"]
+    assert found["progress"] == 100
+    assert any(line.startswith("ended: ") for line in found["said"])
+    (group,) = [part for part in report["tree"] if isinstance(part, dict)]
+    ((name, parts),) = group.items()
+    assert name == "results"
+    assert [next(iter(part)) for part in parts] != []
+    assert all(report["valid"]) and len(report["valid"]) > 10
+    assert set(report["renderers"]) == {"hillshade", "contour", "singlebandpseudocolor"}
+    assert report["timed"] >= 4 and report["has_times"]
+
+
+def test_a_release_that_is_no_file_is_kept_with_the_scene(site, report):
+    assert (site / "slide" / "release.gpkg").exists()
+    assert 'source = "release.gpkg' in (site / "slide" / "scene.toml").read_text()
+
+
+def test_an_earlier_simulation_is_not_replaced_unasked(report):
+    assert "exists already" in report["again"]["error"]
+
+
+def test_export_is_loaded_if_asked(site, report):
+    assert report["export"]["outputs"]["OUTPUT"] == str(site / "maps")
+    assert sorted(path.name for path in (site / "maps" / "rasters").glob("*_00*.tif")) == [
+        "results_0000.tif",
+        "results_0001.tif",
+    ]
+    with rasterio.open(site / "maps" / "rasters" / "results_0000.tif") as raster:
+        assert raster.res == (5.0, 5.0)
+    assert report["count_twice"] > 1.5
+    assert report["unloaded"]["error"] == "" and (site / "more" / "results.qgz").exists()
+
+
+def test_answers_are_in_the_log(report):
+    assert any(line.startswith("curvature ") for line in report["effects"]["printed"])
+    assert any(line.startswith("footprint: ") for line in report["compare"]["printed"])
+    assert "exactly one of" in report["unclear"]["error"]
+
+
+def test_cancelling_stops_the_command(site, report):
+    assert report["cancelled"]["error"].endswith("mpmgis effects: cancelled")
+    assert report["cancelled"]["progress"] == 25
+    assert (site / "stopped").read_text() == "stopped\n"
+
+
+def test_a_missing_command_is_told_with_the_cure(site, report):
+    assert f"is not at {site / 'gone'}" in report["missing"]["error"]
+    assert "Settings > Options > Processing > Providers > mpmgis" in report["missing"]["error"]
+    assert "never in QGIS' Python" in report["not_on_path"]["error"]
+
+
+def test_qgis_process_runs_the_toolbox(site, tmp_path):
+    qgis_process = shutil.which("qgis_process.bin") or shutil.which("qgis_process")
+    if python_with_qgis() is None or qgis_process is None:
+        pytest.skip("no qgis_process on this machine (Debian: apt-get install qgis)")
+    path = os.pathsep.join([str(command_of_tests(tmp_path).parent), os.environ["PATH"]])
+    told = {"QGIS_PLUGINPATH": str(PLUGINS), "QT_QPA_PLATFORM": "offscreen", "QGIS_CUSTOM_CONFIG_PATH": str(tmp_path)}
+    environment = clean_environment() | told | {"PATH": path}
+
+    def process(*words):
+        return subprocess.run([qgis_process, *words], env=environment, capture_output=True, text=True, check=False)
+
+    assert process("plugins", "enable", "mpmgis_qgis").returncode == 0
+    given = (f"DEM={site / 'dtm.tif'}", f"RELEASE={site / 'release.gpkg'}", "COUNT=100")
+    done = process("run", "mpmgis:seed", "--", *given, f"OUTPUT={tmp_path / 'a.h5'}")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.h5").exists()
+    assert "columns on 9600 m2" in done.stdout
+    failed = process("run", "mpmgis:seed", "--", *given, f"OUTPUT={tmp_path / 'a.h5'}")
+    assert failed.returncode == 1
+    assert "exists already" in failed.stdout + failed.stderr

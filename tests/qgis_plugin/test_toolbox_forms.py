@@ -1,0 +1,222 @@
+"""The toolbox's forms without any QGIS: the options they pass are the command's own, the scenes they write sound."""
+
+import argparse
+import ast
+import importlib
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+
+from mpmgis.cli.main import VERBS as VERBS_OF_THE_COMMAND
+from mpmgis.cli.main import main
+from mpmgis.qgis_plugin.mpmgis_qgis import commands, fields, finding, scene_form, talk
+from mpmgis.scene import read_scene
+
+ROWS = commands.VERBS
+PLUGIN = Path(commands.__file__).parent
+VALUES = {
+    fields.RASTER: "dtm.tif", fields.POLYGONS: "area.gpkg|layername=area", fields.LINES: "line.shp",
+    fields.FILE: "a file.h5", fields.FOLDER: "results", fields.NEW_FILE: "out.h5", fields.NEW_FOLDER: "out",
+    fields.NUMBER: 1.5, fields.INTEGER: 3, fields.TEXT: "1", fields.SWITCH: True, fields.CRS: "EPSG:32632",
+}  # fmt: skip
+TYPED = {"VELOCITY": "-1,2", "ORIGIN": "600000,5170000,0", "AXES": "e,u,-n", "COLUMNS": "mass=m", "TIMES": "0,1"}
+ALTERNATIVES = {"PER_CELL", "COUNT"}  # to SPACING, of which the command takes one
+
+
+def parser_of(row):
+    module, _ = VERBS_OF_THE_COMMAND[row.verb]
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    importlib.import_module(f"mpmgis.cli.{module}").add_arguments(parser)
+    return parser
+
+
+def example(field):
+    """A value of the field that is not its default."""
+    if field.kind == fields.CHOICE:
+        return next(choice for choice in field.choices if choice != field.default)
+    return TYPED.get(field.name, VALUES[field.kind])
+
+
+def option_of(parser, field):
+    return next(action for action in parser._actions if field.option in action.option_strings)
+
+
+CASES = [
+    pytest.param(row, field, id=f"{row.verb}-{field.name}") for row in ROWS for field in row.fields if field.option
+]
+
+
+@pytest.mark.parametrize(("row", "field"), CASES)
+def test_each_option_is_the_commands_own(row, field):
+    action = option_of(parser_of(row), field)
+    if field.kind == fields.SWITCH:
+        assert action.nargs == 0 and field.default is False
+        return
+    assert action.nargs is None
+    if field.kind == fields.CHOICE:
+        assert set(field.choices) == set(action.choices)
+
+
+@pytest.mark.parametrize(("row", "field"), CASES)
+def test_a_default_in_the_form_is_the_commands_default(row, field):
+    action = option_of(parser_of(row), field)
+    if field.default is None or (row.verb, field.name) == ("seed", "DENSITY"):  # None there: the verb says it aloud
+        assert action.default is None or action.default == ()
+        return
+    typed = field.default if field.kind == fields.SWITCH else (action.type or str)(fields.text(field.default))
+    assert typed == action.default
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.verb)
+def test_the_parser_takes_a_form_that_is_filled_in(row):
+    left_out = {*ALTERNATIVES, *row.one_of[1:]}
+    values = {field.name: example(field) for field in row.fields if field.option != "" and field.name not in left_out}
+    given = fields.arguments(row.fields, values)
+    named = [word.split("=")[0] for word in given if word.startswith("--")]
+    assert named == [field.option for field in row.fields if field.option and field.name in values]
+    parser_of(row).parse_args(given)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.verb)
+def test_the_parser_takes_a_form_with_only_what_must_be_given(row):
+    needed = {field.name: example(field) for field in row.fields if field.option != "" and not field.optional}
+    needed = {name: value for name, value in needed.items() if value is not True}
+    needed |= {name: example(field) for field in row.fields for name in row.one_of[:1] if field.name == name}
+    parser_of(row).parse_args(fields.arguments(row.fields, needed))
+
+
+def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
+    values = {field.name: field.default for field in commands.EXPORT.fields} | {
+        "FRAMES": "a b",
+        "CELL": "",
+        "COG": True,
+    }
+    assert fields.arguments(commands.EXPORT.fields, values) == ["a b", "--cog"]
+
+
+@pytest.mark.parametrize(
+    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.verb for r in ROWS] + ["form"]
+)
+def test_forms_are_sound(form):
+    names = [field.name for field in form]
+    assert len(set(names)) == len(names)
+    for field in form:
+        assert field.kind in fields.KINDS
+        assert field.name == field.name.upper() and field.label[0] == field.label[0].strip()
+        assert bool(field.choices) == (field.kind == fields.CHOICE)
+        assert field.default is None or field.kind != fields.CHOICE or field.default in field.choices
+        assert field.optional or not field.advanced
+
+
+def test_algorithms_have_names_of_their_own():
+    names = [row.identifier for row in ROWS] + [scene_form.IDENTIFIER]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch("[a-z]+", name) for name in names)
+
+
+def filled(**more):
+    return {field.name: field.default for field in scene_form.FIELDS} | {"DEM": "dtm.tif", "RELEASE": "r.gpkg"} | more
+
+
+def test_the_form_writes_the_scene_that_was_meant(tmp_path):
+    path = tmp_path / "scene.toml"
+    name = 'C:\\maps\\Gro\u00dfes "Tal".tif'
+    path.write_text(scene_form.scene_text(filled(DEM=name, THICKNESS=" 1.5 ", CELL_SIZE=4.0)), encoding="utf-8")
+    scene = read_scene(path)
+    assert str(scene.terrain.dem).endswith(name)
+    assert scene.release.thickness == 1.5 and scene.release.density == 1000
+    assert scene.numerics.cell_size == 4
+    assert (scene.output.end_time, scene.output.frame_interval, scene.output.maxima) == (300, 2, True)
+
+
+def test_what_is_left_empty_is_left_to_the_command(tmp_path):
+    text = scene_form.scene_text(filled(THICKNESS="", XI=None))
+    assert "thickness" not in text and "cell_size" not in text and 'law = "Coulomb"' in text
+    assert 'thickness = "d0"' in scene_form.scene_text(filled(THICKNESS="d0"))
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    read_scene(path)
+
+
+def test_the_scene_of_the_form_is_decided_by_the_command(tmp_path, capsys):
+    rows, columns = np.indices((30, 40))
+    with rasterio.open(
+        tmp_path / "dtm.tif", "w", driver="GTiff", height=30, width=40, count=1, dtype="float32", crs="EPSG:32632",
+        transform=Affine(10, 0, 500_000, 0, -10, 5_200_300),
+    ) as dtm:  # fmt: skip
+        dtm.write((800 - 5.0 * columns + 0.0 * rows).astype("float32"), 1)
+    (tmp_path / "r.geojson").write_text(
+        '{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": '
+        "[[[9.0008, 46.956], [9.0015, 46.956], [9.0015, 46.9552], [9.0008, 46.9552], [9.0008, 46.956]]]}}"
+    )
+    path = tmp_path / "scene.toml"
+    path.write_text(scene_form.scene_text(filled(RELEASE="r.geojson", THICKNESS="2")))
+    assert main(["effects", str(path)]) == 0
+    assert "Voellmy: mu = 0.2, xi = 1000" in capsys.readouterr().out
+
+
+def test_lines_come_whole_whatever_the_pieces():
+    lines = talk.Lines()
+    assert lines.add(b"t = 1.0 of") == []
+    assert lines.add(b" 4 s\r\nnext\rframe 1") == ["t = 1.0 of 4 s", "next"]
+    assert lines.end() == ["frame 1"]
+
+
+def test_letters_cut_in_two_are_put_together():
+    lines, data = talk.Lines(), "Stra\u00dfe\n".encode()
+    assert lines.add(data[:5]) == []
+    assert lines.add(data[5:]) == ["Stra\u00dfe"]
+
+
+def test_progress_is_read_from_what_the_command_says():
+    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s") == 0.25
+    assert talk.progress("frame 3 of 4") == 0.75
+    assert talk.progress("t = 5 s: stage 2, of points, begins: t = 5 s") is None
+    assert talk.progress("wall time 5 s") is None
+
+
+def test_the_commands_own_line_is_the_error():
+    said = ["1100 columns", "mpmgis run: scene.toml has no table [release]", "python: leaked 1 thing"]
+    assert talk.error_line(said, "run", 2) == said[1]
+    assert talk.error_line(said[:1], "run", 2) == "1100 columns"
+    assert talk.error_line([], "run", -9) == "mpmgis run: ended with exit code -9 and said nothing"
+
+
+def test_the_command_is_found_where_it_was_said_or_on_path(tmp_path, monkeypatch):
+    command = tmp_path / "mpmgis"
+    command.write_text("#!/bin/sh\n")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert (
+        finding.find_command("") == finding.find_command(None) == finding.find_command(f' "{command}" ') == str(command)
+    )
+    with pytest.raises(finding.CommandMissing, match=r"is not at .*nowhere; set its path in Settings"):
+        finding.find_command(str(tmp_path / "nowhere"))
+    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with pytest.raises(finding.CommandMissing, match=r"never in QGIS' Python \(pipx"):
+        finding.find_command("")
+    (tmp_path / ".local").mkdir()
+    (tmp_path / ".local" / "bin").symlink_to(tmp_path)
+    assert finding.find_command("").endswith("bin/mpmgis")
+
+
+def test_what_belongs_to_qgis_own_python_is_not_handed_on():
+    kept = finding.environment({"PYTHONHOME": "x", "PROJ_LIB": "y", "PATH": "z"})
+    assert kept["PATH"] == "z" and not {"PYTHONHOME", "PROJ_LIB"} & set(kept)
+
+
+@pytest.mark.parametrize("path", sorted(PLUGIN.glob("*.py")), ids=lambda path: path.name)
+def test_the_plugin_keeps_to_what_qgis_has(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"), feature_version=(3, 9))
+    imported = {
+        node.module.split(".")[0] if isinstance(node, ast.ImportFrom) else alias.name.split(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom) and not getattr(node, "level", 0)
+        for alias in node.names
+    }
+    assert imported <= {"__future__", "dataclasses", "json", "os", "processing", "qgis", "re", "shutil", "zipfile"}
