@@ -63,12 +63,26 @@ def metric_equivalent(longitude, latitude):
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 
 
-def warp_command(path, options):
-    """The call of gdalwarp, to be pasted, that makes `<name>_warped.tif`, where one stands, from a raster."""
+def warp_command(path, crs=None, resampling="bilinear", size=None):
+    """The call, to be pasted, that makes `<name>_warped.tif`, where one stands, from a raster.
+
+    `rio` comes with rasterio, so that it is there wherever mpmgis is; GDAL's own programs are not. `crs` is a CRS by
+    its code, `size` [m] that of the new pixels.
+    """
     path = PurePath(path)
-    files = (str(path), f"{path.stem}_warped.tif")
-    quoted = (f'"{file}"' if " " in file else file for file in files)
-    return f"gdalwarp {options} {' '.join(quoted)}"
+    options = [f"--dst-crs {crs}"] * (crs is not None) + [f"--res {size}"] * (size is not None)
+    words = _quoted(path), _quoted(f"{path.stem}_warped.tif"), *options, f"--resampling {resampling}"
+    return f"rio warp {' '.join(words)}"
+
+
+def scale_command(path, factor):
+    """The call, to be pasted, that makes `<name>_m.tif`, where one stands, from a raster: its values by `factor`."""
+    path = PurePath(path)
+    return f"rio calc '(* {factor:.10g} (read 1))' {_quoted(path)} {_quoted(f'{path.stem}_m.tif')}"
+
+
+def _quoted(path):
+    return f'"{path}"' if " " in str(path) else str(path)
 
 
 def same_place(first, second):
@@ -106,13 +120,14 @@ def require_metric(crs, bounds, where, say):
     if not plane.is_projected:
         raise GeoreferenceError(
             f"{where} is in {name}, which is no map projection; if its coordinates are metres, remove the CRS "
-            f"(gdal_edit -a_srs None) and give --crs local or --crs EPSG:n"
+            f"(rio edit-info FILE --unset-crs) and give --crs local or --crs EPSG:n"
         )
     _require_metres(plane, crs, where, centre)
     if max(abs(v) for v in bounds[::2]) <= 360 and max(abs(v) for v in bounds[1::2]) <= 90 and _span(bounds) < 5:
         raise GeoreferenceError(
             f"{where} is tagged {name} (metres), but its coordinates {_pair(centre)} look like degrees; correct the "
-            f"tag (gdal_edit -a_srs EPSG:4326), then reproject, for example to {metric_equivalent(*centre)}"
+            f"tag (rio edit-info FILE --crs EPSG:4326), then reproject, for example to "
+            f"{metric_equivalent(*centre)}"
         )
     scale_error, area_error = _require_place(plane, centre, where, name)
     if scale_error > _LARGEST_SILENT_SCALE_ERROR:
@@ -142,9 +157,9 @@ def _longitude_latitude(plane, point):
 
 def _reprojection(where, longitude, latitude):
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
-        return f"Reproject it to a projected CRS in metres: {warp_command(where, '-t_srs EPSG:n -r bilinear')}"
+        return f"Reproject it to a projected CRS in metres: {warp_command(where, 'EPSG:n')}"
     target = metric_equivalent(longitude, latitude)
-    return f"Reproject it, for example: {warp_command(where, f'-t_srs {target} -r bilinear')}"
+    return f"Reproject it, for example: {warp_command(where, target)}"
 
 
 def _require_metres(plane, crs, where, centre):
@@ -159,8 +174,8 @@ def _require_metres(plane, crs, where, centre):
         if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > 1e-12:
             raise GeoreferenceError(
                 f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), wanted metre; "
-                "convert "
-                f"them (gdal_calc --calc='A*{axis.unit_conversion_factor:.10g}') and give the result a CRS in metres"
+                f"convert them ({scale_command(where, axis.unit_conversion_factor)}) and give the result a CRS in "
+                "metres"
             )
 
 
@@ -170,7 +185,7 @@ def _require_place(plane, centre, where, name):
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
         raise GeoreferenceError(
             f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie nowhere in it; the tag is false: give "
-            f"the file its true CRS (gdal_edit -a_srs EPSG:n)"
+            f"the file its true CRS (rio edit-info FILE --crs EPSG:n)"
         )
     factors = pyproj.Proj(plane).get_factors(longitude, latitude)
     scales = np.array([factors.meridional_scale, factors.parallel_scale])
@@ -182,7 +197,7 @@ def _require_place(plane, centre, where, name):
             f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie {outside:.0f} degrees outside that "
             "CRS's "
             f"area of use ({plane.area_of_use.name.split(';')[0].split(' - ')[0][:60]}); the tag is false: give the "
-            f"file its true CRS (gdal_edit -a_srs EPSG:n)"
+            f"file its true CRS (rio edit-info FILE --crs EPSG:n)"
         )
     return scale_error, area_error
 

@@ -20,7 +20,7 @@ def require_square(grid, what, path):
         size = f"{grid.cell_size:.6g}"
         raise InputError(
             f"{what} writes ASCII grids, which need square pixels along north; warp the DTM: "
-            f"{warp_command(path, f'-tr {size} {size} -r bilinear')}"
+            f"{warp_command(path, size=size)}"
         )
 
 

@@ -1,13 +1,12 @@
 """What a scene knows by place, in the terrain's CRS: polygons and lines with their columns, and rasters."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import shapely
 
 from ..errors import GeoreferenceError, InputError
-from ..geo.georeference import name_of, same_place
+from ..geo.georeference import name_of, same_place, warp_command
 from ..geo.grid import Grid
 from .raster import read_raster
 from .vector import names_of, read_table, repaired, require_lies_on, require_polygons, to_terrain
@@ -106,8 +105,8 @@ def read_placed_raster(path, terrain):
     target = terrain.grid.crs
     if grid.crs is not None and target is not None and not same_place(grid.crs, target):
         raise GeoreferenceError(
-            f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; reproject it: gdalwarp -r near -t_srs "
-            f"{name_of(target)} {Path(path).name}"
+            f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; reproject it: "
+            f"{warp_command(path, name_of(target), 'nearest')}"
         )
     if grid.crs is None or target is None:
         require_lies_on(grid.bounds, grid.crs, terrain, path, lambda text: None)

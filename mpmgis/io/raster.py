@@ -16,7 +16,16 @@ from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
-from ..geo.georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place, warp_command
+from ..geo.georeference import (
+    LOCAL,
+    horizontal,
+    name_of,
+    parse_crs,
+    require_metric,
+    same_place,
+    scale_command,
+    warp_command,
+)
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 
@@ -111,7 +120,7 @@ def open_raster(path):
             raise FormatError(f"{path} is no raster that GDAL reads, or a truncated one ({reason})") from error
         with source:
             if source.count == 0:
-                raise FormatError(f"{path} holds no band; name one of its subdatasets (gdalinfo lists them)")
+                raise FormatError(f"{path} holds no band; name one of its subdatasets (QGIS lists them)")
             try:
                 yield source
             except CPLE_BaseError as error:  # what GDAL found wrong may be raised by any later look at the dataset
@@ -221,11 +230,11 @@ def _transform(source, path, local):
         )
     if source.gcps[0] and t == Affine.identity():
         raise GeoreferenceError(
-            f"{path} is placed by control points only; warp it first: {warp_command(path, '-t_srs EPSG:n')}"
+            f"{path} is placed by control points only; warp it first: {warp_command(path, 'EPSG:n')}"
         )
     if t == Affine.identity() and not local:
         raise GeoreferenceError(
-            f"{path} has no georeference; give it one (gdal_edit -a_ullr), or --crs local for pixels of 1 m"
+            f"{path} has no georeference; give it one (QGIS: Raster, Georeferencer), or --crs local for pixels of 1 m"
         )
     return t
 
@@ -237,7 +246,7 @@ def _crs(source, path):
         crs = pyproj.CRS.from_user_input(source.crs.to_wkt())
     except pyproj.exceptions.CRSError as error:
         raise GeoreferenceError(
-            f"{path}: its CRS cannot be read ({one_line(error)[:80]}); set it anew (gdal_edit -a_srs EPSG:n)"
+            f"{path}: its CRS cannot be read ({one_line(error)[:80]}); set it anew (rio edit-info FILE --crs EPSG:n)"
         ) from error
     epsg = crs.to_epsg()  # the register's own entry knows the area of use, a file's WKT does not
     registered = pyproj.CRS.from_epsg(epsg) if epsg else crs
@@ -259,10 +268,11 @@ def _terrain_crs(source, path, asked, say):
             )
         return horizontal(given)
     if asked is not None and (given is None or not same_place(own, given)):
-        reproject = "" if given is None else f", or reproject it: {warp_command(path, f'-t_srs {asked} -r bilinear')}"
+        tag = "--unset-crs" if given is None else f"--crs {asked}"
+        reproject = "" if given is None else f", or reproject it: {warp_command(path, asked)}"
         raise GeoreferenceError(
             f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
-            f"or correct a false tag (gdal_edit -a_srs){reproject}"
+            f"or correct a false tag (rio edit-info FILE {tag}){reproject}"
         )
     return horizontal(own)
 
@@ -273,8 +283,8 @@ def _require_metres_up(source, path, band, say):
     factor = _OTHER_UNITS.get(unit.lower())
     if factor is not None:
         raise GeoreferenceError(
-            f"{path}: heights are in {unit}, wanted metres; convert them, for example: gdal_calc -A {path.name} "
-            f"--calc='A*{factor:.10g}' --outfile={path.stem}_m.tif, and set the unit to m"
+            f"{path}: heights are in {unit}, wanted metres; convert them, for example: "
+            f"{scale_command(path, factor)}, and set the unit to m"
         )
     if unit.lower() not in METRES:
         say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
@@ -294,7 +304,8 @@ def _mask_false_heights(elevation, path, say):
     if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
         raise InputError(
             f"{path}: heights reach from {lowest:g} to {highest:g}, wanted metres between {_BELOW_EARTH:g} and "
-            f"{_ABOVE_EARTH:g}; declare its nodata value (gdal_edit -a_nodata), or choose the band that holds heights"
+            f"{_ABOVE_EARTH:g}; declare its nodata value (rio edit-info FILE --nodata N), or choose the band "
+            "that holds heights"
         )
 
 

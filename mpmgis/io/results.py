@@ -70,7 +70,7 @@ class Result:
             path, code = self.bands[band].path, crs_of.crs.to_epsg() or "n"
             raise GeoreferenceError(
                 f"{path} is in {name_of(grid.crs)}, the other rasters in {name_of(crs_of.crs)}; reproject one of them: "
-                f"{warp_command(path, f'-t_srs EPSG:{code} -r near')}"
+                f"{warp_command(path, f'EPSG:{code}', 'nearest')}"
             )
         return values, grid
 
@@ -138,7 +138,9 @@ def _named_bands(path, before=""):
                 quantity = Quantity(before + name, source.units[number - 1] or unit.rstrip("]"), "")
                 bands[quantity.name] = BandSource(path, number, quantity)
         if not bands and source.count > 1:
-            raise InputError(f"{path} has {source.count} bands without names; extract one: gdal_translate -b N")
+            raise InputError(
+                f"{path} has {source.count} bands without names; extract one: rio stack {path} --bidx N -o one.tif"
+            )
     return bands
 
 

@@ -434,7 +434,8 @@ def _require_no_negative(values, path):
         row, column = np.argwhere(bad)[0].tolist()
         raise InputError(
             f"{path}: thickness is {values[row, column]:g} in {int(bad.sum())} cells, the first in row {row}, column "
-            f"{column}; wanted metres above 0; declare the nodata value (gdal_edit -a_nodata), or use --surface"
+            f"{column}; wanted metres above 0; declare the nodata value (rio edit-info FILE --nodata N), or use "
+            "--surface"
         )
     return values
 
@@ -550,7 +551,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
         code = target.to_epsg() or "n"
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)} and too large to be placed in {name_of(target)} without resampling; "
-            f"reproject it: {warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}"
+            f"reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
     say(
         f"{path}: placed from {name_of(grid.crs)} in {name_of(target)}, the terrain's CRS (within {misfit:.2g} of a "

@@ -202,7 +202,7 @@ def _require_meeting(request, boxes, certain, say):
         f"{other[0]:.6g} to {other[2]:.6g}, N {other[1]:.6g} to {other[3]:.6g}) do not meet"
     )
     if not certain:
-        raise GeoreferenceError(f"{apart}, and not both carry a CRS; assign it (gdal_edit -a_srs EPSG:n)")
+        raise GeoreferenceError(f"{apart}, and not both carry a CRS; assign it (rio edit-info FILE --crs EPSG:n)")
     say(apart)
 
 
@@ -261,7 +261,7 @@ def _band_facts(pair, sources, footprints, joint, say):
     if len(set(units) - {""}) > 1:
         raise InputError(
             f"{pair[0]} is in {units[0]} in {footprints[0].name}, {pair[1]} in {units[1]} in {footprints[1].name}; "
-            "convert one of them (gdal_calc)"
+            "convert one of them (rio calc, or QGIS' raster calculator)"
         )
     peaks, percentiles, values = [], [], []
     for source, name, footprint in zip(sources, pair, footprints, strict=True):
@@ -295,7 +295,7 @@ def _terrain(request, sources, joint, say):
         code = joint.crs.to_epsg() or "n"
         raise GeoreferenceError(
             f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(joint.crs)}; reproject it: "
-            f"{warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}"
+            f"{warp_command(path, f'EPSG:{code}')}"
         )
     return Terrain(replace(terrain.grid, crs=joint.crs), terrain.elevation, terrain.path)
 

@@ -77,7 +77,7 @@ def run_terrain(request, entries, output, say):
 def _reprojection(path, crs):
     """How to bring the DTM at `path` to `crs`; nothing where that has no code to name it by."""
     code = None if crs is None else crs.to_epsg()
-    return f", or reproject it: {warp_command(path, f'-t_srs EPSG:{code} -r bilinear')}" if code else ""
+    return f", or reproject it: {warp_command(path, f'EPSG:{code}')}" if code else ""
 
 
 def _carries_crs(path):

@@ -38,7 +38,7 @@ def require_bed(part, terrain):
         more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
         raise InputError(
             f"{terrain.path or 'terrain'}: no elevation under release '{part.name}' in cell (row, column) "
-            f"{named}{more}; fill the DTM (gdal_fillnodata) or clip the release"
+            f"{named}{more}; fill the DTM (QGIS: Raster, Analysis, Fill nodata) or clip the release"
         )
 
 

@@ -88,7 +88,7 @@ def dem_is_a_vector(k):
     k.dem = k.vector("v.geojson", ring())
 
 
-@recipe("gdalwarp -t_srs EPSG:32632")
+@recipe("_warped.tif --dst-crs EPSG:32632")
 def dem_geographic(k):
     k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(1e-4, 0, 9.0, 0, -1e-4, 46.0), "EPSG:4326")
 

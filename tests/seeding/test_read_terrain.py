@@ -8,10 +8,11 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.geo.georeference import metric_equivalent
+from mpmgis.geo.georeference import metric_equivalent, name_of
 from mpmgis.io.raster import read_raster, read_terrain
 from mpmgis.seeding.columns import seed_columns
 
@@ -100,29 +101,35 @@ def test_geographic_is_refused_with_the_zone_to_use(tmp_path, longitude, latitud
     assert metric_equivalent(longitude, latitude) == cure
     transform = Affine(1e-4, 0, longitude, 0, -1e-4, latitude)
     path = write_raster(tmp_path / "d.tif", np.full((20, 20), 100.0), transform, "EPSG:4326")
-    with pytest.raises(GeoreferenceError, match=f"degrees.*{cure}.* {path} d_warped.tif"):
+    with pytest.raises(GeoreferenceError, match=f"degrees.* {path} d_warped.tif --dst-crs {cure}"):
         read_terrain(path)
 
 
-def test_the_cure_can_be_pasted_whatever_the_file_is_called(tmp_path):
+def test_the_cure_can_be_pasted_whatever_the_file_is_called(tmp_path, monkeypatch):
     path = write_raster(
         tmp_path / "my dtm.tif", np.full((20, 20), 100.0), Affine(1e-4, 0, 9, 0, -1e-4, 46), "EPSG:4326"
     )
     with pytest.raises(GeoreferenceError) as caught:
         read_terrain(path)
-    _, _, command = str(caught.value).partition("gdalwarp ")
-    assert shlex.split(command) == [
-        "-t_srs", "EPSG:32632", "-r", "bilinear", str(path), "my dtm_warped.tif",
-    ]  # fmt: skip
+    _, _, command = str(caught.value).partition("rio ")
+    words = shlex.split(command)
+    assert words == ["warp", str(path), "my dtm_warped.tif", "--dst-crs", "EPSG:32632", "--resampling", "bilinear"]
+    monkeypatch.chdir(tmp_path)
+    rio(words, standalone_mode=False)
+    warped = read_terrain(tmp_path / "my dtm_warped.tif", say=lambda text: None)
+    assert name_of(warped.grid.crs) == "EPSG:32632" and np.nanmax(warped.elevation) == pytest.approx(100.0)
 
 
 def test_another_crs_than_the_files_own_is_refused_with_both_cures(tmp_path):
     path = write_dtm(tmp_path / "d.tif")
-    with pytest.raises(GeoreferenceError, match=f"gdal_edit.*gdalwarp -t_srs EPSG:32633 -r bilinear {path} "):
+    with pytest.raises(
+        GeoreferenceError,
+        match=r"rio edit-info FILE --crs EPSG:32633.*rio warp .*--dst-crs EPSG:32633",
+    ):
         read_terrain(path, crs="EPSG:32633")
     with pytest.raises(GeoreferenceError, match="a false tag") as caught:
         read_terrain(path, crs="local")
-    assert "gdalwarp" not in str(caught.value)
+    assert "--unset-crs" in str(caught.value) and "rio warp" not in str(caught.value)
 
 
 @pytest.mark.parametrize("crs", ["EPSG:2226", "EPSG:2272", "EPSG:6576"])
@@ -131,13 +138,13 @@ def test_feet_are_refused(tmp_path, crs):
     x, y = pyproj.CRS(crs).area_of_use.west + 0.5, pyproj.CRS(crs).area_of_use.south + 0.5
     x, y = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(x, y)
     path = write_raster(tmp_path / "d.tif", np.full((8, 8), 100.0), Affine(10, 0, x, 0, -10, y), crs)
-    with pytest.raises(GeoreferenceError, match=r"foot.*gdalwarp -t_srs EPSG:326"):
+    with pytest.raises(GeoreferenceError, match=r"foot.*rio warp .* --dst-crs EPSG:326"):
         read_terrain(path)
 
 
 @pytest.mark.parametrize("unit", ["ft", "US survey foot", "feet", "us-ft", "km"])
 def test_heights_in_feet_are_refused(tmp_path, unit):
-    with pytest.raises(GeoreferenceError, match=r"heights are in .*gdal_calc"):
+    with pytest.raises(GeoreferenceError, match=r"heights are in .*rio calc '\(\* 0?"):
         read_terrain(write_dtm(tmp_path / "d.tif", unit=unit))
 
 
