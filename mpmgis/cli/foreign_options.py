@@ -1,6 +1,7 @@
 """Options for another code's particle files: what they do not say themselves."""
 
 import argparse
+from pathlib import Path
 
 from .values import number, numbers, positive
 
@@ -21,9 +22,16 @@ def add_arguments(group, with_times=True):
         type=_columns,
         metavar="NAME=COL,..",
         default=(),
-        help="the file's columns for x, y, z, vx, vy, vz, mass, volume, id, where they have other names",
+        help="the file's columns for x, y, z, vx, vy, vz, mass, volume, radius, diameter, id, active, time, where they "
+        "have other names; of three components each: position, velocity",
     )
     group.add_argument("--particle-volume", type=positive, metavar="V", help="volume of every particle [m3]")
+    group.add_argument(
+        "--sidecar",
+        type=Path,
+        metavar="FILE",
+        help="file that tells all this (default: <name>.georef.json or georef.json beside them); options override it",
+    )
 
 
 def terms(arguments):

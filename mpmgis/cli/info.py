@@ -116,6 +116,8 @@ def _rows(items, units, depth=0):
             yield label, ""
             for band, (low, high) in value.items():
                 yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))
+        elif key == "to_be_told" and value and not depth:
+            yield from zip([label] + [""] * (len(value) - 1), value, strict=True)
         elif isinstance(value, dict):
             yield from _table(label, value, units, depth)
         elif isinstance(value, list) and value and isinstance(value[0], dict):

@@ -7,32 +7,35 @@ import re
 import threading
 from dataclasses import dataclass, replace
 from glob import glob
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..geo.georeference import name_of, same_place
 from ..particles import Frame
-from .foreign.file import foreign_header, foreign_particles, require_told, times_of
-from .foreign.readers import FOREIGN, OWN, reader_of
+from .foreign.file import ForeignFrame
+from .foreign.meaning import foreign_header, foreign_particles, require_told, times_of
+from .foreign.readers import FOREIGN, OWN, head_of, reader_of
+from .foreign.sidecar import with_sidecar
 from .foreign.terms import ForeignTerms
 from .frames import read_frame, read_maxima
 
 PATTERN = "*.h5"
 _memory = threading.local()
-_NUMBERED = re.compile(r"(.*?)(\d+)(\.\w+)")
+_NUMBERED = re.compile(r"(.*?)(\d{1,15})(\.\w+)")
 
 
 @dataclass(frozen=True)
 class FrameEntry:
     """One frame on disk: its `path`, its `header` (a Frame without particles), and the name of its `reader`.
 
-    `terms` is what the user said about another code's files.
+    Of another code's frame `source` knows where its numbers lie, and `terms` is what the user said about it.
     """
 
     path: Path
     header: Frame
     reader: str = OWN
+    source: ForeignFrame | None = None
     terms: ForeignTerms | None = None
 
     @property
@@ -52,8 +55,7 @@ class FrameEntry:
         """
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
-        particles = foreign_particles(self.path, FOREIGN[self.reader].open(self.path), self.terms)
-        return replace(self.header, particles=particles)
+        return replace(self.header, particles=foreign_particles(self.source, self.terms))
 
     def read_maxima(self):
         """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""
@@ -89,19 +91,30 @@ def list_frames(paths, terms=None):
 
 
 def _foreign_entries(paths, reader, terms):
-    files = [FOREIGN[reader].open(path) for path in paths]
-    for path, file in zip(paths, files, strict=True):
-        require_told(path, reader, file, terms)
-    times = times_of(paths, reader, files, terms)
+    frames, terms = foreign_frames(paths, reader, terms)
+    for frame in frames:
+        require_told(reader, frame, terms)
     return [
-        FrameEntry(path, foreign_header(path, reader, file, terms, float(time)), reader, terms)
-        for path, file, time in zip(paths, files, times, strict=True)
+        FrameEntry(frame.path, foreign_header(reader, frame, terms, float(time)), reader, frame, terms)
+        for frame, time in zip(frames, times_of(frames, terms), strict=True)
     ]
+
+
+def foreign_frames(paths, reader, terms):
+    """(The ForeignFrames in another code's files, `terms` with what a sidecar says besides).
+
+    Raises
+    ------
+    FormatError, InputError
+        Damaged files; a damaged sidecar, or several.
+    """
+    terms = with_sidecar(paths, terms)
+    return FOREIGN[reader].frames(paths, terms), terms
 
 
 def _one_reader(files, asked):
     """Name of the reader of all `files`."""
-    found = [reader_of(path, asked) for path in files]
+    found = [reader_of(path, asked, lenient=True) for path in files]
     for path, reader in zip(files, found, strict=True):
         if reader != found[0]:
             raise InputError(f"{files[0]} is of {found[0]}, {path} of {reader}; export one code's frames at a time")
@@ -117,13 +130,26 @@ def _refuse_terms(path, terms):
 
 
 def missing_frames(entries, most=5):
-    """Names that a series of numbered files leaves out between its first and its last; at most `most` of them."""
+    """Names that a series of numbered files leaves out between its first and its last; at most `most` of them.
+
+    Another code's numbers may be steps: where all lie a multiple of the least distance apart that is one of the series.
+    """
     numbered = {int(match[2]): match for entry in entries if (match := _NUMBERED.fullmatch(entry.path.name))}
-    if len(numbered) < len(entries):
+    numbers = sorted(numbered)
+    if len(numbered) < len(entries) or len(numbers) < 2:
         return []
-    gaps = [n for n in range(min(numbered), max(numbered)) if n not in numbered]
-    start, width, end = (lambda m: (m[1], len(m[2]), m[3]))(numbered[min(numbered)])
-    return [f"{start}{n:0{width}d}{end}" for n in gaps[:most]] + (["..."] if len(gaps) > most else [])
+    stride = 1
+    if entries[0].reader != OWN:
+        if numbers != sorted(entry.source.number for entry in entries if entry.source.number is not None):
+            return []
+        distances = {after - before for before, after in pairwise(numbers)}
+        stride = min(distances)
+        if any(distance % stride for distance in distances):
+            return []
+    gaps = (n for before, after in pairwise(numbers) for n in range(before + stride, after, stride))
+    some = list(islice(gaps, most + 1))
+    start, width, end = (lambda m: (m[1], len(m[2]), m[3]))(numbered[numbers[0]])
+    return [f"{start}{n:0{width}d}{end}" for n in some[:most]] + (["..."] if len(some) > most else [])
 
 
 def _files(paths, reader):
@@ -148,15 +174,38 @@ def _files(paths, reader):
 
 def _in_folder(folder, reader):
     """The frames in a folder: of `reader`, else mpmgis' own, else those of the first other code that knows any."""
-    patterns = {OWN: PATTERN} | {name: code.pattern for name, code in FOREIGN.items()}
-    for name in patterns if reader is None else (reader_of(folder, reader),):
-        found = sorted(folder.glob(patterns[name]))
-        if name != OWN:
-            found = [path for path in found if FOREIGN[name].recognises(path)]
-        if found:
-            return found
-    wanted = ", ".join(dict.fromkeys(patterns.values() if reader is None else (patterns[reader],)))
-    raise FormatError(f"{folder}: no frame ({wanted}) in this folder")
+    own = sorted(folder.glob(PATTERN))
+    if reader == OWN:
+        found = own
+    elif reader is not None:
+        reader_of(folder, reader)
+        found = [path for path in _visible(folder) if _is_of(path, reader)]
+    else:
+        found = own if any(reader_of(path) == OWN for path in own) else foreign_files(folder)[1]
+    if not found:
+        wanted = PATTERN if reader == OWN else "*.h5, or another code's" if reader is None else f"of {reader}"
+        raise FormatError(f"{folder}: no frame ({wanted}) in this folder")
+    return found
+
+
+def foreign_files(folder, reader=None):
+    """(Name of the first other code that knows any of the files in a folder, these files); (our own, []) without."""
+    found = {}
+    for path in _visible(folder):
+        name = reader_of(path)
+        if name != OWN and reader in (None, name):
+            found.setdefault(name, []).append(path)
+    return next(((name, found[name]) for name in FOREIGN if name in found), (OWN, []))
+
+
+def _visible(folder):
+    return sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
+
+
+def _is_of(path, name):
+    """Whether a file is of a code, for a format that anybody uses: of the format."""
+    head = head_of(path)
+    return FOREIGN[name].recognises(path, head) or bool(FOREIGN[name].fits and FOREIGN[name].fits(path, head))
 
 
 def _require_one_run(entries):

@@ -14,10 +14,14 @@ import netCDF4
 import numpy as np
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
+from ..geo.georeference import name_of
 from ..scene import read_scene
-from .foreign.readers import FOREIGN, OWN, reader_of
+from .foreign.readers import OWN, reader_of
+from .foreign.sidecar import FORMAT as SIDECAR_FORMAT
+from .foreign.sidecar import find_sidecar, read_sidecar
 from .foreign.terms import ForeignTerms
 from .frame_digest import check_result
+from .frame_list import foreign_files
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
@@ -50,9 +54,9 @@ def _facts(path, terms):
         raise FormatError(f"{path}: no such file or folder")
     if path.stat().st_size == 0:
         raise FormatError(f"{path} is empty (0 bytes)")
-    foreign = reader_of(path, terms.reader)
+    foreign = reader_of(path, terms.reader, lenient=bool(terms.columns) or find_sidecar(path) is not None)
     if foreign != OWN:
-        return {"file": str(path), "bytes": path.stat().st_size, **foreign_facts(path, foreign, terms)}
+        return {"file": str(path), "bytes": path.stat().st_size, **foreign_facts([path], foreign, terms)}
     _refuse_idle(path, terms)
     known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
     return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
@@ -80,13 +84,12 @@ def _refuse_idle(path, terms):
 def _folder_facts(path, terms):
     """A folder of frames, ours or another code's, or one that `export-raster` wrote."""
     frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
-    if frames:
+    if any(reader_of(frame) == OWN for frame in frames):
         _refuse_idle(path, terms)
         return _results_facts(path, frames)
-    found = [(file, reader_of(file, terms.reader)) for file in sorted(path.iterdir()) if file.is_file()]
-    found = [(file, name) for file, name in found if name != OWN and FOREIGN[name].recognises(file)]
-    if found:
-        return _foreign_results_facts([file for file, name in found if name == found[0][1]], found[0][1], terms)
+    reader, files = foreign_files(path, terms.reader)
+    if files:
+        return foreign_facts(files, reader, terms)
     _refuse_idle(path, terms)
     projects = sorted([*path.glob("*.qgz"), *path.glob("*.qgs")])
     rasters = sorted((path / "rasters").glob("*.tif")) + sorted((path / "rasters").glob("*.vrt"))
@@ -113,21 +116,6 @@ def _results_facts(path, frames):
         facts |= {name: record[name] for name in ("state", "reason", "steps", "wall_seconds") if name in record}
         facts |= _digest_facts(frames, record if isinstance(record, dict) else {})
     return facts
-
-
-def _foreign_results_facts(files, reader, terms):
-    """The frames of another code in a folder: the first and the last by number, and what is to be told about them."""
-    numbered = sorted(files, key=lambda file: FOREIGN[reader].open(file).number or 0)
-    first, last = (foreign_facts(file, reader, terms) for file in (numbered[0], numbered[-1]))
-    return {
-        "kind": "results",
-        "frames": len(files),
-        "first_time": first["time"],
-        **{name: last[name] for name in ("time", "dimension", "n", "mass", "volume", "max_speed", "crs", "bbox")},
-        "n_at_start": first["n"],
-        "reader": reader,
-        **{name: last[name] for name in ("own_axes", "cell_size", "particle_volume", "arrays", "to_be_told")},
-    }
 
 
 def _digest_facts(frames, record):
@@ -173,9 +161,19 @@ def _json_facts(path):
         if not isinstance(version, int) or version > 1:
             raise FormatError(f"{path}: format version {version!r}, this mpmgis reads up to 1; update mpmgis")
         return {"kind": "run record", **{name: value for name, value in content.items() if name != "scene"}}
+    if isinstance(content, dict) and content.get("format") == SIDECAR_FORMAT:
+        return _sidecar_facts(path)
     if isinstance(content, dict) and content.get("type") in ("FeatureCollection", "Feature"):
         return _map_facts(path)
     return particle_table_facts(path)
+
+
+def _sidecar_facts(path):
+    """What is told about another code's files beside it."""
+    said = vars(read_sidecar(path))
+    told = {name: value for name, value in said.items() if value not in (None, ()) and name not in ("crs", "columns")}
+    crs, columns = said["crs"], dict(said["columns"])
+    return {"kind": "georeference", "crs": name_of(crs) if crs is not None else None, **told, "columns": columns}
 
 
 def _toml_facts(path):

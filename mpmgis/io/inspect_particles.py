@@ -15,13 +15,14 @@ import pyproj
 
 from ..errors import FormatError, InputError, one_line
 from ..geo.georeference import name_of
-from .foreign.file import foreign_particles, named_columns, times_of, untold
-from .foreign.readers import FOREIGN
+from .foreign.meaning import foreign_particles, named_columns, series_place, times_of, untold
 from .frame_digest import check_content
+from .frame_list import foreign_frames
 from .frames import read_frame, read_maxima
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
+MOST_FRAMES_READ = 12  # of another code's; of a longer series the first and the last
 
 
 def frame_facts(path):
@@ -54,42 +55,59 @@ def frame_facts(path):
     return facts
 
 
-def foreign_facts(path, reader, terms):
-    """Facts about another code's file, with what `terms` (ForeignTerms) says besides; what nobody says is None.
+def foreign_facts(paths, reader, terms):
+    """Facts about another code's files, with what `terms` (ForeignTerms) says besides; what nobody says is None.
+
+    Of several frames, in a file or in several: those of the last, and number and mass of each.
 
     Raises
     ------
     FormatError, InputError
     """
-    file = FOREIGN[reader].open(path)
-    particles = foreign_particles(path, file, terms)
+    frames, terms = foreign_frames(paths, reader, terms)
+    try:
+        times = times_of(frames, terms)
+    except InputError:
+        times = [None] * len(frames)  # --times of another number than there are frames here
+    series = sorted(zip(frames, times, strict=True), key=lambda entry: series_place(entry[0]))
+    if len(series) == 1:
+        return {"kind": "particles", **_foreign_frame_facts(*series[0], reader, terms)}
+    shown = series if len(series) <= MOST_FRAMES_READ else [series[0], series[-1]]
+    read = [_foreign_frame_facts(frame, time, reader, terms) for frame, time in shown]
+    facts = {"kind": "results", "frames": len(series), "first_time": read[0]["time"], **read[-1]}
+    facts["series"] = [
+        {"name": frame.path.name, **{key: some[key] for key in ("time", "n", "mass")}}
+        for (frame, _), some in zip(shown, read, strict=True)
+    ]
+    lost = max(some["n"] for some in read) - read[-1]["n"]
+    return facts | ({"lost": f"{lost} particles, between the fullest of these frames and the last"} if lost else {})
+
+
+def _foreign_frame_facts(frame, time, reader, terms):
+    """Facts about one frame of another code."""
+    particles = foreign_particles(frame, terms)
     origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)
     facts = particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume)
     if terms.axes is None or terms.origin is None:
         facts |= {"bbox": None, "elevation": None}
-    if not np.isfinite(facts["mass"]):
-        facts |= {"mass": None, "density": None}
-    if not np.isfinite(facts["volume"]):
-        facts |= {"volume": None, "density": None}
-    try:
-        (time,) = times_of([path], reader, [file], terms)
-    except InputError:
-        time = None
-    named = named_columns(path, file, terms)
-    own = file.read(tuple(named[name] for name in "xyz" if name in named))
+    for name in ("mass", "volume", "density", "max_speed"):
+        if facts[name] is not None and not np.isfinite(facts[name]):
+            facts[name] = None
+    named = named_columns(frame, terms)
+    own = frame.read(tuple(named[name] for name in "xyz"))
     return {
-        "kind": "particles",
         "reader": reader,
         "dimension": 3,
         "time": time,
-        "step": file.number,
+        "step": frame.number,
         "crs": name_of(terms.crs) if terms.crs is not None else None,
         **facts,
-        "own_axes": {name: [float(values.min()), float(values.max())] for name, values in own.items()},
-        "cell_size": file.cell_size,
-        "particle_volume": file.particle_volume,
-        "arrays": list(file.columns),
-        "to_be_told": untold(path, file, terms) + (["the time (--fps F or --dt S)"] if time is None else []),
+        "out_of_action": frame.count - facts["n"],
+        "own_axes": {name: [float(own[named[name]].min()), float(own[named[name]].max())] for name in "xyz"},
+        "cell_size": frame.cell_size,
+        "particle_volume": frame.particle_volume,
+        "arrays": list(frame.columns),
+        "to_be_told": untold(frame, terms),
     }
 
 

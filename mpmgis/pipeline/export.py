@@ -66,6 +66,7 @@ class ExportRequest:
     frames_per_second: float | None = None
     columns: tuple = ()
     particle_volume: float | None = None  # [m3]
+    sidecar: Path | None = None
 
     def terms(self):
         """ForeignTerms: what is said about another code's files."""
@@ -274,10 +275,17 @@ def _tell_of_foreign(plan, tally, say):
                 f"{density:g} kg m-3; {100 * below:.0f} % of the mass below the DTM"
             )
         before = now
-    (first, first_mass, _), (last, last_mass, _) = tally.frames[0], tally.frames[-1]
-    if last < first or last_mass < first_mass * (1 - 1e-9):
+    _tell_of_loss(plan, tally, say)
+
+
+def _tell_of_loss(plan, tally, say):
+    """Particles that a code lost between its fullest frame and its last."""
+    k = max(range(len(tally.frames)), key=lambda k: tally.frames[k][:2])
+    (most, most_mass, _), (last, last_mass, _) = tally.frames[k], tally.frames[-1]
+    if last < most or last_mass < most_mass * (1 - 1e-9):
+        fullest = "the first" if k == 0 else f"that of {plan.entries[k].time:g} s"
         say(
-            f"the last frame has {first - last} particles and {first_mass - last_mass:.4g} kg less than the first: the "
+            f"the last frame has {most - last} particles and {most_mass - last_mass:.4g} kg less than {fullest}: the "
             "code left them out, or they left its grid; maxima and deposit go without them"
         )
 

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import psutil
 from mutations import copy_of, damage
-from sound_inputs import TIFFS, VECTORS, write_sound_inputs
+from sound_inputs import FOREIGN, TIFFS, VECTORS, write_sound_inputs
 
 SECONDS, WALL_SECONDS = 10.0, 60.0  # of computing; and of waiting, on a machine that has other work too
 MOST_WHOLE_SECONDS = 60.0  # of a whole command, which may compile
@@ -81,6 +81,19 @@ KINDS = {
         (["seed.h5"], ["effects frame.toml"]),
     ],
     "hydrograph": [(["inflow.csv"], ["effects inflow.toml"])],
+    "foreign": [
+        (
+            [
+                f"{folder}/{name}"
+                for folder, (_, names) in FOREIGN.items()
+                for name in (*names, names[0], "georef.json")
+            ],
+            [
+                *["info {folder}", "info {file}"],
+                *["export-raster {folder} --dem dtm.tif -o out/gis --no-qgis"] * 2,
+            ],
+        )
+    ],
     "scene": [
         (
             ["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
@@ -88,13 +101,15 @@ KINDS = {
         )
     ],
 }
-SHARES = {"tiff": 5, "vector": 5, "frame": 4, "hydrograph": 2, "scene": 4}
+SHARES = {"tiff": 5, "vector": 5, "frame": 4, "hydrograph": 2, "foreign": 4, "scene": 4}
 WHOLE = {  # the same of cases that go through the whole program, in a process of their own
     "tiff": (["dtm.tif"], ["run plain.toml -o out/run"]),
     "vector": (["release.shp"], ["run plain.toml -o out/run"]),
     "frame": (["results/frame_000004.h5", "results/frame_000003.h5"],
               ["run plain.toml -o results --resume", "export-raster results -o out/gis"]),
     "hydrograph": (["inflow.csv"], ["run inflow.toml -o out/run"]),
+    "foreign": (["cbgeo/particles-0_2-0500.h5", "zlib/slide_1.vtu", "npz/step1.npz", "gid/slide.post.res"],
+                ["export-raster {folder} --dem dtm.tif -o out/gis"]),
     "scene": (["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
               ["effects {file}", "info {file}"]),
 }  # fmt: skip
@@ -112,7 +127,7 @@ class Case:
     @property
     def words(self):
         """The command line after `mpmgis`."""
-        return [*self.command.format(file=self.file).split(), "-q"]
+        return [*self.command.format(file=self.file, folder=self.file.rpartition("/")[0]).split(), "-q"]
 
 
 def case_of(number, seed, kinds=SHARES):

@@ -22,7 +22,7 @@ WORDS = ["", " ", "nan", "inf", "-inf", "1e400", "-1", "0", "1", "1e9", "1e-9", 
          "null", "''", '""', "[]", "{}", "[[[[]]]]", "../../../etc/passwd", "/dev/null", "/dev/zero", ".", "..", "/",
          "out", "dtm.tif", "release.shp", "\u0000", "\ufeff", "\u202e", "\U0001f4a5", "ä" * 300, "a" * 5000, "\n", "\r",
          "\t", "#", "%s%n", "$(touch out/x)", "`id`", "__import__('os').system('id')", "1979-05-27", "1,5"]  # fmt: skip
-TEXT = (".toml", ".csv", ".geojson", ".json", ".vtp")
+TEXT = (".toml", ".csv", ".geojson", ".json", ".vtp", ".vtu", ".pvd", ".res", ".msh", ".lammpstrj")
 LAWS = ["Voellmy", "Coulomb", "Bingham", "VoellmyModified", "Pouliquen", "Fluid", "MuI", "Elastic", "DruckerPrager"]
 
 
@@ -547,7 +547,8 @@ def _json_places(content):
 
 _BY_SUFFIX = {
     ".tif": damage_tiff, ".shp": damage_shapefile, ".gpkg": damage_gpkg, ".h5": damage_hdf5, ".toml": damage_scene,
-    ".csv": damage_table, ".geojson": damage_json, ".json": damage_json, ".vtp": damage_text,
+    ".csv": damage_table, ".geojson": damage_json, ".json": damage_json, ".vtp": damage_text, ".vtu": damage_text,
+    ".pvd": damage_text, ".res": damage_text, ".msh": damage_text, ".lammpstrj": damage_text,
 }  # fmt: skip
 
 

@@ -1,12 +1,18 @@
 """Sound files of every kind that mpmgis reads, small, as the fuzzer damages them."""
 
 import os
+import sys
+from pathlib import Path
 
 import geopandas
 import numpy as np
 import rasterio
 import shapely
 from affine import Affine
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "products"))
+
+import foreign_writers
 
 from mpmgis.cli.main import main
 
@@ -143,8 +149,31 @@ SCENES = {
 }
 
 
+FOREIGN = {  # other codes' files: folder -> (its writer, the files in it that are damaged)
+    "cbgeo": (foreign_writers.write_cbgeo_pieces, ["particles-0_2-0500.h5", "mpm.json"]),
+    "kratos": (foreign_writers.write_kratos_times, ["MPM_Material_0_0.5000000.vtk", "ProjectParameters.json"]),
+    "gid": (foreign_writers.write_kratos_gid, ["slide.post.res", "slide.post.msh"]),
+    "geotaichi": (foreign_writers.write_geotaichi, ["MPMParticle000001.npz"]),
+    "anura3d": (foreign_writers.write_anura3d, ["slide_MPVector_001.vtk", "slide_MPScalar_001.vtk", "slide.CPS_001"]),
+    "geomechanics": (foreign_writers.write_mpm_geomechanics, ["particles_2.vtu", "particleTimeSerie.pvd"]),
+    "lammps": (foreign_writers.write_lammps, ["slide.lammpstrj"]),
+    "zlib": (foreign_writers.vtk_writer(".vtu", "binary", packed=True), ["slide_1.vtu"]),
+    "raw": (foreign_writers.vtk_writer(".vtp", "raw", header="UInt64"), ["slide_1.vtp"]),
+    "legacy": (foreign_writers.write_legacy, ["slide_1.vtk"]),
+    "ply": (foreign_writers.write_ply, ["slide_50.ply"]),
+    "npz": (foreign_writers.write_npz, ["step1.npz"]),
+    "csv": (foreign_writers.csv_writer(), ["slide.csv"]),
+    "parquet": (foreign_writers.write_parquet, ["slide.parquet"]),
+}
+SIDECAR = (
+    '{"format": "mpmgis-georeference", "format_version": 1, "crs": "EPSG:32632", "origin": [400100, 5100100, 0], '
+    '"axes": ["e", "n", "u"], "density": 1500, "dt": 0.01, "particle_volume": 0.5}'
+)
+
+
 def write_sound_inputs(folder):
-    """Fill `folder`: terrains, releases, a wall, a hydrograph, scenes, a seed, points made of it, and a run."""
+    """Fill `folder`: terrains, releases, a wall, a hydrograph, scenes, a seed, points made of it, a run, and files of
+    other codes."""
     x, y = np.meshgrid((np.arange(COLUMNS) + 0.5) * PIXEL, (ROWS - np.arange(ROWS) - 0.5) * PIXEL)
     elevation = np.maximum(0.5 * (250.0 - x), 0.0) + 100.0 + 0.002 * (y - 120.0) ** 2
     for name, layout in TIFFS.items():
@@ -159,6 +188,10 @@ def write_sound_inputs(folder):
     (folder / "inflow.csv").write_text(HYDROGRAPH)
     for name, text in SCENES.items():
         (folder / name).write_text(text)
+    for name, (write, _) in FOREIGN.items():
+        (folder / name).mkdir()
+        write(folder / name)
+        (folder / name / "georef.json").write_text(SIDECAR)
     before = os.getcwd()
     os.chdir(folder)
     try:

@@ -141,7 +141,7 @@ def test_volume_density_and_columns_may_be_told(site, capsys):
         (("--axes", "e,e,n"), "right angles"),
         (("--axes", "e,x,n"), "no direction"),
         (("--origin", "0,0"), "three numbers"),
-        (("--times", "1,2"), "2 times for 3 files"),
+        (("--times", "1,2"), "2 times for 3 frames"),
         (("--fps", "2", "--dt", "1"), "give one of them"),
         (("--columns", "mass=m"), "no such column"),
         (("--columns", "heat=p"), "no quantity 'heat'"),
@@ -183,7 +183,8 @@ def write_flat(path):
     ("damage", "word"),
     [
         (lambda path: path.write_bytes(path.read_bytes()[:-100]), "truncated"),
-        (lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"), "ascii"),
+        (lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"), "no format"),
+        (lambda path: path.write_bytes(b"ply\nformat binary_pdp\nend_header\n"), "format binary_pdp"),
         (lambda path: path.write_bytes(b"ply\nformat\nend_header\n"), "lacks a word"),
         (lambda path: path.write_bytes(b"solid"), "no PLY"),
         (write_flat, "two dimensions"),

@@ -1,187 +1,203 @@
-"""Another code's file of particles, and the frame that it makes with what the user says besides.
+"""Another code's files: what they say of one frame, and what a reader of a code is.
 
 A reader is one module that offers `READER`, a ForeignReader; a row in `foreign/readers` brings it in. It parses, and
-tells what the file says of itself; what that means on the map is decided here, the same for all codes. Nothing is
-guessed: what neither file nor user says is asked for.
+tells what the files say of themselves; what that means on the map is decided in `foreign/meaning`, the same for all
+codes. Reading happens twice: first only where things lie, then, frame by frame and maybe on another machine, the
+numbers. So `ForeignFrame.read` is a `functools.partial` of a module's function, which can be sent there.
 """
 
+import json
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import FormatError, InputError
-from ...particles import Frame, Particles
-from .terms import NAMES, axis_matrix
+from ...errors import FormatError, one_line
+from ...solvers.cost import available_memory
 
-PLACE, VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
+MOST_DIGITS = 15  # of a number in a file's name that is taken as one
+_NUMBERED = re.compile(rf".*?(\d{{1,{MOST_DIGITS}}})", re.DOTALL)
 
 
 @dataclass(frozen=True)
-class ForeignFile:
-    """What one file says.
+class ForeignFrame:
+    """What files say of one frame.
 
     Parameters
     ----------
+    path : Path
+        The file, or the first of those that make up the frame.
     count : int
-        Particles in it.
+        Particles in it, those that the code has put out of action included.
     columns : tuple of str
         Its columns.
     read : callable
-        `read(names)` gives float64[n] (ids: uint64[n]) of each of some columns, by name.
+        `read(names)` gives float64[count] of each of some columns, by name.
     meant : dict of str to str
         Our names (`terms.NAMES`) and the columns that this code has for them.
     number : int or None
         Its number in the series.
     time : float or None
-        [s], where the file stores it.
-    frames_per_second : float or None
-        [s-1], where the code says it.
+        [s], where the files say it.
     particle_volume, density, cell_size : float or None
-        [m3] of every particle, [kg m-3], [m] of the code's grid, where they are said.
-    axes_word : str
-        A word on where the axes of this code's files usually point, for the question.
+        [m3] of every particle, [kg m-3] of the release, [m] of the code's grid, where they are said.
+    axes_word, density_word : str
+        What belongs to the question where its axes point, and which density it has.
     """
 
+    path: Path
     count: int
     columns: tuple
     read: Callable
     meant: dict = field(default_factory=dict)
     number: int | None = None
     time: float | None = None
-    frames_per_second: float | None = None
     particle_volume: float | None = None
     density: float | None = None
     cell_size: float | None = None
     axes_word: str = ""
+    density_word: str = ""
 
 
 class ForeignReader(NamedTuple):
-    """A code's reader: its `name`, `pattern` of its files in a folder, `recognises(path)`, `open(path)`."""
+    """A code's reader.
+
+    `recognises(path, head)`: whether the file, whose first bytes are `head`, is this code's. `frames(paths, terms)`:
+    the ForeignFrames in some files. `fits(path, head)`: whether it is of the format at all, for formats that anybody
+    uses; None where there is no difference.
+    """
 
     name: str
-    pattern: str
     recognises: Callable
-    open: Callable
+    frames: Callable
+    fits: Callable | None = None
 
 
-def require_told(path, reader, file, terms):
-    """Refuse a file that, with what the user says, does not tell all that a frame needs: one line with every cure."""
-    missing = untold(path, file, terms)
-    if missing:
-        raise InputError(f"{path} ({reader}) does not say: {'; '.join(missing)}")
+def joined(frames):
+    """One ForeignFrame of the pieces that the processes of a parallel run wrote: all rows, the columns of all."""
+    if len(frames) == 1:
+        return frames[0]
+    first = frames[0]
+    columns = tuple(name for name in first.columns if all(name in frame.columns for frame in frames))
+    pieces = [frame for frame in frames if frame.count] or frames[:1]
+    return replace(
+        first,
+        count=sum(frame.count for frame in frames),
+        columns=columns,
+        read=partial(_read_joined, [frame.read for frame in pieces]),
+    )
 
 
-def untold(path, file, terms):
-    """What neither file nor user says of all that a frame needs, each with its option; time is `times_of`'s."""
-    named = named_columns(path, file, terms)
-    missing = [f"a column for {name} (--columns {name}=COLUMN)" for name in (*PLACE, *VELOCITY) if name not in named]
-    if "volume" not in named and _particle_volume(file, terms) is None and "mass" not in named:
-        missing.append("the particles' volume (--particle-volume V, in m3)")
-    if not {"mass", "volume"} <= set(named) and _density(file, terms) is None:
-        missing.append("the density (--density R, in kg m-3)")
-    if terms.axes is None:
-        missing.append(f"where its axes point (--axes{file.axes_word or ' e,n,u or e,u,-n or ..'})")
-    if terms.origin is None:
-        missing.append("where its origin lies (--origin E,N,H; 0,0,0 if it is in the map's own coordinates)")
-    return missing
+def _read_joined(reads, names):
+    parts = [read(names) for read in reads]
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def foreign_header(path, reader, file, terms, time):
-    """The Frame of a file without its particles: `header` says their `count`."""
-    header = {"count": file.count}
-    density = _density(file, terms)
-    header |= {"density": density} if density is not None else {}
-    header |= {"cell_size": file.cell_size} if file.cell_size is not None else {}
-    return Frame(
-        None, time=time, step=file.number or 0, dimension=3, solver=reader, crs=terms.crs,
-        origin=tuple(map(float, terms.origin or (0.0, 0.0, 0.0))), header=header,
-    )  # fmt: skip
-
-
-def foreign_particles(path, file, terms):
-    """Particles of a file: place and velocity turned to (E, N, up), mass and volume as file and user say.
+def beside(frames):
+    """One ForeignFrame of files that hold other columns of the same particles.
 
     Raises
     ------
     FormatError
-        Values that are not finite, masses or volumes that are not above 0.
+        They do not hold as many.
     """
-    named = named_columns(path, file, terms)
-    values = file.read(tuple(dict.fromkeys(named.values())))
-    found = {name: values[column] for name, column in named.items()}
-    for name, value in found.items():
-        bad = np.flatnonzero(~np.isfinite(value))
-        if bad.size:
-            raise FormatError(
-                f"{path}: {bad.size} values of {named[name]} are NaN or infinite, the first in row {bad[0]}"
-            )
-        if name in ("mass", "volume") and value.min() <= 0:
-            raise FormatError(f"{path}: {named[name]} is {value.min():g} in row {value.argmin()}, wanted above 0")
-    matrix = np.eye(3) if terms.axes is None else axis_matrix(terms.axes)
-    place, velocity = (np.stack([found[name] for name in names], axis=1) @ matrix for names in (PLACE, VELOCITY))
-    mass, volume = _mass_and_volume(file, found, terms)
-    ids = found.get("id", np.arange(file.count)).astype(np.uint64)
-    return Particles(np.ascontiguousarray(place), np.ascontiguousarray(velocity), mass, volume, id=ids)
+    first = frames[0]
+    for frame in frames[1:]:
+        if frame.count != first.count:
+            raise FormatError(f"{first.path} holds {first.count} particles, {frame.path} beside it {frame.count}")
+    owner = {name: k for k, frame in reversed(list(enumerate(frames))) for name in frame.columns}
+    return replace(first, columns=tuple(owner), read=partial(_read_beside, [frame.read for frame in frames], owner))
 
 
-def _mass_and_volume(file, found, terms):
-    """(float64[n] [kg], float64[n] [m3]); NaN where nothing tells the density."""
-    density, each = _density(file, terms), _particle_volume(file, terms)
-    density = np.nan if density is None else density
-    volume = found.get("volume", None if each is None else np.full(file.count, each))
-    mass = found.get("mass", None if volume is None else density * volume)
-    if mass is None:
-        mass = np.full(file.count, np.nan)
-    return mass, mass / density if volume is None else volume
+def _read_beside(reads, owner, names):
+    found = {}
+    for k, read in enumerate(reads):
+        wanted = tuple(name for name in names if owner[name] == k)
+        if wanted:
+            found |= read(wanted)
+    return found
 
 
-def named_columns(path, file, terms):
-    """Dict of our names and the file's columns for them: the code's own, changed by --columns."""
-    named = {name: column for name, column in file.meant.items() if column in file.columns}
-    for name, column in terms.columns:
-        if column not in file.columns:
-            raise InputError(
-                f"{path}: --columns {name}={column}: it has no such column, only {', '.join(file.columns)}"
-            )
-        named[name] = column
-    return {name: named[name] for name in NAMES if name in named}
+def number_of(path):
+    """The number at the end of a file's name before its suffix; None where there is none."""
+    found = _NUMBERED.fullmatch(Path(path).stem)
+    return int(found[1]) if found else None
 
 
-def _density(file, terms):
-    return file.density if terms.density is None else terms.density
-
-
-def _particle_volume(file, terms):
-    return file.particle_volume if terms.particle_volume is None else terms.particle_volume
-
-
-def times_of(paths, reader, files, terms):
-    """Time [s] of each file: as the user says, else as the code does.
+def require_readable(path):
+    """Size of the file at `path` [bytes].
 
     Raises
     ------
-    InputError
-        Nobody says it, or not for each file.
+    FormatError
+        Missing, a folder, empty, or not to be opened.
     """
-    numbers = [file.number for file in files]
-    if terms.times is not None:
-        if len(terms.times) != len(files):
-            raise InputError(f"--times: got {len(terms.times)} times for {len(files)} files; give one for each file")
-        order = np.argsort([k if number is None else number for k, number in enumerate(numbers)], kind="stable")
-        times = np.empty(len(files))
-        times[order] = terms.times
-        return times.tolist()
-    step = terms.time_step if terms.frames_per_second is None else 1.0 / terms.frames_per_second
-    if step is not None and None not in numbers:
-        return [number * step for number in numbers]
-    if all(file.time is not None for file in files):
-        return [file.time for file in files]
-    if step is None and None not in numbers and all(file.frames_per_second for file in files):
-        return [file.number / file.frames_per_second for file in files]
-    silent = next(path for path, file in zip(paths, files, strict=True) if file.time is None)
-    cure = (
-        "--times T,.." if None in numbers else "--fps F (frames per second), --dt S (seconds a frame) or --times T,.."
-    )
-    raise InputError(f"{silent} ({reader}) does not say its time: give {cure}")
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise FormatError(f"{path} is no file but a {'folder' if path.is_dir() else 'device or pipe'}; name a file")
+    try:
+        with open(path, "rb"):
+            size = path.stat().st_size
+    except OSError as error:
+        raise FormatError(f"{path}: {one_line(error.strerror or error)}") from error
+    if size == 0:
+        raise FormatError(f"{path} is empty (0 bytes)")
+    return size
+
+
+def require_room(path, count, bytes_each):
+    """Refuse `count` particles that this machine cannot hold, before they are read.
+
+    Raises
+    ------
+    FormatError
+    """
+    needed, free = count * bytes_each, available_memory()
+    if needed > free:
+        raise FormatError(
+            f"{path}: {count:.6g} particles need about {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB are free; it "
+            "is damaged, or for a larger machine"
+        )
+
+
+def read_settings(path):
+    """A code's own settings (JSON) beside its files, to see what they say; {} where they are not there.
+
+    Raises
+    ------
+    FormatError
+        There, and no JSON object.
+    """
+    try:
+        settings = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is no readable JSON ({one_line(error)[:80]}); mend it or move it away") from error
+    if not isinstance(settings, dict):
+        raise FormatError(f"{path} is no JSON object; mend it or move it away")
+    return settings
+
+
+def setting(settings, *keys):
+    """What lies under nested keys; None where anything on the way is not there."""
+    for key in keys:
+        settings = settings.get(key) if isinstance(settings, dict) else None
+    return settings
+
+
+def setting_above_zero(settings, *keys):
+    """A number above 0 under nested keys; None where there is none."""
+    value = setting(settings, *keys)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return float(value) if is_number and 0 < value < float("inf") else None
+
+
+def same_density(values):
+    """The density that all materials of a code's settings have; None where they differ or one says none."""
+    values = list(values)
+    return values[0] if values and all(value is not None and value == values[0] for value in values) else None

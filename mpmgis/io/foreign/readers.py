@@ -1,14 +1,38 @@
-"""The readers of other codes' files, by name: to add one, write its module and add a row here."""
+"""The readers of other codes' files, by name: to add one, write its module and add a row here.
+
+They are asked in this order whose a file is: codes first, formats that anybody uses after them.
+"""
+
+from pathlib import Path
 
 from ...errors import InputError
-from . import matter
+from . import (
+    anura3d,
+    cbgeo,
+    delimited,
+    geotaichi,
+    kratos,
+    kratos_gid,
+    lammps,
+    matter,
+    mpm_geomechanics,
+    npz,
+    parquet,
+    ply,
+    vtk,
+)
 
 OWN = "mpmgis"
-FOREIGN = {reader.name: reader for reader in (matter.READER,)}
+HEAD = 4096  # bytes of a file that a reader sees before it opens it
+CODES = (matter, cbgeo, kratos, kratos_gid, geotaichi, anura3d, mpm_geomechanics, lammps)
+FORMATS = (vtk, ply, npz, delimited, parquet)
+FOREIGN = {module.READER.name: module.READER for module in (*CODES, *FORMATS)}
 
 
-def reader_of(path, asked=None):
+def reader_of(path, asked=None, lenient=False):
     """Name of the reader for a file: as `asked` for, else by its contents, else our own.
+
+    `lenient` takes a file for one of particles by its format alone, where it must be of particles in any case.
 
     Raises
     ------
@@ -19,4 +43,20 @@ def reader_of(path, asked=None):
         if asked != OWN and asked not in FOREIGN:
             raise InputError(f"--reader {asked}: there is no such reader; choose from {', '.join((OWN, *FOREIGN))}")
         return asked
-    return next((name for name, reader in FOREIGN.items() if reader.recognises(path)), OWN)
+    path = Path(path)
+    head = head_of(path)
+    found = next((name for name, reader in FOREIGN.items() if reader.recognises(path, head)), None)
+    if found is None and lenient:
+        found = next((name for name, reader in FOREIGN.items() if reader.fits and reader.fits(path, head)), None)
+    return found or OWN
+
+
+def head_of(path):
+    """The first bytes of a file; none of what is no file or cannot be opened."""
+    try:
+        if not Path(path).is_file():
+            return b""
+        with open(path, "rb") as file:
+            return file.read(HEAD)
+    except OSError:
+        return b""

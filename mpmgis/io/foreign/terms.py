@@ -1,6 +1,7 @@
 """What the user says about another code's files: all that the files do not say themselves."""
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 
@@ -8,7 +9,12 @@ from ...errors import InputError
 
 EAST, NORTH, UP = np.eye(3)
 DIRECTIONS = {"e": EAST, "n": NORTH, "u": UP, "w": -EAST, "s": -NORTH, "d": -UP}
-NAMES = ("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "id")  # ours, that --columns may give a column each
+NAMES = (  # ours, that --columns may give a column each
+    *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "radius", "diameter", "id", "active", "time"),
+)
+VECTORS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz")}  # the same for a column of three components
+POSSIBLE = {"density": (0.1, 1e5, "kg m-3"), "particle volume": (1e-18, 1e9, "m3")}
+COMPONENTS = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -30,11 +36,15 @@ class ForeignTerms:
     time_step, frames_per_second : float or None
         Time [s] from one file's number to the next, or its inverse [s-1].
     columns : tuple of (str, str)
-        Names of NAMES and the file's own columns for them.
+        Names of NAMES or VECTORS and the file's own columns for them.
     density : float or None
         [kg m-3]
     particle_volume : float or None
         [m3] of every particle.
+    dem : str or None
+        Path of the DTM, where a sidecar names it.
+    sidecar : Path or None
+        The file that tells all this for the particles (`foreign/sidecar`); None to look for it beside them.
     """
 
     reader: str | None = None
@@ -47,6 +57,8 @@ class ForeignTerms:
     columns: tuple = ()
     density: float | None = None
     particle_volume: float | None = None
+    dem: str | None = None
+    sidecar: Path | None = None
 
     def __post_init__(self):
         given = [option for option, value in self._of_time().items() if value is not None]
@@ -54,18 +66,35 @@ class ForeignTerms:
             raise InputError(f"{' and '.join(given)} all say the time of the frames; give one of them")
         if self.axes is not None:
             axis_matrix(self.axes)
+        for name, value in (("density", self.density), ("particle volume", self.particle_volume)):
+            low, high, unit = POSSIBLE[name]
+            if value is not None and not low <= value <= high:
+                raise InputError(f"a {name} of {value:g} {unit} is none of a flow, wanted {low:g} to {high:g}")
         for name, _ in self.columns:
-            if name not in NAMES:
-                raise InputError(f"--columns: there is no quantity {name!r}; choose from {', '.join(NAMES)}")
+            if name not in NAMES and name not in VECTORS:
+                known = ", ".join((*NAMES, *VECTORS))
+                raise InputError(f"--columns: there is no quantity {name!r}; choose from {known}")
 
     def _of_time(self):
         return {"--times": self.times, "--dt": self.time_step, "--fps": self.frames_per_second}
+
+    def column_pairs(self):
+        """(name of NAMES, column) of all that was said; of a vector's column `U` the components are U.x, U.y, U.z."""
+        for name, column in self.columns:
+            if name in VECTORS:
+                yield from zip(VECTORS[name], (f"{column}.{letter}" for letter in COMPONENTS), strict=True)
+            else:
+                yield name, column
+
+    def column_for(self, name):
+        """The column that was said for a name of NAMES; None where none was."""
+        return dict(self.column_pairs()).get(name)
 
     def only_for_foreign(self):
         """Options given that mean nothing for mpmgis' own frames, which say all of that themselves."""
         options = {
             "--origin": self.origin, "--axes": self.axes, **self._of_time(), "--columns": self.columns or None,
-            "--particle-volume": self.particle_volume,
+            "--particle-volume": self.particle_volume, "--sidecar": self.sidecar,
         }  # fmt: skip
         return [option for option, value in options.items() if value is not None]
 
