@@ -15,14 +15,18 @@ mpmgis compare results_gis reference/com1DFA --threshold 0.1 -o map.png
 """
 DESCRIPTION = """
 Area, runout, peaks, and how far the footprints overlap (IoU: the area in both over the area in either). A and B are
-each an export (results_gis), the folder of a run, rasters named *_pft, *_pfv, *_ppr as ISeeSnow and AvaFrame do (their
-folder, or the beginning of their names), one raster, or an outline as polygons. Each side's area, runout and peaks
-are taken on its own cells; overlap and differences on the finer side's, where the other side has the value of its
-cell under the centre (nearest: nothing is blended). Runout is the distance along the line, from its start, to the
-farthest cell of the footprint; each cell counts at the nearest place of the line, which goes on straight at its end.
-Without --line the line is the centre line of both flows together, from their highest part.
+each an export (results_gis), the folder of a run, rasters named *_pft, *_pfv, *_ppr as ISeeSnow and AvaFrame do
+(their folder, or the beginning of their names), one raster, or an outline as polygons. Each side's area, runout and
+peaks are taken on its own cells; overlap and differences on the finer side's, where the other side has the value of
+its cell under the centre (nearest: nothing is blended). Beside an outline what only the result covers is
+overestimated, what only the outline covers underestimated. Distances between outlines go from places on one, half a
+cell apart, to the nearest place on the other; a raster's outline runs along its cells. Runout is the distance along
+the line, from its start, to the farthest cell of the footprint; each cell counts at the nearest place of the line,
+which goes on straight at its end. Without --line the line is the centre line of both flows together, from their
+highest part.
 """
 SQUARE_METRES_PER_HECTARE = 1e4
+HEAD_WIDTH = 46  # of a quantity's name on the screen
 
 
 def add_arguments(parser):
@@ -89,10 +93,13 @@ def screen(found):
     lines += [_number_row(*row) for row in found.rows()]
     lines.append("")
     overlap = found.overlap
-    for text, area in (("both", overlap.both), ("only A", overlap.only_first), ("only B", overlap.only_second)):
+    for text, area in found.area_words():
         share = f"{100 * area / overlap.either:.1f} %"
         lines.append(_row(text, "ha", _text(area / SQUARE_METRES_PER_HECTARE), share))
     lines.append(_row("overlap (IoU)", "", f"{overlap.iou:.3f}"))
+    if found.observed is not None:
+        lines.append(_row("of the outline reached", "", f"{100 * found.observed_reached:.1f} %"))
+    lines += [_row(quantity, unit, _text(value)) for quantity, unit, value in found.distance_rows()]
     compared = [band for band in found.bands if math.isfinite(band.difference.mean)]
     if compared:
         lines += ["", _row("A - B where both flowed", "", "mean", "rms")]
@@ -115,7 +122,7 @@ def _number_row(quantity, unit, first, second, gap):
 
 def _row(quantity, unit, *cells):
     head = f"{quantity} [{unit}]" if unit else quantity
-    return (f"{head:<28}" + "".join(f"{cell:>12}" for cell in cells)).rstrip()
+    return (f"{head:<{HEAD_WIDTH}}" + "".join(f"{cell:>12}" for cell in cells)).rstrip()
 
 
 def _text(value):

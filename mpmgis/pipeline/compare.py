@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from ..errors import GeoreferenceError, InputError, OutputError
 from ..fields import Quantity
@@ -18,11 +19,13 @@ from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
 from ..io.exported_steps import is_export
 from ..io.observed import cells_within, read_outline
+from ..io.outlines import mask_outline
 from ..io.raster import open_raster, read_terrain
 from ..io.results import open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
+from ..products.outline_distance import outline_distances
 from .export import ExportRequest
 from .given_line import given_line
 from .opened_results import exported_peaks
@@ -80,6 +83,7 @@ def compare(request, say=lambda text: None):
         line=line,
         line_source=line_source,
         bands=bands,
+        distances=outline_distances(*(footprint.outline() for footprint in footprints), 0.5 * joint.cell_size),
     )
     if line is not None:
         _tell_of_overrun(found, say)
@@ -127,7 +131,10 @@ def _named_apart(request, sources):
 
 @dataclass(frozen=True)
 class _Footprint:
-    """Where one side flowed: cells of its own (`mask` on `grid`), and on the common grid with their `weight` there."""
+    """Where one side flowed: cells of its own (`mask` on `grid`), and on the common grid with their `weight` there.
+
+    `shape` is the outline itself where it is one.
+    """
 
     name: str
     kind: str
@@ -138,6 +145,13 @@ class _Footprint:
     grid: Grid
     on_joint: np.ndarray
     weight: np.ndarray
+    shape: object = None
+
+    def outline(self):
+        """Shapely geometry: the polygons of an outline, else those around the cells of its own."""
+        if self.shape is not None:
+            return self.shape
+        return mask_outline(self.mask, self.grid.transform) or shapely.MultiPolygon()
 
 
 def _footprints(request, sources, say):
@@ -233,7 +247,7 @@ def _outlined(name, shape, joint):
         raise InputError(
             f"{name}: the outline holds no centre of a cell of {joint.cell_size:g} m; export smaller cells"
         )
-    return _Footprint(name, OUTLINE, None, "", float(shape.area), mask, joint, mask, mask.astype(float))
+    return _Footprint(name, OUTLINE, None, "", float(shape.area), mask, joint, mask, mask.astype(float), shape)
 
 
 def _tell_of_edges(footprints, joint, say):

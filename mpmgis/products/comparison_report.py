@@ -7,6 +7,7 @@ import numpy as np
 
 from .comparison import Difference, Overlap
 from .flow_line import Runout
+from .outline_distance import OutlineDistances
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ class Comparison:
     line_source : str
         Where the line came from, or why there is none.
     bands : tuple of BandFacts
+    distances : OutlineDistances or None
+        Between the outlines of both footprints.
     files : tuple of Path
         What was written.
     """
@@ -96,7 +99,40 @@ class Comparison:
     line: np.ndarray | None
     line_source: str
     bands: tuple
+    distances: OutlineDistances | None = None
     files: tuple = ()
+
+    @property
+    def observed(self):
+        """Number of the side that is an outline, which the other is judged by; None where both are results."""
+        return next((k for k, side in enumerate(self.sides) if side.band is None), None)
+
+    def area_words(self):
+        """(word, area [m2]) of what both cover, only the first, only the second.
+
+        Beside an outline what only the result covers is overestimated, what only the outline covers underestimated.
+        """
+        words = {None: ("only A", "only B"), 0: ("underestimated, only A", "overestimated, only B")}
+        words[1] = ("overestimated, only A", "underestimated, only B")
+        first, second = words[self.observed]
+        overlap = self.overlap
+        return (("both", overlap.both), (first, overlap.only_first), (second, overlap.only_second))
+
+    @property
+    def observed_reached(self):
+        """Share of the outline that the result covers; NaN where both are results or the outline is empty."""
+        if self.observed is None:
+            return math.nan
+        only = (self.overlap.only_first, self.overlap.only_second)[self.observed]
+        outline = self.overlap.both + only
+        return self.overlap.both / outline if outline > 0 else math.nan
+
+    def distance_rows(self):
+        """(quantity, unit, value) of the distances between the outlines; () where one is empty."""
+        if self.distances is None:
+            return ()
+        words = ("A to B, mean", "B to A, mean", "both ways, mean", "both ways, 95 %", "both ways, largest (Hausdorff)")
+        return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
 
     def told_bands(self):
         """The bands worth a line: those that both have; where one side is an outline, all of the other's.
@@ -124,12 +160,11 @@ class Comparison:
     def common_rows(self):
         """(quantity, unit, value) of every number that belongs to both sides together."""
         overlap = self.overlap
-        rows = [
-            ("both", "m2", overlap.both),
-            ("only A", "m2", overlap.only_first),
-            ("only B", "m2", overlap.only_second),
-            ("overlap (IoU)", "1", overlap.iou),
-        ]
+        rows = [(word, "m2", area) for word, area in self.area_words()]
+        rows.append(("overlap (IoU)", "1", overlap.iou))
+        if self.observed is not None:
+            rows.append(("of the outline reached", "1", self.observed_reached))
+        rows += self.distance_rows()
         for band in self.told_bands():
             if math.isfinite(band.difference.mean):
                 rows.append((f"{band.name} A - B mean", band.unit, band.difference.mean))
@@ -148,6 +183,9 @@ class Comparison:
             "both_m2": self.overlap.both,
             "only_a_m2": self.overlap.only_first,
             "only_b_m2": self.overlap.only_second,
+            "observed": None if self.observed is None else "ab"[self.observed],
+            "observed_reached": _number(self.observed_reached),
+            "outline_distance_m": None if self.distances is None else self.distances._asdict(),
             "line": {"source": self.line_source, "vertices": None if self.line is None else self.line.tolist()},
             "bands": [band.facts() for band in self.bands],
             "files": [str(file) for file in self.files],

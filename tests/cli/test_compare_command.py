@@ -428,3 +428,39 @@ def test_our_own_export_lies_within_the_ensemble(capsys, tmp_path):
     fast, _ = compared(capsys, ours, median, "--band", "pfv", "--threshold", 1, "--line", path)
     assert 2290 <= fast["a"]["runout_m"] <= 2425
     assert 34 <= next(band["peak_a"] for band in fast["bands"] if band["a"] == "pfv") <= 42
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_an_observed_outline_tells_what_is_over_and_underestimated_and_how_far_apart(tmp_path, capsys, swap):
+    grid = grid_of()
+    result = write_peak(tmp_path / "deposit.tif", disc(grid, 150, 200), grid)
+    circles = [shapely.Point(x, 200).buffer(60, 256) for x in (150, 190)]
+    outline = write_shapes(tmp_path / "mapped.gpkg", circles[1], crs="EPSG:4326")
+    line = write_shapes(tmp_path / "line.gpkg", shapely.LineString([(50, 200), (390, 200)]))
+    sides = (outline, result) if swap else (result, outline)
+    facts, said = compared(capsys, *sides, "--line", line)
+    lens = circles[0].intersection(circles[1]).area
+    only_result, only_outline = ("b", "a") if swap else ("a", "b")
+    assert "reprojected" in said and facts["observed"] == only_outline
+    assert facts["both_m2"] == pytest.approx(lens, rel=0.01)
+    assert facts[f"only_{only_result}_m2"] == pytest.approx(circles[0].area - lens, rel=0.02)
+    assert facts[f"only_{only_outline}_m2"] == pytest.approx(circles[1].area - lens, rel=0.02)
+    assert facts["iou"] == pytest.approx(lens / (2 * circles[0].area - lens), rel=0.01)
+    assert facts["observed_reached"] == pytest.approx(lens / circles[1].area, rel=0.01)
+    ahead = facts[only_outline]["runout_m"] - facts[only_result]["runout_m"]
+    assert ahead == pytest.approx(40, abs=2)
+    distances = facts["outline_distance_m"]
+    assert distances["largest"] == pytest.approx(40, abs=2)
+    angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
+    apart = abs(np.sqrt(60**2 + 40**2 - 2 * 60 * 40 * np.cos(angle)) - 60)  # from one circle to the other
+    assert distances["mean"] == pytest.approx(apart.mean(), abs=1) and distances["mean"] < distances["high"] <= 40 + 2
+    assert main(["compare", *map(str, sides), "--line", str(line)]) == 0
+    shown = capsys.readouterr().out
+    assert f"overestimated, only {only_result.upper()} [ha]" in shown and "of the outline reached" in shown
+    assert f"underestimated, only {only_outline.upper()} [ha]" in shown and "largest (Hausdorff) [m]" in shown
+
+
+def test_two_results_are_neither_over_nor_underestimated(discs, capsys):
+    facts, _ = compared(capsys, *discs)
+    assert facts["observed"] is None and facts["observed_reached"] is None
+    assert facts["outline_distance_m"]["largest"] == pytest.approx(50, abs=2)
