@@ -26,6 +26,7 @@ VERBS = {
     "hydrograph": ("hydrograph", "volume and mass through a section over time"),
     "report": ("report", "one HTML file about a run: maps, runout, balances, parameters, effects, warnings"),
     "intensity": ("intensity", "intensity classes of a named guideline, as raster and polygons"),
+    "vertical": ("vertical", "density, velocities and pressure over the height above the bed, of 3D frames"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),

@@ -7,23 +7,27 @@ from .export_raster import add_terrain_options
 from .values import number, positive
 
 
-def add_arguments(parser, exports=True):
-    """Declare RESULTS, -o, --overwrite and the groups of options; `exports` where an exported folder will do."""
+def add_arguments(parser, exports=True, cells=True):
+    """Declare RESULTS, --overwrite and the groups of options.
+
+    `exports`: an exported folder will do; `cells`: their size can be chosen.
+    """
     frames = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
     parser.add_argument("frames", nargs="+", metavar="RESULTS", help=frames + (", or an export" if exports else ""))
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier answer of that name")
     add_terrain_options(parser.add_argument_group("terrain"))
     group = parser.add_argument_group("cells, averaged as export-raster does")
-    group.add_argument(
-        "--cs-e", type=positive, metavar="M", dest="cell_size", help="cell size [m] (default: the DTM's own cells)"
-    )
-    group.add_argument(
-        "--min-depth",
-        type=positive,
-        metavar="D",
-        default=0.05,
-        help="velocities of flow shallower than this [m] are left out (default 0.05)",
-    )
+    if cells:
+        group.add_argument(
+            "--cs-e", type=positive, metavar="M", dest="cell_size", help="cell size [m] (default: the DTM's own cells)"
+        )
+        group.add_argument(
+            "--min-depth",
+            type=positive,
+            metavar="D",
+            default=0.05,
+            help="velocities of flow shallower than this [m] are left out (default 0.05)",
+        )
     group.add_argument("--standoff", type=number, metavar="M", default=0.0, help="as of export-raster (default 0)")
     group.add_argument(
         "--density", type=positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"

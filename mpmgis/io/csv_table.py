@@ -16,7 +16,7 @@ def write_records(path, names, rows):
 
 def column_name(name, unit):
     """The heading `name_unit` of a column, for example ``Ut_m_s``; a number without unit has its name alone."""
-    return name if unit in ("", "1") else f"{name}_{unit.replace('-1', '').replace('-2', '2').replace(' ', '_')}"
+    return name if unit in ("", "1") else f"{name}_{unit.replace('-1', '').replace('-', '').replace(' ', '_')}"
 
 
 def _cell(value):

@@ -11,17 +11,18 @@ GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
 
 
 @contextmanager
-def plot_file(path, size, rows=1, heights=None, columns=1):
-    """Gives the axes [rows, columns] of a figure of `size` [inch], which share what is across; a PNG when all is drawn.
+def plot_file(path, size, rows=1, heights=None, columns=1, share="x"):
+    """Gives the axes [rows, columns] of a figure of `size` [inch]; a PNG when all is drawn, whole or not at all.
 
-    It appears whole or not at all.
+    `share` "x": all axes share what is across; "row": those of a row share what is up.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=heights)
+    shared = {"sharex": True} if share == "x" else {"sharey": share}
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **shared)
     yield axes
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")

@@ -1,0 +1,51 @@
+"""Vertical profiles and the loads that follow from them as tables and plot."""
+
+from ..products.vertical import LOAD_COLUMNS, PROFILE_COLUMNS
+from .csv_table import column_name, write_records
+from .plots import GROUND_LINE, dress, legend, plot_file
+from .styles import BATLOW, ramp_colours
+
+# of a VerticalProfile: what is shown, its label, its factor, whether it stands on zero
+PANELS = (
+    ("density", "density [kg/m³]", 1.0, True),
+    ("parallel", "Ut [m/s]", 1.0, False),
+    ("normal", "Un [m/s]", 1.0, False),
+    ("pressure", "p = density × speed² [kPa]", 1e-3, True),
+)
+
+
+def write_profiles(path, found):
+    """The layers of a VerticalFound as CSV."""
+    write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
+
+
+def write_loads(path, found):
+    """Its loads as CSV."""
+    write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
+
+
+def write_vertical_plot(path, found):
+    """A row a point: density, velocities and pressure over the height above the bed, a colour for each time."""
+    rows = len(found.names)
+    with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:
+        colours = ramp_colours(BATLOW, len(found.profiles[0]) + 2)
+        for k, name in enumerate(found.names):
+            for profile, colour in zip(found.profiles[k], colours, strict=False):
+                if profile.count.any():
+                    _draw(axes[k], profile, colour)
+            for panel, (_, label, _, from_zero) in enumerate(PANELS):
+                height = f"{name}\nheight above the bed [m]" if panel == 0 else ""
+                title = f"{found.name}: cells of {found.width:.3g} m" if (k, panel) == (0, 0) else ""
+                dress(axes[k, panel], height, label if k == rows - 1 else "", title)
+                axes[k, panel].axhline(0.0, color=GROUND_LINE, linewidth=1.2)
+                if from_zero:
+                    axes[k, panel].set_xlim(left=0)
+            legend(axes[k, 0], loc="best")
+
+
+def _draw(axes, profile, colour):
+    for panel, (key, _, factor, from_zero) in enumerate(PANELS):
+        axes[panel].stairs(
+            getattr(profile, key) * factor, profile.edges, orientation="horizontal", color=colour, linewidth=1.4,
+            baseline=0 if from_zero else None, label=f"{profile.time:.4g} s" if panel == 0 else None,
+        )  # fmt: skip

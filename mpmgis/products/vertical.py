@@ -1,0 +1,177 @@
+"""What a 3D flow is like over the height above its bed: density, velocities, and the pressure that follows.
+
+Bins lie between two distances from the bed, along its normal, over a square cell of the map: as a cell of an export is
+averaged, but cut into layers (the outlook of Vicari et al. 2025, NHESS 25:3897). A point takes up the height of a cube
+of its volume and is shared among the layers that it reaches into, so that a lattice of points is even in any layers.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ..geo.grid import Grid
+from .bed import Placed, place
+from .cells import bin_frame, grid_spacing
+from .depth_average import impact_pressure, normal_velocity, parallel_speed, volume_thickness
+
+PROFILE_COLUMNS = (
+    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("height_from", "m"), ("height_to", "m"), ("particles", "1"),
+    ("density", "kg m-3"), ("Ut", "m s-1"), ("Un", "m s-1"), ("p", "Pa"),
+)  # fmt: skip
+LOAD_COLUMNS = (
+    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("h", "m"), ("force_per_width", "N m-1"),
+    ("height_of_force", "m"), ("largest_p", "Pa"),
+)  # fmt: skip
+MOST_LAYERS = 2_000
+WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the code's own grid: with its usual 8 points a cell, 64 in a layer
+
+
+@dataclass(frozen=True)
+class VerticalProfile:
+    """One cell at one `time` [s], in layers of the heights between `edges` float64[k + 1] [m] above the bed.
+
+    `depth` [m] is h of an export: the largest distance of a particle from the bed, at least 0. `count` int64[k]: points
+    whose middle is in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`, `normal` float64[k]
+    [m s-1] as Ut and Un of an export, NaN in an empty layer; `pressure` float64[k] [Pa]: density times the squared mean
+    speed.
+    """
+
+    time: float
+    depth: float
+    edges: np.ndarray
+    count: np.ndarray
+    density: np.ndarray
+    parallel: np.ndarray
+    normal: np.ndarray
+    pressure: np.ndarray
+
+    @property
+    def force(self):
+        """Integral of the pressure over height: force per width [N m-1]."""
+        return float(np.sum(self.pressure * np.diff(self.edges)))
+
+    @property
+    def height_of_force(self):
+        """Height [m] at which a single force would have the same moment about the bed; NaN without pressure."""
+        middles = 0.5 * (self.edges[1:] + self.edges[:-1])
+        moment = float(np.sum(self.pressure * middles * np.diff(self.edges)))
+        return moment / self.force if self.force > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class VerticalFound:
+    """Profiles of a result: `profiles` of the points (names, x, y [m]) as a list for each, and the `files`."""
+
+    name: str
+    names: tuple
+    x: np.ndarray
+    y: np.ndarray
+    width: float
+    profiles: tuple
+    files: tuple = ()
+
+    def rows(self):
+        """Rows of PROFILE_COLUMNS."""
+        for k, found in self._each():
+            layers = (found.edges[:-1], found.edges[1:], found.count, found.density, found.parallel, found.normal)
+            for layer in zip(*layers, found.pressure, strict=True):
+                yield (self.names[k], self.x[k], self.y[k], found.time, *layer)
+
+    def load_rows(self):
+        """Rows of LOAD_COLUMNS."""
+        for k, found in self._each():
+            largest = float(found.pressure.max(initial=0.0))
+            numbers = found.depth, found.force, found.height_of_force, largest
+            yield (self.names[k], self.x[k], self.y[k], found.time, *numbers)
+
+    def _each(self):
+        return ((k, found) for k, of_point in enumerate(self.profiles) for found in of_point)
+
+
+def cell_around(x, y, width, crs):
+    """Grid of one square cell, `width` [m] wide, around a map point."""
+    return Grid.north_up(crs, x - 0.5 * width, y + 0.5 * width, width, (1, 1))
+
+
+def vertical_profiles(frame, bed, density, points, width, layer):
+    """The VerticalProfile of every point in a frame of points.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of dimension 3.
+    bed : Bed
+    density : float [kg m-3]
+        Of the release; it cancels.
+    points : float64[n, 2] [m]
+    width : float [m]
+        Of the square cell around each.
+    layer : float [m]
+        Height of a layer; layers begin at multiples of it, below the bed where particles lie there.
+
+    Returns
+    -------
+    list of VerticalProfile
+    """
+    placed = place(frame, bed)
+    x, y = frame.map_xy()
+    half, found = 0.5 * width, []
+    for east, north in points:
+        across, along = x - east, north - y
+        near = (across >= -half) & (across < half) & (along >= -half) & (along < half) & np.isfinite(placed.distance)
+        grid = cell_around(east, north, width, bed.grid.crs)
+        found.append(_profile(frame, placed, np.flatnonzero(near), bed, density, grid, layer))
+    return found
+
+
+def _profile(frame, placed, there, bed, density, grid, layer):
+    """The VerticalProfile of the particles `there` (their numbers) in the one cell of `grid`."""
+    part = replace(frame, particles=frame.particles.take(there))
+    placed = Placed(placed.pixel[there], placed.distance[there])
+    lower, upper = _extents(part.particles.volume, placed, bed)
+    first = math.floor(min(lower.min(initial=0.0), 0.0) / layer)
+    end = max(math.ceil(upper.max(initial=0.0) / layer), first + 1)
+    if end - first > MOST_LAYERS:
+        raise ValueError(f"{end - first} layers of {layer:g} m")
+    edges = layer * np.arange(first, end + 1)
+    values = np.full((4, end - first), np.nan)
+    values[[0, 3]] = 0.0
+    for k in range(end - first):
+        share = np.clip(np.minimum(upper, edges[k + 1]) - np.maximum(lower, edges[k]), 0.0, None) / (upper - lower)
+        if share.any():
+            values[:, k] = _layer_values(part, placed, share, bed, density, grid, layer)
+    count = np.histogram(placed.distance, edges)[0]
+    return VerticalProfile(frame.time, float(max(placed.distance.max(initial=0.0), 0.0)), edges, count, *values)
+
+
+def _extents(volume, placed, bed):
+    """(lower, upper) float64[n] [m]: what height a point takes up, a cube's side; none from above the bed below it."""
+    slope = bed.gradient_by_pixel[placed.pixel]
+    side = np.cbrt(np.asarray(volume, float)) / np.sqrt(1.0 + (slope**2).sum(axis=-1))
+    lower, upper = placed.distance - 0.5 * side, placed.distance + 0.5 * side
+    return np.where(placed.distance >= 0, np.maximum(lower, 0.0), lower), upper
+
+
+def _layer_values(part, placed, share, bed, density, grid, layer):
+    """(density, Ut, Un, pressure) of a layer that has this `share` of each particle."""
+    held = np.flatnonzero(share)
+    particles = part.particles.take(held)
+    scaled = replace(particles, mass=particles.mass * share[held], volume=particles.volume * share[held])
+    within = Placed(placed.pixel[held], placed.distance[held])
+    cells = bin_frame(replace(part, particles=scaled), within, bed, grid, density)
+    packed = float(volume_thickness(cells)[0]) * density / layer
+    return packed, parallel_speed(cells)[0], normal_velocity(cells)[0], packed / density * impact_pressure(cells)[0]
+
+
+def usual_sizes(frame):
+    """(width of the cell, height of a layer) [m] where none are asked for, by the grid of the code behind `frame`."""
+    spacing = grid_spacing(frame)
+    return WIDTH_IN_CELLS * spacing, LAYER_IN_CELLS * spacing
+
+
+def corners_of(x, y, width):
+    """(x, y) float64[4 n] [m]: the corners of the cells around map points."""
+    offsets = np.array(list(product((-0.5, 0.5), repeat=2))) * width
+    return tuple((np.stack([x, y], axis=1)[:, None] + offsets).reshape(-1, 2).T)

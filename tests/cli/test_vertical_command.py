@@ -1,0 +1,52 @@
+"""`mpmgis vertical` on a block of points: tables, plot, what it refuses."""
+
+import pytest
+from block_frames import DENSITY, MIDDLE, THICKNESS, table, write_block_run
+from slope_site import SOUTH, WEST
+
+from mpmgis.cli.main import main
+
+SPEED = 6.0
+AT = f"{WEST + 600},{SOUTH + MIDDLE}"  # on level ground
+
+
+def test_a_block_has_the_force_of_its_momentum(tmp_path, capsys):
+    run = write_block_run(tmp_path, (150.0, 600.0), (0.0, 10.0), (0.0, SPEED), dimension=3)
+    assert main(["vertical", str(run), "--at", AT, "--at-times", "10", "--width", "40", "--layer", "0.5"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    folder = tmp_path / "run_vertical"
+    assert shown[-3:] == [str(folder / name) for name in ("vertical.png", "vertical.csv", "loads.csv")]
+    (load,) = table(folder / "loads.csv")
+    assert float(load["force_per_width_N_m"]) == pytest.approx(DENSITY * THICKNESS * SPEED**2, rel=1e-6)
+    rows = table(folder / "vertical.csv")
+    assert sum(float(row["density_kg_m3"]) * 0.5 for row in rows) == pytest.approx(DENSITY * THICKNESS, rel=1e-6)
+    held = [row for row in rows if row["Ut_m_s"]]
+    assert all(float(row["Ut_m_s"]) == pytest.approx(SPEED) for row in held)
+    assert sum(int(row["particles"]) for row in rows) == 8 * 8 * 4
+
+
+def test_where_nothing_is_that_is_said(tmp_path, capsys):
+    run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)
+    assert main(["vertical", str(run), "--at", AT, "-o", str(tmp_path / "loads.csv")]) == 0
+    assert "nothing lies within" in capsys.readouterr().err
+
+
+def test_columns_and_places_off_the_raster_are_refused(tmp_path, capsys):
+    run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)
+    other = tmp_path / "columns"
+    other.mkdir()
+    columns = write_block_run(other, (150.0,), (0.0,))
+    assert main(["export-raster", str(run), "--no-qgis"]) == 0
+    for arguments, words in (
+        ((columns, "--at", AT), 'run it with solver = "points"'),
+        ((tmp_path / "run_gis", "--at", AT), "is an export"),
+        ((run,), "no point is named"),
+        ((run, "--at", f"{WEST - 5},{SOUTH + MIDDLE}"), "lies off"),
+        ((run, "--at", f"{WEST + 5},{SOUTH + MIDDLE}", "--width", 20), "the cell of 20 m around point"),
+        ((run, "--at", f"{WEST + 150},{SOUTH + MIDDLE}", "--layer", 1e-4), "take a larger --layer"),
+    ):
+        capsys.readouterr()
+        assert main(["vertical", *map(str, arguments)]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 1 and words in said[0], said
+    assert not (tmp_path / "run_vertical").exists()
