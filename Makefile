@@ -13,7 +13,7 @@ help:
 	@echo "make validate  the long validation tests"
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
-	@echo "make study     what accuracy costs on the shipped cases, into study/ (README's chapter)"
+	@echo "make study     what accuracy costs on the shipped cases, into study/ (AVAFRAME=2.1: beside AvaFrame's)"
 	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
 	@echo "make lint      style"
 	@echo "make clean     remove the environment and what was made"
@@ -33,8 +33,15 @@ fuzz: $(ENVIRONMENT)/installed-test
 bench: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python tests/bench/run.py
 
-study: $(ENVIRONMENT)/installed-test
-	@$(BIN)/python tests/bench/study.py
+# With AVAFRAME=2.1 that version of AvaFrame, in an environment of its own, is a point in the plots of two cases.
+AVAFRAME_PYTHON = $(if $(AVAFRAME),.venv-avaframe-$(AVAFRAME)/bin/python)
+
+study: $(ENVIRONMENT)/installed-test $(AVAFRAME_PYTHON)
+	@$(BIN)/python tests/bench/study.py $(if $(AVAFRAME),--avaframe $(AVAFRAME_PYTHON))
+
+.venv-avaframe-%/bin/python: | $(ENVIRONMENT)/installed-test
+	@$(BIN)/python -m venv .venv-avaframe-$*
+	@$@ -m pip install --quiet avaframe==$* || { rm -rf .venv-avaframe-$*; exit 1; }
 
 plugin: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite $(if $(HOMEPAGE),--homepage=$(HOMEPAGE)) $(if $(EMAIL),--email=$(EMAIL))
@@ -52,5 +59,5 @@ $(ENVIRONMENT)/installed-test: pyproject.toml .ci/environment
 	@touch $@ $(ENVIRONMENT)/installed
 
 clean:
-	rm -rf $(ENVIRONMENT) $(DEMO) study build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(ENVIRONMENT) .venv-avaframe-* $(DEMO) study build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +

@@ -7,14 +7,17 @@ from .values import count, positive
 EXAMPLE = """
 mpmgis study scene.toml
 mpmgis study scene.toml --knobs cell_size,cfl --target-error 0.05
-mpmgis study scene.toml --exact exact_thickness.tif -o study
+mpmgis study scene.toml --exact exact_thickness.tif --beside other_codes.csv -o study
 """
 DESCRIPTION = """
-Runs the scene with each of its knobs (cell size, particles a cell, Courant number; in 3D precision and stiffness too)
-turned alone, each setting several times, and holds all runs against a finer one, or against an exact answer. Writes the
+Runs the scene with each of its knobs (cell size, particles a cell, Courant number; in 3D precision and stiffness too;
+of a scene in stages the cells of all and of each, points a cell being the spacing of what is converted) turned alone,
+each setting several times, and holds all runs against a finer one, or against an exact answer. Writes the
 table (study.csv), the work-precision plot (study.png: what no other setting beats is the front) and what cells and time
 steps of an export lose (export.csv). Times are those of the loop over steps, medians; compiling is apart. What a finer
-run is itself off by is estimated from the order of the others (Richardson).
+run is itself off by is estimated from the order of the others (Richardson). Results of other codes are shown beside
+these with --beside: a CSV with columns setting, seconds and error_thickness (or another of study.csv), or thickness, a
+raster as that of --exact, whose error is then taken on the same cells; code names whose they are.
 """
 
 
@@ -34,6 +37,9 @@ def add_arguments(parser):
         "--measure", default="thickness", metavar="ERROR", help="thickness (default), momentum, area or reach decides"
     )
     parser.add_argument("--exact", metavar="FILE", help="raster of the exact vertical thickness at end_time [m]")
+    parser.add_argument(
+        "--beside", action="append", default=[], metavar="CSV", help="results of others, to be shown too; repeatable"
+    )
     parser.add_argument(
         "--refinement",
         type=positive,
@@ -77,22 +83,33 @@ def run(arguments):
 
 
 def table(study):
-    """Lines: a row a setting, the quickest first; * on the front."""
+    """Lines: a row a setting, the quickest first; * on the front, + of others."""
     from ..studies.report import value_words
 
+    names = [row.outcome.setting.name for row in study.rows] + [other.name for other in study.beside]
+    width = max(28, *(len(name) + 2 for name in names))
     head = (
-        f"{'':2}{'setting':<28}{'particles':>10}{'steps':>8}{'time [s]':>10}{'spread':>8}{'predicted':>10}{'error':>10}"
+        f"{'':2}{'setting':<{width}}{'particles':>10}{'steps':>8}{'time [s]':>10}{'spread':>8}{'predicted':>10}"
+        f"{'error':>10}"
     )
-    lines = [head]
-    for k in sorted(range(len(study.rows)), key=lambda k: study.seconds[k]):
-        outcome = study.rows[k].outcome
+    lines = []
+    for k, row in enumerate(study.rows):
+        outcome = row.outcome
         spread = (max(outcome.seconds) - min(outcome.seconds)) / study.seconds[k]
-        lines.append(
-            f"{'*' if study.front[k] else '':<2}{outcome.setting.name:<28}{outcome.particles:>10}{outcome.steps:>8}"
+        lines.append((
+            study.seconds[k],
+            f"{'*' if study.front[k] else '':<2}{names[k]:<{width}}{outcome.particles:>10}{outcome.steps:>8}"
             f"{study.seconds[k]:>10.3g}{100 * spread:>6.0f} %{outcome.predicted:>10.3g}"
-            f"{value_words(study.measure, study.errors[k]):>10}"
-        )
-    return lines
+            f"{value_words(study.measure, study.errors[k]):>10}",
+        ))  # fmt: skip
+    for other, error in zip(study.beside, study.beside_errors(), strict=True):
+        typical, least, most = other.seconds
+        lines.append((
+            typical,
+            f"{'+':<2}{other.name:<{width}}{'':>18}{typical:>10.3g}{100 * (most - least) / typical:>6.0f} %{'':>10}"
+            f"{value_words(study.measure, error):>10}",
+        ))  # fmt: skip
+    return [head, *(line for _, line in sorted(lines))]
 
 
 def target(error, choice):
@@ -104,6 +121,11 @@ def target(error, choice):
     lines = [f"for an error of at most {error:g}: about {choice.seconds:.3g} s of steps"]
     if choice.estimated:
         lines[0] += ", continued beyond what was run by the law above: try it before you trust it"
-    changes = choice.changes or {}
-    lines += ["[numerics]", *(f"{key} = {value!r}".replace("'", '"') for key, value in changes.items())]
-    return lines if changes else [lines[0] + ", with the scene as it is"]
+    if not choice.changes:
+        return [lines[0] + ", with the scene as it is"]
+    tables = {}
+    for key, value in choice.changes.items():
+        stage, _, own = key.rpartition(".")
+        head = f"[[stage]] number {stage.removeprefix('stage')}" if stage else "[numerics]"
+        tables.setdefault(head, []).append(f"{own} = {value!r}".replace("'", '"'))
+    return [*lines, *(text for head, keys in tables.items() for text in (head, *keys))]

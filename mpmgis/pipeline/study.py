@@ -1,6 +1,7 @@
 """`mpmgis study`: a scene in, what its accuracy costs in time out, as a table, a plot and plain words."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,18 @@ from ..geo.grid import Grid
 from ..io.atomic import whole_folder
 from ..io.by_place import read_placed_raster
 from ..io.csv_table import write_records
-from ..io.study_files import write_plot
+from ..io.study_files import read_beside, write_plot
 from ..products.bed import Bed
 from ..products.comparison import nearest
-from ..solvers.march import March
+from ..studies.beside import Beside
 from ..studies.errors import NAMES, Errors, errors_against_exact, errors_of
 from ..studies.exports import ExportSetting, ExportSweep
-from ..studies.knobs import COST_POWER, crossed, knobs_of, one_at_a_time, reference
+from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
-from ..studies.states import StudyCells, centre_of, outcome
+from ..studies.states import State, StudyCells, centre_of, outcome
 from .prepare import prepare, prepare_scene
 from .run import predicted_cost, use_threads
+from .sequence import Sequence
 
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 LOOKS = 4  # times at which flows are compared, the last the end
@@ -40,6 +42,7 @@ class StudyRequest:
     repeats: int = 3
     measure: str = "thickness"
     exact: Path | None = None
+    beside: tuple = ()
     refinement: float | None = None
     target_error: float | None = None
     exports: bool = True
@@ -96,29 +99,23 @@ def _require_possible(request):
 
 def _study(request, confirm, say, watch):
     base = prepare(request.scene, say, request.law)
-    if base.scene.stage:
-        raise SceneError(f"{request.scene}: a study is of one solver, and the scene has [[stage]]; study each alone")
     scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None
     if request.exact is None:
         finer = reference(scene, settings, request.refinement)
-    threads = use_threads(base.particles, request.threads)
-    _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
     cells, times = _cells(base), scene.output.end_time * np.arange(1, LOOKS + 1) / LOOKS
+    exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
+    beside = tuple(_beside(file, request, exact, base.terrain, cells.grid) for file in request.beside)
+    threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
+    _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
 
     def run(setting, repeats):
         return outcome(
-            setting,
-            lambda s: prepare_scene(s.scene),
-            cells,
-            times,
-            repeats,
-            lambda p: predicted_cost(p, threads)[0],
-            watch,
-        )
+            setting, lambda s: prepare_scene(s.scene), partial(_Flow, interval=times[0], watch=watch), cells, times,
+            repeats, lambda p: predicted_cost(p, threads)[0],
+        )  # fmt: skip
 
-    exact = None if request.exact is None else _exact(request.exact, base.terrain, cells.grid)
     truth = None
     if finer is not None:
         say(f"the reference: {finer.name}")
@@ -129,10 +126,36 @@ def _study(request, confirm, say, watch):
         made = run(setting, request.repeats)
         rows.append(Row(made, _errors(made.states, truth, exact)))
     exports = _exports(base, say) if request.exports else ()
-    cell = 0.0 if finer is None else finer.scene.numerics.cell_size
-    made = Study(tuple(rows), request.measure, cell, exports)
+    cell = 0.0 if finer is None else finer.cell_size
+    made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
     choice = None if request.target_error is None else made.choice(request.target_error)
     return StudyFound(made, choice, tuple(made.lines()), ())
+
+
+class _Flow:
+    """The frames of a prepared run, `interval` [s] apart; then its solver, steps, and what mass went astray."""
+
+    def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
+        output = replace(prepared.scene.output, frame_interval=float(interval))
+        self._sequence = Sequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
+
+    def __iter__(self):
+        return iter(self._sequence)
+
+    @property
+    def steps(self):
+        return self._sequence.steps
+
+    @property
+    def particle_steps(self):
+        return self._sequence.particle_steps
+
+    @property
+    def mass_error(self):
+        """Relative, of all stages together."""
+        if self._sequence.prepared.scene.stage:
+            return self._sequence.mass_account()["error_relative"]
+        return self._sequence.solver.balances()["mass_error_relative"]
 
 
 def _errors(states, truth, exact) -> Errors:
@@ -140,28 +163,50 @@ def _errors(states, truth, exact) -> Errors:
 
 
 def _cells(base):
-    """The cells that runs are compared on: as large as the scene's own, over all its terrain."""
+    """The cells that runs are compared on: as large as the scene's own, of stages the largest, over all its terrain."""
     west, south, east, north = base.terrain.grid.bounds
-    size = base.numerics.cell_size
+    size = max(stage.numerics.cell_size for stage in base.stages)
     shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
     grid = Grid.north_up(base.terrain.grid.crs, west, north, size, shape)
     return StudyCells(grid, Bed.of(base.terrain), base.numerics.density, centre_of(base.frame))
 
 
-def _exact(path, terrain, grid):
-    """float64[rows, columns] [m] of an exact thickness on the study's cells."""
+def _thickness(path, terrain, grid):
+    """float64[rows, columns] [m] of a raster of thickness on the study's cells."""
     values, own = read_placed_raster(path, terrain)
     return nearest(values, own, grid)
 
 
+def _beside(path, request, exact, terrain, grid):
+    """Tuple of Beside: what the table at `path` holds, errors of rasters taken as those of the study's own runs.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    found = []
+    for row in read_beside(path, request.measure):
+        errors = row.errors
+        if row.thickness is not None:
+            if exact is None:
+                raise InputError(
+                    f"--beside {path}: '{row.setting}' is a raster of the thickness at the end, which only --exact can "
+                    f"tell the error of; give --exact, or its error in a column error_{request.measure}"
+                )
+            errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
+        found.append(Beside(row.code, row.setting, row.seconds, errors))
+    return tuple(found)
+
+
+def _state_of(thickness):
+    """A State of which the thickness is known; no value is no flow."""
+    return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
+
+
 def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
-    scene, seconds = base.scene, predicted_cost(base, threads)[0]
-    power, total = COST_POWER[scene.solver], 0.0
-    for setting, times in [*((s, repeats) for s in settings), *([(finer, 1)] if finer else [])]:
-        numerics, own = setting.scene.numerics, scene.numerics
-        more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)
-        total += times * seconds * more * (own.cell_size / numerics.cell_size) ** power * own.cfl / numerics.cfl
+    runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
+    total = predicted_cost(base, threads)[0] * sum(times * setting.work_over(base.scene) for setting, times in runs)
     say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
         raise SceneError(
@@ -172,12 +217,13 @@ def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
 
 def _exports(base, say):
     """ExportSettings of the scene as it is."""
-    output, size = base.scene.output, base.numerics.cell_size
-    say(f"exports: frames every {output.frame_interval:g} s on cells of {0.5 * size:g} m and coarser")
+    interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
+    say(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
     sweep = ExportSweep(
-        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, output.frame_interval,
+        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, interval,
         base.numerics.density,
     )  # fmt: skip
-    for frame in March(base.solver(), output.end_time, output.frame_interval, events=base.events):
-        sweep.take(frame)
+    for frame in _Flow(prepare_scene(base.scene), interval):
+        if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # not those of a switch between stages
+            sweep.take(frame)
     return tuple(sweep.settings())

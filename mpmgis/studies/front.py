@@ -25,28 +25,24 @@ def time_over_front(seconds, errors):
 class Gain(NamedTuple):
     """What turning one knob from the scene's value brings.
 
-    time, error: those of the new setting over the scene's [1]; pays: logarithm of the error's fall over that of the
-    time's growth; infinite where both fall, 0 where the error does not.
+    setting: what is set to what, in words; time, error: those of the new setting over the scene's [1]; pays: logarithm
+    of the error's fall over that of the time's growth; infinite where both fall, 0 where the error does not.
     """
 
     knob: str
-    value: object
+    setting: str
     time: float
     error: float
     pays: float
 
-    def words(self):
-        """What is set to what."""
-        return f"{self.knob} = {self.value if isinstance(self.value, str) else f'{self.value:g}'}"
-
 
 def gains(base, others):
-    """Gains of the `others`, (knob, value, seconds, error) each, over `base`, (seconds, error); best first."""
+    """Gains of the `others`, (knob, setting, seconds, error) each, over `base`, (seconds, error); best first."""
     found = []
-    for knob, value, seconds, error in others:
+    for knob, setting, seconds, error in others:
         time, ratio = seconds / base[0], error / base[1] if base[1] > 0.0 else math.inf
         if ratio < 1.0:
-            found.append(Gain(knob, value, time, ratio, _pays(time, ratio)))
+            found.append(Gain(knob, setting, time, ratio, _pays(time, ratio)))
     return sorted(found, key=lambda gain: -gain.pays)
 
 

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .beside import quickest_as_right
 from .convergence import fitted, stops_paying
 from .errors import NAMES, UNITS
 from .front import NEAR_FRONT, gains, on_front, time_over_front
-from .knobs import COST_POWER
+from .knobs import cells_times, cost_power
 
 FARTHEST = 4.0  # times the finest cells that were run: so far a law is continued
 PERCENT = ("thickness", "momentum", "area")
@@ -42,12 +43,15 @@ class Study:
     reference_cell : float [m]
         Cell size of the run that errors are taken against; 0 for an exact answer.
     exports : tuple of ExportSetting
+    beside : tuple of Beside
+        Results of others: told and drawn, they decide nothing.
     """
 
     rows: tuple
     measure: str
     reference_cell: float
     exports: tuple = ()
+    beside: tuple = ()
 
     @cached_property
     def seconds(self):
@@ -68,7 +72,7 @@ class Study:
     def by_cell_size(self):
         """(row, cell size [m]) of the rows in which only the cell size differs from the scene."""
         return [
-            (k, row.outcome.setting.scene.numerics.cell_size)
+            (k, row.outcome.setting.cell_size)
             for k, row in enumerate(self.rows)
             if row.outcome.setting.knob in ("scene", "cell_size")
         ]
@@ -101,7 +105,7 @@ class Study:
     def gains(self):
         """Gains of each knob's other values over the scene's, best first."""
         others = [
-            (setting.knob, dict(setting.changes)[setting.knob], self.seconds[k], self.errors[k])
+            (setting.knob, setting.name, self.seconds[k], self.errors[k])
             for k, setting in enumerate(row.outcome.setting for row in self.rows)
             if setting.knob not in ("scene", "several")
         ]
@@ -122,10 +126,10 @@ class Study:
             return Choice(changes, float(self.seconds[k]), float(self.errors[k]), False)
         if self.law is None or self.law.cell_size(error) * FARTHEST < self._finest():
             return None
-        base = self.rows[0].outcome.setting.scene
-        size = self.law.cell_size(error)
-        seconds = self.seconds[0] * (base.numerics.cell_size / size) ** COST_POWER[base.solver]
-        return Choice({"cell_size": float(f"{size:.3g}")}, float(seconds), error, True)
+        base = self.rows[0].outcome.setting
+        factor = float(f"{self.law.cell_size(error) / base.cell_size:.3g}")
+        seconds = self.seconds[0] / factor ** cost_power(base.scene)
+        return Choice(dict(cells_times(base.scene, factor)), float(seconds), error, True)
 
     def _finest(self):
         """The smallest cells that were run [m]."""
@@ -133,7 +137,9 @@ class Study:
 
     def lines(self):
         """What follows, a sentence each."""
-        return [*self._law_lines(), *self._front_lines(), *self._gain_lines(), *self._cost_lines()]
+        return [
+            *self._law_lines(), *self._front_lines(), *self._gain_lines(), *self._cost_lines(), *self._beside_lines(),
+        ]  # fmt: skip
 
     def _law_lines(self):
         size, lines = self.stops_paying, []
@@ -166,13 +172,32 @@ class Study:
             return ["no knob alone makes the scene more right"]
         best = self.gains[0]
         return [
-            f"the knob that pays most next: {best.words()}: {best.error:.2f} times the error for "
+            f"the knob that pays most next: {best.setting}: {best.error:.2f} times the error for "
             f"{best.time:.2f} times the time"
         ]
 
     def _cost_lines(self):
         ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
         return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
+
+    def beside_errors(self):
+        """float64[n]: the error that decides, of each result of others."""
+        return np.array([getattr(other.errors, self.measure) for other in self.beside])
+
+    def as_right_as(self, error):
+        """Number of the quickest row with at most this error, None where there is none."""
+        return quickest_as_right(self.seconds, self.errors, error)
+
+    def _beside_lines(self):
+        lines = []
+        for other, error in zip(self.beside, self.beside_errors(), strict=True):
+            k = self.as_right_as(error)
+            if k is None:
+                lines.append(f"{other.name}: no setting here is as right")
+            else:
+                share, name = other.seconds[0] / self.seconds[k], self.rows[k].outcome.setting.name
+                lines.append(f"{other.name}: {share:.2g} times the time of the quickest here that is as right ({name})")
+        return lines
 
     def summary(self):
         """(what, value in words) of what `lines` tell."""
@@ -186,31 +211,56 @@ class Study:
             ("time over the front", f"{self.over_front[0]:.2f}"),
             (
                 "pays most next",
-                "-" if best is None else f"{best.words()}: {best.error:.2f} x error, {best.time:.2f} x time",
+                "-" if best is None else f"{best.setting}: {best.error:.2f} x error, {best.time:.2f} x time",
             ),
         ]
 
     def records(self):
-        """(names, rows of values): the table in full, for a CSV."""
-        return RECORD_NAMES, [self._record(k) for k in range(len(self.rows))]
+        """(names, rows of values): the table in full, for a CSV; results of others last."""
+        others = zip(self.beside, self.beside_errors(), strict=True)
+        own = [self._record(k) for k in range(len(self.rows))]
+        return RECORD_NAMES, own + [self._record_beside(other, error) for other, error in others]
 
     def _record(self, k):
         outcome, errors = self.rows[k].outcome, self.rows[k].errors
-        numerics, setting = outcome.setting.scene.numerics, outcome.setting
-        particles = numerics.points_per_cell if setting.scene.solver == "points" else numerics.particles_per_cell
+        setting, numerics = outcome.setting, outcome.setting.scene.numerics
         return (
-            setting.knob, setting.name, setting.scene.solver, numerics.cell_size, particles, numerics.cfl,
-            numerics.precision, numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps,
-            self.seconds[k], min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted,
-            *errors, self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
+            setting.knob, setting.name, *_by_stage(setting.scene), numerics.cfl or "", numerics.precision,
+            numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps, self.seconds[k],
+            min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted, *errors,
+            self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
         )  # fmt: skip
 
+    def _record_beside(self, other, error):
+        known = {
+            "knob": BESIDE, "setting": other.name, "error_with_reference": error,
+            **dict(zip(("seconds", "seconds_min", "seconds_max"), other.seconds, strict=True)),
+            **dict(zip(ERROR_COLUMNS.values(), other.errors, strict=True)),
+        }  # fmt: skip
+        k = self.as_right_as(error)
+        if k is not None:
+            known["time_over_front"] = other.seconds[0] / self.seconds[k]
+        return tuple(known.get(name, "") for name in RECORD_NAMES)
 
+
+def _by_stage(scene):
+    """Solver, cell size and particles a cell, of a scene in stages those of each with + between them."""
+    told = [
+        (one.solver, one.numerics.cell_size,
+         one.numerics.points_per_cell if one.solver == "points" else one.numerics.particles_per_cell)
+        for one in scene.alone()
+    ]  # fmt: skip
+    if len(told) == 1:
+        return told[0]
+    return tuple("+".join(v if isinstance(v, str) else f"{v:g}" for v in of_all) for of_all in zip(*told, strict=True))
+
+
+BESIDE = "beside"  # knob of what others found
+ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
 RECORD_NAMES = (
     "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
     "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
-    *(f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES), "error_with_reference", "mass_error",
-    "on_front", "time_over_front",
+    *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
 )  # fmt: skip
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from ..kernels import binning
 from ..products.bed import place
 from ..products.cells import bin_frame
-from ..solvers.march import March
 
 FAR_SHARE = 0.99  # of the mass, which lies nearer to where it started than the reach
 
@@ -59,13 +58,16 @@ class Outcome:
         return float(np.median(self.seconds))
 
 
-def outcome(setting, prepare, cells, times, repeats, predict, watch=lambda solver, end_time: None):
-    """Run a setting `repeats` times, and once before that so that compiling is apart.
+def outcome(setting, prepare, begin, cells, times, repeats, predict):
+    """Run a setting `repeats` times, and before that as far as it takes so that compiling is apart.
 
     Parameters
     ----------
     prepare : callable
-        Setting -> a prepared run (solver(), events, terrain, scene), anew at each call.
+        Setting -> a prepared run, anew at each call.
+    begin : callable
+        prepared -> an iterator of its frames every `times[0]` to `times[-1]`, with `solver`, `steps`, `particle_steps`
+        and `mass_error`.
     cells : StudyCells
     times : float[k] [s]
         Ascending, the last the end.
@@ -73,31 +75,35 @@ def outcome(setting, prepare, cells, times, repeats, predict, watch=lambda solve
         prepared -> seconds.
     """
     prepared = prepare(setting)
-    predicted, compile_seconds = predict(prepared), _compiled(prepared)
+    predicted, compile_seconds = predict(prepared), _compiled(prepared, begin)
     seconds, states = [], ()
-    for number in range(repeats):
-        if number:
-            prepared = prepare(setting)
-        solver = prepared.solver()
-        march = March(solver, times[-1], times[0], lambda s: watch(s, times[-1]), events=prepared.events)
-        spent, states = _marched(march, cells, times)
+    for _ in range(repeats):
+        flow = begin(prepare(setting))
+        spent, states = _marched(flow, cells, times)
         seconds.append(spent)
     return Outcome(
-        setting, prepared.particles, solver.step, march.particle_steps, tuple(seconds), compile_seconds, predicted,
-        states, float(solver.balances()["mass_error_relative"]),
+        setting, prepared.particles, flow.steps, flow.particle_steps, tuple(seconds), compile_seconds, predicted,
+        states, float(flow.mass_error),
     )  # fmt: skip
 
 
-def _compiled(prepared):
-    """Wall time [s] of the first two steps of this kind of run: compiling, or reading what was compiled before."""
-    solver, began = prepared.solver(), perf_counter()
-    solver.advance(np.inf, max_steps=2)
+def _compiled(prepared, begin):
+    """Wall time [s] of the first two steps of this kind of run: compiling, or reading what was compiled before.
+
+    A run in stages compiles for each of them on its way; what all of it takes is told then.
+    """
+    began = perf_counter()
+    if len(prepared.stages) > 1:
+        for _ in begin(prepared):
+            pass
+    else:
+        prepared.solver().advance(np.inf, max_steps=2)
     return perf_counter() - began
 
 
-def _marched(march, cells, times):
+def _marched(flow, cells, times):
     """(wall time of the march, States at `times`); a flow that stops before stays as it is."""
-    frames, taken, spent, last = iter(march), [], 0.0, None
+    frames, taken, spent, last = iter(flow), [], 0.0, None
     while True:
         began = perf_counter()
         frame = next(frames, None)
@@ -105,7 +111,7 @@ def _marched(march, cells, times):
         if frame is None:
             break
         last = cells.state_of(frame)
-        if frame.time >= times[len(taken)] * (1.0 - 1e-9) and len(taken) < len(times):
+        if len(taken) < len(times) and frame.time >= times[len(taken)] * (1.0 - 1e-9):
             taken.append(last)
     taken += [last._replace(time=time) for time in times[len(taken) :]]
     return spent, tuple(taken)

@@ -2,6 +2,9 @@
 
 Each case is a folder with a terrain, a release, a scene and, where there is one, the exact answer; `mpmgis study` does
 the rest. Prints the table of README's chapter and leaves each case's own table and plot in its folder.
+
+With `--avaframe PYTHON`, the Python of an environment of its own that has AvaFrame (`make study AVAFRAME=2.1` makes
+one), com1DFA runs two of the cases too, and is a point in their tables and plots.
 """
 
 import argparse
@@ -17,6 +20,7 @@ from affine import Affine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 sys.path.insert(0, str(Path(__file__).parent))
+from avaframe_case import AvaframeCase, beside
 from exact_solutions import SimilarityCap, ThackerBowl, mangeney
 from run import machine, markdown
 
@@ -81,27 +85,72 @@ def dam(folder):
     write_case(folder, lambda x, y: 0 * x, lambda x, y: 5.0 * (x < 50), (0, 0, 100, 8), 1.0, scene, exact, 1.0)
 
 
-def cap(folder):
-    """Hutter's cap of 4 m, 160 m across, slides 5 s down 35 degrees with friction 25 (Hutter et al. 1993)."""
-    slope, delta = np.radians(35), np.radians(25)
-    cos, solution = np.cos(slope), SimilarityCap(slope, delta, 80.0, 80.0, 4.0, 5.0)
-    scene = f"""
+COULOMB = """
 [terrain]
 [release]
 density = 1000
 [friction]
 law = "Coulomb"
-mu = {np.tan(delta)}
+mu = {mu}
 [numerics]
-cell_size = 4.0
+cell_size = {cell}
 [output]
 end_time = 5
 frame_interval = 1.25
 stop_at_rest = false
 """
+
+
+def plane(degrees):
+    """(bed(x, y) of a plane that falls to the east, cosine of its angle)."""
+    angle = np.radians(degrees)
+    return lambda x, y: -np.tan(angle) * x, np.cos(angle)
+
+
+def slope(folder):
+    """The front of a dam of 1 m runs 5 s down 22 degrees with friction 21 (Faccanoni and Mangeney 2012, test 2, 1.2).
+
+    A block of 60 x 60 m, seen in its middle, where no wave from its other sides comes to.
+    """
+    bed, cos = plane(22)
+
+    def exact(x, y):
+        depth = mangeney(x / cos, 5.0, 1.0, np.radians(22), np.radians(21))[0]
+        return np.where((np.abs(y) < 10) & (x > -40), depth / cos, np.nan)
+
+    def block(x, y):
+        return np.where((x > -60) & (x < 0) & (np.abs(y) < 30), 1.0 / cos, 0.0)
+
+    scene = COULOMB.format(mu=np.tan(np.radians(21)), cell=1.0)
+    write_case(folder, bed, block, (-110, -70, 60, 70), 1.0, scene, exact, 1.0)
+
+
+def cap(folder):
+    """Hutter's cap of 4 m, 160 m across, slides 5 s down 35 degrees with friction 25 (Hutter et al. 1993)."""
+    bed, cos = plane(35)
+    solution = SimilarityCap(np.radians(35), np.radians(25), 80.0, 80.0, 4.0, 5.0)
+    scene = COULOMB.format(mu=np.tan(np.radians(25)), cell=4.0)
     write_case(
-        folder, lambda x, y: -np.tan(slope) * x, lambda x, y: solution(x / cos, y, 0.0)[0] / cos,
-        (-80, -144, 240, 144), 4.0, scene, lambda x, y: solution(x / cos, y, 5.0)[0] / cos, 4.0,
+        folder, bed, lambda x, y: solution(x / cos, y, 0.0)[0] / cos, (-80, -144, 240, 144), 4.0, scene,
+        lambda x, y: solution(x / cos, y, 5.0)[0] / cos, 4.0,
+    )  # fmt: skip
+
+
+def avaframe_slope():
+    """The slope as AvaFrame's damBreak has it; its start with `iniStep` is not in version 2.1."""
+    return AvaframeCase(
+        bed=plane(22)[0], bounds=(-110, -70, 60, 70), mu=np.tan(np.radians(21)), end=5.0, courant=0.01,
+        own="relTh = 1\nviscOption = 0\nthresholdMassSplit = 10", outline=(-60, -30, 0, 30), slope=22,
+    )  # fmt: skip
+
+
+def avaframe_cap():
+    """The cap as AvaFrame's simiSolTest has it."""
+    bed, cos = plane(35)
+    return AvaframeCase(
+        bed=bed, bounds=(-100, -144, 240, 144), mu=np.tan(np.radians(25)), end=5.0, courant=0.02,
+        own="viscOption = 1\nsubgridMixingFactor = 10\nthresholdMassSplit = 5", slope=35,
+        thickness=lambda x, y: np.maximum(4.0 * (1.0 - (x / cos / 80.0) ** 2 - (y / 80.0) ** 2), 0.0),
     )  # fmt: skip
 
 
@@ -186,7 +235,8 @@ def demo(folder):
 class Case(NamedTuple):
     """A case of the chapter: who writes it, its cell sizes [m], and what it is held against.
 
-    `finer` are the options of a finer run, None where there is an exact answer; cells fit between walls.
+    `finer` are the options of a finer run, None where there is an exact answer; cells fit between walls. `avaframe`
+    makes the same for AvaFrame's com1DFA, which runs on one thread, as such a case does.
     """
 
     words: str
@@ -194,11 +244,13 @@ class Case(NamedTuple):
     cells: str
     finer: tuple | None = None
     exports: bool = False
+    avaframe: Callable | None = None
 
 
 CASES = {
     "dam": Case("water from a dam onto dry ground", dam, "2,1,0.5"),
-    "cap": Case("cap on 35 degrees with friction 25", cap, "8,4,2"),
+    "slope": Case("dam break down 22 degrees with friction 21", slope, "2,1,0.5", avaframe=avaframe_slope),
+    "cap": Case("cap on 35 degrees with friction 25", cap, "8,4,2", avaframe=avaframe_cap),
     "bowl": Case("pool that breathes in a bowl", bowl, "0.8,0.4,0.2"),
     "wall": Case("wedge of water against a wall", wall, "0.4,0.2,0.1", ("--refinement", "4")),
     "block": Case("3D: block that slides", block, "1,0.5,0.25"),
@@ -207,13 +259,19 @@ CASES = {
 }
 
 
-def studied(name, folder, repeats):
-    """Run the study of a case in `folder`."""
+def studied(name, folder, repeats, avaframe=None):
+    """Run the study of a case in `folder`, with `avaframe`, a Python that has it, beside it."""
     case, folder = CASES[name], folder / name
     case.write(folder)
     options = ["--cell-sizes", case.cells, "--repeats", str(repeats), "--yes", "--overwrite", "-q"]
     options += ["--exact", str(folder / "exact.tif")] if case.finer is None else case.finer
     options += [] if case.exports else ["--no-exports"]
+    options += ["--threads", "1"] if case.avaframe is not None else []
+    if case.avaframe is not None and avaframe is not None:
+        options += [
+            "--beside",
+            str(beside(folder / "avaframe", avaframe, case.avaframe(), folder / "exact.tif", repeats)),
+        ]
     if mpmgis(["study", str(folder / "scene.toml"), *options]) != 0:
         raise SystemExit(f"the study of {name} failed")
     return row(case, folder / "study")
@@ -239,11 +297,12 @@ def main():
     parser.add_argument("names", nargs="*", metavar="CASE", help=f"which: {', '.join(CASES)} (default: all)")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default: study)")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each setting (default 3)")
+    parser.add_argument("--avaframe", metavar="PYTHON", help="Python of an environment that has AvaFrame")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in CASES]
     if unknown:
         parser.error(f"no case {unknown[0]!r}; there are: {', '.join(CASES)}")
-    rows = [studied(name, asked.output, asked.repeats) for name in asked.names or CASES]
+    rows = [studied(name, asked.output, asked.repeats, asked.avaframe) for name in asked.names or CASES]
     print(machine())
     print("\n".join(markdown(HEADINGS, rows)))
 

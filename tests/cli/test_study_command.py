@@ -5,8 +5,9 @@ import csv
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from matplotlib.image import imread
-from slope_site import SCENE, write_site
+from slope_site import SCENE, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.studies.report import RECORD_NAMES
@@ -90,10 +91,110 @@ def test_against_an_exact_answer(site, tmp_path):
     assert found[0]["error_area"] == ""
 
 
+@pytest.fixture(scope="module")
+def beside(site, studied):
+    """A study of one knob with two results beside it: numbers of another code, and that of the study before."""
+    (site / "other.csv").write_text(
+        "code,setting,seconds,seconds_min,seconds_max,error_thickness\n"
+        "Other 1.0,fine,50,40,70,0.0001\nOther 1.0,coarse,30,,,0.9\n"
+    )
+    arguments = ["study", str(site / "scene.toml"), "--knobs", "cfl", "--repeats", "1", "--no-exports", "-q"]
+    tables = ["--beside", str(site / "other.csv"), "--beside", str(studied / "study.csv")]
+    assert main([*arguments, *tables, "-o", str(site / "beside")]) == 0
+    return site / "beside"
+
+
+def test_results_of_others_are_in_the_table_and_decide_nothing(beside, studied):
+    found = rows(beside / "study.csv")
+    own, others = found[:3], found[3:]
+    assert {row["knob"] for row in others} == {"beside"} and "beside" not in {row["knob"] for row in own}
+    assert [row["setting"] for row in others[:2]] == ["Other 1.0: fine", "Other 1.0: coarse"]
+    assert others[2]["setting"] == "study: as the scene has it" and len(others) == 2 + len(rows(studied / "study.csv"))
+    fine, coarse = others[:2]
+    assert (fine["seconds"], fine["seconds_min"], fine["seconds_max"]) == ("50", "40", "70")
+    assert fine["time_over_front"] == "" and fine["error_momentum"] == "" and fine["on_front"] == ""
+    assert float(coarse["error_with_reference"]) == 0.9
+    quickest = min(float(row["seconds"]) for row in own if float(row["error_with_reference"]) <= 0.9)
+    assert float(coarse["time_over_front"]) == pytest.approx(30 / quickest, rel=1e-6)
+    assert sum(row["on_front"] == "1" for row in own) >= 1
+
+
+def test_a_table_with_results_of_others_is_read_again_without_them(beside, site, tmp_path):
+    arguments = ["study", str(site / "scene.toml"), "--knobs", "cfl", "--repeats", "1", "--no-exports", "-q"]
+    assert main([*arguments, "--beside", str(beside / "study.csv"), "-o", str(tmp_path / "out")]) == 0
+    assert len(rows(tmp_path / "out" / "study.csv")) == 6
+
+
+def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site, tmp_path, capsys):
+    """Half the exact thickness is off by a half; the exact answer itself by nothing."""
+    with rasterio.open(site / "dtm.tif") as source:
+        profile, thickness = source.profile, np.where(source.read(1) > 200.0, 2.0, 0.0)
+    for name, factor in (("exact", 1.0), ("half", 0.5)):
+        with rasterio.open(tmp_path / f"{name}.tif", "w", **profile) as target:
+            target.write(factor * thickness, 1)
+    (tmp_path / "other.csv").write_text("setting,seconds,thickness\nhalf,1,half.tif\nall,1e9,exact.tif\n")
+    arguments = ["study", str(site / "scene.toml"), "--knobs", "cfl", "--repeats", "1", "--no-exports", "-q"]
+    others = ["--exact", str(tmp_path / "exact.tif"), "--beside", str(tmp_path / "other.csv")]
+    assert main([*arguments, *others, "-o", str(tmp_path / "out")]) == 0
+    half, whole = rows(tmp_path / "out" / "study.csv")[-2:]
+    assert float(half["error_thickness"]) == 0.5 and float(whole["error_thickness"]) == 0.0
+    printed = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("+ other: half") and line.endswith("50 %") for line in printed)
+    assert any("other: all: no setting here is as right" in line for line in printed)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "has no rows"),
+        ("setting,seconds\na,1\n", "has no column 'error_thickness'"),
+        ("name,seconds,error_thickness\na,1,0.1\n", "has no column 'setting'"),
+        ("setting,seconds,error_thickness\na,0,0.1\n", "line 2: seconds = '0', wanted a number above 0"),
+        ("setting,seconds,error_thickness\na,1,0.1\nb,1,bad\n", "line 3: error_thickness = 'bad'"),
+        ("setting,seconds,error_thickness\na,1,-0.1\n", "wanted a number of at least 0"),
+        ("setting,seconds,error_thickness\na,1,\n", "error_thickness is empty"),
+        ("setting,seconds,error_thickness\na,,0.1\n", "seconds is empty"),
+        ("setting,seconds,error_thickness\n,1,0.1\n", "setting is empty"),
+        ("setting,seconds,seconds_max,error_thickness\na,2,1,0.1\n", "is not between"),
+        ("setting,seconds,thickness\na,1,dtm.tif\n", "which only --exact can tell"),
+        ("setting,seconds,error_thickness\n\xff", "is no readable text"),
+    ],
+)
+def test_a_table_beside_that_makes_no_sense_is_refused_in_one_line(site, capsys, tmp_path, text, words):
+    (tmp_path / "other.csv").write_bytes(text.encode("latin-1"))
+    arguments = ["study", str(site / "scene.toml"), "--beside", str(tmp_path / "other.csv")]
+    assert main([*arguments, "-o", str(tmp_path / "out")]) in (2, 4)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mpmgis")]
+    assert len(lines) == 1 and words in lines[0] and not (tmp_path / "out").exists()
+
+
+def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path, capsys):
+    """Columns become points after a second; both stages' steps and the conversion are in the time."""
+    folder = write_site(tmp_path)
+    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    stages = '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver = "points"\ncell_size = 6\n'
+    (folder / "scene.toml").write_text(slide(10.0, 2, 0.5, head="", more="particles_per_cell = 4") + stages)
+    arguments = ["study", str(folder / "scene.toml"), "--knobs", "points_per_cell,stage2.cell_size", "--repeats", "1"]
+    assert main([*arguments, "--refinement", "1.5", "-q", "--target-error", "1"]) == 0
+    found = rows(folder / "study" / "study.csv")
+    assert [row["knob"] for row in found] == ["scene", "points_per_cell", "stage2.cell_size", "stage2.cell_size"]
+    assert [row["cell_size_m"] for row in found] == ["10+6", "10+6", "10+12", "10+8.48528"]
+    assert [row["particles_per_cell"] for row in found] == ["4+8", "4+27", "4+8", "4+8"]
+    assert {row["solver"] for row in found} == {"columns+points"}
+    work = [int(row["particle_steps"]) for row in found]
+    assert work[2] < work[3] < work[0] < work[1]
+    assert all(abs(float(row["mass_error"])) < 1e-12 and float(row["compile_seconds"]) > 0 for row in found)
+    assert all(float(row["error_thickness"]) > 0 for row in found)
+    steps = {float(row["dt_e"]) for row in rows(folder / "study" / "export.csv")}
+    assert steps == {0.5, 1.0, 2.0, 4.0}
+    assert any(line.startswith("[[stage]] number 2") for line in capsys.readouterr().out.splitlines())
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--knobs", "cell"], "no such knob"),
+        (["--beside", "none.csv"], "none.csv: no such file"),
         (["--measure", "depth"], "wanted one of thickness, momentum, area, reach"),
         (["--exact", "none.tif"], "none.tif: no such file"),
         (["--exact", "dtm.tif", "--measure", "area"], "tells of thickness only"),

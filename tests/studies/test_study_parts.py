@@ -9,6 +9,7 @@ import pytest
 from mpmgis.errors import InputError
 from mpmgis.scene import scene_from_tables
 from mpmgis.studies import convergence, front, knobs
+from mpmgis.studies.beside import quickest_as_right
 from mpmgis.studies.errors import errors_against_exact, errors_of
 from mpmgis.studies.states import State
 
@@ -97,6 +98,70 @@ def test_combinations_differ_in_several_knobs():
     assert all(len(setting.changes) > 1 for setting in crossed)
     assert len(crossed) == 3 * 3 * 3 - 1 - 3 * 2
     assert len({setting.changes for setting in crossed}) == len(crossed)
+
+
+def staged(**numerics):
+    """Columns on cells of 4 m, then points on cells of 1 m."""
+    return scene_from_tables({
+        "terrain": {"dem": "dtm.tif"},
+        "release": {"source": "a.shp", "thickness": 1.0},
+        "output": {"end_time": 10.0, "frame_interval": 1.0},
+        "material": {"law": "Fluid", "bulk_modulus": 1e6},
+        "numerics": {"cell_size": 4.0} | numerics,
+        "stage": [
+            {"solver": "columns", "until": {"time": 5.0}, "cell_size": 4.0}, {"solver": "points", "cell_size": 1.0},
+        ],
+    })  # fmt: skip
+
+
+def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversion():
+    own = staged()
+    settings = knobs.one_at_a_time(own, knobs.knobs_of(own))
+    found = {setting.changes: setting.scene for setting in settings}
+    assert found[("points_per_cell", 27),].numerics.points_per_cell == 27
+    both = found[("stage1.cell_size", 8.0), ("stage2.cell_size", 2.0)]
+    assert [stage.cell_size for stage in both.stage] == [8.0, 2.0] and both.numerics == own.numerics
+    alone = found[("stage2.cell_size", 2.0),]
+    assert [stage.cell_size for stage in alone.stage] == [4.0, 2.0]
+    assert found[("stage1.cell_size", 8.0),].stage[1] == own.stage[1]
+    assert found[("cfl", 0.6),].numerics.cfl == 0.6 and found[("particles_per_cell", 4),]
+    assert {setting.knob for setting in settings} == {
+        "scene", "cell_size", "stage1.cell_size", "stage2.cell_size", "particles_per_cell", "points_per_cell", "cfl",
+        "precision", "stiffness",
+    }  # fmt: skip
+
+
+def test_the_reference_of_a_scene_in_stages_is_finer_than_any_setting_in_each():
+    own = staged()
+    settings = knobs.one_at_a_time(own, knobs.knobs_of(own))
+    finer = knobs.reference(own, settings)
+    for n, stage in enumerate(finer.scene.stage):
+        least = min(setting.scene.stage[n].cell_size for setting in settings)
+        assert stage.cell_size < 0.8 * least
+    assert finer.scene.numerics.cfl == 0.15 and finer.cell_size == finer.scene.stage[0].cell_size
+    with pytest.raises(InputError, match="give a larger one"):
+        knobs.reference(own, settings, 1.0)
+
+
+def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter_steps():
+    own = staged()
+    turned = {s.changes: s.work_over(own) for s in knobs.one_at_a_time(own, knobs.knobs_of(own))}
+    assert turned[()] == 1.0
+    assert turned[("points_per_cell", 27),] == 27 / 8 and turned[("cfl", 0.15),] == 2.0
+    assert turned[("stage1.cell_size", 8.0), ("stage2.cell_size", 2.0)] == 1 / 8
+    assert scene().numerics.cell_size == 4.0
+    assert knobs.setting(scene(), "cell_size", (("cell_size", 2.0),)).work_over(scene()) == 8.0
+
+
+@pytest.mark.parametrize(("name", "words"), [("stage3.cell_size", "no such knob"), ("stage2.cfl", "no such knob")])
+def test_a_knob_of_a_stage_that_is_not_there_is_refused(name, words):
+    with pytest.raises(InputError, match=words):
+        knobs.knobs_of(staged(), (name,))
+
+
+def test_who_is_as_right_in_less_time():
+    seconds, errors = [1.0, 2.0, 4.0], [0.3, 0.2, 0.2]
+    assert [quickest_as_right(seconds, errors, error) for error in (0.3, 0.25, 0.1, math.nan)] == [0, 1, None, None]
 
 
 @pytest.mark.parametrize(("name", "words"), [("cel_size", "no such knob"), ("points_per_cell", "has no such knob")])
