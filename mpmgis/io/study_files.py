@@ -140,7 +140,7 @@ def _plot_work(axes, study):
     if study.reference_error > 0.0:
         axes.axhline(study.reference_error, color="#bbbbbb", linestyle=":", label="the reference's own")
     _finish(axes, "wall time of the steps [s]", _error_label(study))
-    axes.margins(x=0.1)
+    axes.margins(x=0.1, y=0.1)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13))
 
 

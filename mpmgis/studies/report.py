@@ -196,7 +196,8 @@ class Study:
                 lines.append(f"{other.name}: no setting here is as right")
             else:
                 share, name = other.seconds[0] / self.seconds[k], self.rows[k].outcome.setting.name
-                lines.append(f"{other.name}: {share:.2g} times the time of the quickest here that is as right ({name})")
+                times = f"{share:.2g}" if share < 10.0 else f"{share:.0f}"
+                lines.append(f"{other.name}: {times} times the time of the quickest here that is as right ({name})")
         return lines
 
     def summary(self):
