@@ -10,7 +10,8 @@ from matplotlib.image import imread
 from slope_site import SCENE, slide, write_shapes, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.studies.report import RECORD_NAMES
+from mpmgis.cli.study import target
+from mpmgis.studies.report import RECORD_NAMES, Choice
 
 
 @pytest.fixture(scope="module")
@@ -59,15 +60,17 @@ def test_the_plot_is_a_picture(studied):
     assert shown.shape[1] > 1000 and len(np.unique(shown)) > 20
 
 
-def test_table_words_and_settings_for_an_error_are_printed(site, capsys, tmp_path):
+def test_table_words_and_settings_for_an_error_are_printed(site, studied, capsys, tmp_path):
+    """The error asked for is that of the smallest cells, which no other setting reaches."""
+    least = min(float(row["error_with_reference"]) for row in rows(studied / "study.csv") if row["knob"] != "cfl")
     scene, out = str(site / "scene.toml"), str(tmp_path / "out")
     arguments = ["study", scene, "--knobs", "cell_size", "--repeats", "1", "--no-exports", "-o", out, "-q"]
-    assert main([*arguments, "--target-error", "1.5"]) == 0
+    assert main([*arguments, "--target-error", str(1.0001 * least)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert sum(line.startswith("*") for line in lines) >= 2
     assert any("to the power" in line for line in lines) or any("follows no power" in line for line in lines)
     at = lines.index("[numerics]")
-    assert lines[at + 1] == "cell_size = 20.0" and "at most 1.5" in lines[at - 1]
+    assert lines[at + 1] == "cell_size = 7.07107" and f"at most {1.0001 * least:g}" in lines[at - 1]
     assert lines[-1] == f"{out}/study.png" and not (tmp_path / "out" / "export.csv").exists()
 
 
@@ -168,14 +171,14 @@ def test_a_table_beside_that_makes_no_sense_is_refused_in_one_line(site, capsys,
     assert len(lines) == 1 and words in lines[0] and not (tmp_path / "out").exists()
 
 
-def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path, capsys):
+def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
     """Columns become points after a second; both stages' steps and the conversion are in the time."""
     folder = write_site(tmp_path)
     write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
     stages = '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver = "points"\ncell_size = 6\n'
     (folder / "scene.toml").write_text(slide(10.0, 2, 0.5, head="", more="particles_per_cell = 4") + stages)
     arguments = ["study", str(folder / "scene.toml"), "--knobs", "points_per_cell,stage2.cell_size", "--repeats", "1"]
-    assert main([*arguments, "--refinement", "1.5", "-q", "--target-error", "1"]) == 0
+    assert main([*arguments, "--refinement", "1.5", "-q"]) == 0
     found = rows(folder / "study" / "study.csv")
     assert [row["knob"] for row in found] == ["scene", "points_per_cell", "stage2.cell_size", "stage2.cell_size"]
     assert [row["cell_size_m"] for row in found] == ["10+6", "10+6", "10+12", "10+8.48528"]
@@ -187,7 +190,14 @@ def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path, capsys):
     assert all(float(row["error_thickness"]) > 0 for row in found)
     steps = {float(row["dt_e"]) for row in rows(folder / "study" / "export.csv")}
     assert steps == {0.5, 1.0, 2.0, 4.0}
-    assert any(line.startswith("[[stage]] number 2") for line in capsys.readouterr().out.splitlines())
+
+
+def test_settings_for_an_error_say_which_table_they_belong_to():
+    choice = Choice({"stage1.cell_size": 8.0, "stage2.cell_size": 2.0, "precision": "float32"}, 3.0, 0.05, False)
+    assert target(0.1, choice)[1:] == [
+        "[[stage]] number 1", "cell_size = 8.0", "[[stage]] number 2", "cell_size = 2.0", "[numerics]",
+        'precision = "float32"',
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
