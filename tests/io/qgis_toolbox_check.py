@@ -8,13 +8,19 @@ import json
 import os
 import sys
 import tempfile
+import time
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 os.environ["QGIS_CUSTOM_CONFIG_PATH"] = os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="qgis_toolbox_")
 
 from qgis.core import (
     QgsApplication,
+    QgsCoordinateReferenceSystem,
+    QgsCoordinateTransform,
     QgsFeature,
+    QgsGeometry,
+    QgsPointXY,
+    QgsProcessingAlgRunnerTask,
     QgsProcessingContext,
     QgsProcessingException,
     QgsProcessingFeedback,
@@ -95,6 +101,35 @@ def unsaved_release(of):
     return layer
 
 
+def unsaved_point():
+    """A point below the release, as a layer that is no file and was drawn in degrees."""
+    layer = QgsVectorLayer("Point?crs=EPSG:4326&field=name:string", "gauge", "memory")
+    feature = QgsFeature(layer.fields())
+    transform = QgsCoordinateTransform(QgsCoordinateReferenceSystem("EPSG:32632"), layer.crs(), QgsProject.instance())
+    feature.setGeometry(QgsGeometry.fromPointXY(transform.transform(QgsPointXY(500_105, 5_200_195))))
+    feature.setAttributes(["below"])
+    layer.dataProvider().addFeatures([feature])
+    return layer
+
+
+def in_background(name, **parameters):
+    """Whether an algorithm ends well in a task of its own thread, as QGIS' window runs it, and what it gave."""
+    algorithm = QgsApplication.processingRegistry().createAlgorithmById(f"mpmgis:{name}")
+    context, feedback, ended = QgsProcessingContext(), QgsProcessingFeedback(False), []
+    task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback)
+
+    def end(succeeded, outputs):
+        ended.append([succeeded, outputs.get("ANSWER", "")])
+
+    task.executed.connect(end)
+    QgsApplication.taskManager().addTask(task)
+    begin = time.monotonic()
+    while not ended and time.monotonic() - begin < 60:
+        QgsApplication.processEvents()
+        time.sleep(0.02)
+    return ended
+
+
 def simulate(folder, **more):
     given = {"DEM": DEM, "RELEASE": RELEASE, "END_TIME": 6, "FRAME_INTERVAL": 2, "OUTPUT": folder, "THREADS": 1}
     return use("simulate", **given | more)
@@ -118,6 +153,9 @@ def check_simulation():
     found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=os.path.join(SITE, "more"), LOAD=False)
     found["compare"] = use("compare", FIRST=os.path.join(SITE, "maps"), OUTLINE=RELEASE)
     found["unclear"] = use("compare", FIRST=os.path.join(SITE, "maps"))
+    found["intensity"] = use("intensity", FRAMES=os.path.join(SITE, "maps"), GUIDELINE="swiss-debris-flow")
+    found["report"] = use("report", FRAMES=frames, OUTPUT=os.path.join(SITE, "slide.html"))
+    found["timeseries"] = use("timeseries", FRAMES=os.path.join(SITE, "maps"), POINTS=unsaved_point())
     found["effects"] = use("effects", SCENE=found["simulate"]["outputs"]["SCENE"])
     return found
 
@@ -126,6 +164,7 @@ def check_seed():
     found = {"seed": use("seed", DEM=DEM, RELEASE=RELEASE, COUNT=200, OUTPUT=os.path.join(SITE, "seed.gpkg"))}
     found["existing"] = use("seed", DEM=DEM, RELEASE=RELEASE, OUTPUT=os.path.join(SITE, "seed.gpkg"))
     found["temporary"] = use("seed", DEM=DEM, RELEASE=RELEASE, COUNT=50, OUTPUT="TEMPORARY_OUTPUT")
+    found["background"] = in_background("info", FILE=DEM)
     found["local"] = use("seed", DEM=DEM, RELEASE=RELEASE, THICKNESS="no_such_column", OUTPUT="TEMPORARY_OUTPUT")
     return found
 

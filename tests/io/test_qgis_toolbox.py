@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import geopandas
@@ -13,6 +14,8 @@ import rasterio
 import shapely
 from affine import Affine
 from qgis_python import clean_environment, python_with_qgis, report_of
+
+from mpmgis.cli.main import main
 
 pytestmark = pytest.mark.qgis
 HERE = Path(__file__).parent
@@ -127,6 +130,18 @@ def test_answers_are_in_the_log(report):
     assert "exactly one of" in report["unclear"]["error"]
 
 
+def test_questions_are_answered_from_layers(site, report):
+    assert report["intensity"]["error"] == "" and len(report["intensity"]["to_load"]) == 1
+    assert report["report"]["error"] == "" and "<html" in (site / "slide.html").read_text()[:500].lower()
+    assert report["timeseries"]["error"] == ""
+    assert any(line.startswith("below") for line in report["timeseries"]["printed"])
+
+
+def test_it_runs_in_a_thread_of_its_own(report):
+    ((succeeded, answer),) = report["background"]
+    assert succeeded and "EPSG:32632" in answer
+
+
 def test_cancelling_stops_the_command(site, report):
     assert report["cancelled"]["error"].endswith("mpmgis effects: cancelled")
     assert report["cancelled"]["progress"] == 25
@@ -144,7 +159,14 @@ def test_qgis_process_runs_the_toolbox(site, tmp_path):
     if python_with_qgis() is None or qgis_process is None:
         pytest.skip("no qgis_process on this machine (Debian: apt-get install qgis)")
     path = os.pathsep.join([str(command_of_tests(tmp_path).parent), os.environ["PATH"]])
-    told = {"QGIS_PLUGINPATH": str(PLUGINS), "QT_QPA_PLATFORM": "offscreen", "QGIS_CUSTOM_CONFIG_PATH": str(tmp_path)}
+    assert main(["qgis-plugin", "-o", str(tmp_path / "mpmgis_qgis.zip"), "-q"]) == 0
+    with zipfile.ZipFile(tmp_path / "mpmgis_qgis.zip") as archive:  # what Install from ZIP does
+        archive.extractall(tmp_path / "plugins")
+    told = {
+        "QGIS_PLUGINPATH": str(tmp_path / "plugins"),
+        "QT_QPA_PLATFORM": "offscreen",
+        "QGIS_CUSTOM_CONFIG_PATH": str(tmp_path),
+    }
     environment = clean_environment() | told | {"PATH": path}
 
     def process(*words):

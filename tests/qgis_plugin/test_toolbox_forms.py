@@ -13,17 +13,25 @@ from affine import Affine
 
 from mpmgis.cli.main import VERBS as VERBS_OF_THE_COMMAND
 from mpmgis.cli.main import main
-from mpmgis.qgis_plugin.mpmgis_qgis import commands, fields, finding, scene_form, talk
+from mpmgis.qgis_plugin.mpmgis_qgis import answering, commands, fields, finding, scene_form, talk
 from mpmgis.scene import read_scene
 
 ROWS = commands.VERBS
 PLUGIN = Path(commands.__file__).parent
 VALUES = {
     fields.RASTER: "dtm.tif", fields.POLYGONS: "area.gpkg|layername=area", fields.LINES: "line.shp",
+    fields.POINTS: "points.shp",
     fields.FILE: "a file.h5", fields.FOLDER: "results", fields.NEW_FILE: "out.h5", fields.NEW_FOLDER: "out",
     fields.NUMBER: 1.5, fields.INTEGER: 3, fields.TEXT: "1", fields.SWITCH: True, fields.CRS: "EPSG:32632",
 }  # fmt: skip
-TYPED = {"VELOCITY": "-1,2", "ORIGIN": "600000,5170000,0", "AXES": "e,u,-n", "COLUMNS": "mass=m", "TIMES": "0,1"}
+TYPED = {
+    "VELOCITY": "-1,2",
+    "ORIGIN": "600000,5170000,0",
+    "AXES": "e,u,-n",
+    "COLUMNS": "mass=m",
+    "TIMES": "0,1",
+    "AT_TIMES": "2,4",
+}
 ALTERNATIVES = {"PER_CELL", "COUNT"}  # to SPACING, of which the command takes one
 
 
@@ -90,12 +98,12 @@ def test_the_parser_takes_a_form_with_only_what_must_be_given(row):
 
 
 def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
-    values = {field.name: field.default for field in commands.EXPORT.fields} | {
+    values = {field.name: field.default for field in answering.EXPORT.fields} | {
         "FRAMES": "a b",
         "CELL": "",
         "COG": True,
     }
-    assert fields.arguments(commands.EXPORT.fields, values) == ["a b", "--cog"]
+    assert fields.arguments(answering.EXPORT.fields, values) == ["a b", "--cog"]
 
 
 @pytest.mark.parametrize(

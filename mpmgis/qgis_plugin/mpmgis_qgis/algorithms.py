@@ -16,11 +16,13 @@ from qgis.core import (
 
 from . import scene_form
 from .calling import call
-from .commands import LOAD, OUTPUT, VERBS
+from .commands import VERBS
 from .fields import arguments
 from .finding import SETTING, CommandMissing, find_command
-from .loading import add_project, particle_layer
+from .loading import add_project, layer_of
 from .parameters import oldest_qgis, parameter, plain_values
+from .simulating import GROUP
+from .verbs import LOAD, OUTPUT
 
 ANSWER = "ANSWER"  # output: what the command printed
 SCENE, FRAMES, MAPS = "SCENE", "FRAMES", "MAPS"  # outputs of the form
@@ -105,9 +107,10 @@ class VerbAlgorithm(CommandAlgorithm):
             return {OUTPUT: self._exported(answers, feedback)}
         if not any(field.name == OUTPUT for field in self.row.fields):
             return {}
+        for path in answers:
+            if self.row.layers and self.values[LOAD] and path.endswith(self.row.layers):
+                self._load_later(path, context)
         path = self.values[OUTPUT] or (None if self.row.says else answers[0])
-        if self.row.layers and self.values[LOAD]:
-            self._load_later(path, context)
         return {OUTPUT: path} if path else {}
 
     def _exported(self, answers, feedback):
@@ -119,7 +122,7 @@ class VerbAlgorithm(CommandAlgorithm):
         return folder
 
     def _load_later(self, path, context):
-        layer = particle_layer(path)
+        layer = layer_of(path)
         if layer is None or context.project() is None:
             return
         context.temporaryLayerStore().addMapLayer(layer)
@@ -148,7 +151,7 @@ class SimulateAlgorithm(CommandAlgorithm):
 
     identifier = scene_form.IDENTIFIER
     title = scene_form.TITLE
-    group_title = scene_form.GROUP
+    group_title = GROUP
     text = scene_form.HELP
     form = scene_form.FIELDS
 

@@ -15,7 +15,7 @@ from .finding import environment
 from .talk import Lines, error_line, progress
 
 LOOK_MILLISECONDS = 100
-STOP_MILLISECONDS = 20_000  # to end well: the step is finished, what is half-written goes
+STOP_MILLISECONDS = (10_000, 20_000)  # to end well: after its step; asked again, at once, tidying up
 
 
 def call(command, verb, arguments, feedback, begin=0.0, end=100.0):
@@ -76,12 +76,12 @@ def _is_running(process):
 
 def _stop(process):
     """End it as Ctrl+C does where that is possible (not on Windows), so that every frame stays whole."""
-    if os.name == "posix":
+    for patience in STOP_MILLISECONDS if os.name == "posix" else ():
         process.terminate()
-        if process.waitForFinished(STOP_MILLISECONDS):
+        if process.waitForFinished(patience):
             return
     process.kill()
-    process.waitForFinished(STOP_MILLISECONDS)
+    process.waitForFinished(STOP_MILLISECONDS[-1])
 
 
 def _tell(line, feedback, begin, end):

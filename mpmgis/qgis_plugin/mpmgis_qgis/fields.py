@@ -5,11 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # Kinds of fields: what QGIS shows, and what a value is.
-RASTER, POLYGONS, LINES = "raster layer", "polygon layer", "line layer"  # path of the layer's file
+RASTER, POLYGONS, LINES, POINTS = "raster layer", "polygon layer", "line layer", "point layer"  # path of its file
 FILE, FOLDER = "file", "folder"  # path of what is there
 NEW_FILE, NEW_FOLDER = "new file", "new folder"  # path of what will be written
 NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS = "number", "integer", "text", "choice", "switch", "CRS"
-KINDS = (RASTER, POLYGONS, LINES, FILE, FOLDER, NEW_FILE, NEW_FOLDER, NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS)
+KINDS = (
+    RASTER,
+    POLYGONS,
+    LINES,
+    POINTS,
+    FILE,
+    FOLDER,
+    NEW_FILE,
+    NEW_FOLDER,
+    NUMBER,
+    INTEGER,
+    TEXT,
+    CHOICE,
+    SWITCH,
+    CRS,
+)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 
-from qgis.core import QgsLayerDefinition, QgsPathResolver, QgsReadWriteContext, QgsVectorLayer
+from qgis.core import QgsLayerDefinition, QgsPathResolver, QgsRasterLayer, QgsReadWriteContext, QgsVectorLayer
 from qgis.PyQt.QtXml import QDomDocument
 
 
@@ -44,7 +44,8 @@ def _definition(root):
     return document
 
 
-def particle_layer(path):
-    """A layer of the particle file `path`, or None where QGIS cannot draw it (.h5, .vtp, .csv)."""
-    layer = QgsVectorLayer(path, os.path.splitext(os.path.basename(path))[0], "ogr")
+def layer_of(path):
+    """A layer of the file `path` with the style that lies beside it, or None where QGIS cannot draw it."""
+    name, suffix = os.path.splitext(os.path.basename(path))
+    layer = QgsRasterLayer(path, name) if suffix == ".tif" else QgsVectorLayer(path, name, "ogr")
     return layer if layer.isValid() and layer.isSpatial() else None

@@ -22,11 +22,11 @@ from qgis.core import (
 )
 
 from . import fields
-from .commands import QGIS_MIN
+from .verbs import QGIS_MIN
 
 BANDS_KNOW_TIME = 33800  # from this QGIS on
 VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read as they are; other layers are saved as the first of these
-VECTOR_TYPES = {fields.POLYGONS: "TypeVectorPolygon", fields.LINES: "TypeVectorLine"}
+VECTOR_TYPES = {fields.POLYGONS: "TypeVectorPolygon", fields.LINES: "TypeVectorLine", fields.POINTS: "TypeVectorPoint"}
 
 
 def parameter(field):
@@ -102,6 +102,7 @@ _MAKERS = {
     fields.RASTER: _raster,
     fields.POLYGONS: _vector,
     fields.LINES: _vector,
+    fields.POINTS: _vector,
     fields.FILE: _file,
     fields.FOLDER: _file,
     fields.NUMBER: _number,

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 
-from .commands import OUTPUT, RELEASE, THICKNESS, load
 from .fields import INTEGER, NEW_FOLDER, NUMBER, RASTER, SWITCH, Field, text
+from .verbs import OUTPUT, RELEASE, THICKNESS, load
 
 IDENTIFIER = "simulate"
 TITLE = "Simulate from a form"
-GROUP = "Simulate"
 HELP = (
     "From a terrain model and release areas to an animated map: writes scene.toml into the folder, simulates it "
     "depth-averaged with Voellmy friction, and makes the maps. mu and xi are calibrated values and yours to choose: "

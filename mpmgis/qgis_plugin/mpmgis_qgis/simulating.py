@@ -1,0 +1,140 @@
+"""The verbs that make something move: seed, run, effects, convert. Option by option as the command has them."""
+
+from __future__ import annotations
+
+from .fields import CHOICE, FILE, INTEGER, NEW_FILE, NEW_FOLDER, NUMBER, RASTER, SWITCH, TEXT, Field
+from .verbs import (
+    BAND,
+    CRS_OF_FILES,
+    DEM,
+    FRAME_FILES,
+    LAW,
+    OUTPUT,
+    PARTICLES,
+    RELEASE,
+    SCENES,
+    THICKNESS,
+    Verb,
+    advanced,
+    load,
+    optional,
+    overwrite,
+)
+
+GROUP = "Simulate"
+
+SEED = Verb(
+    "seed",
+    "Seed particles on release areas",
+    GROUP,
+    "Particles of the release: columns of material on the terrain, from a DTM and polygons (Algorithm 1 of MOX report "
+    "15/2025). To look at a release, or to start another code; a simulation seeds by itself. "
+    "Choose a .h5 file to simulate or convert from it.",
+    (
+        DEM,
+        RELEASE,
+        THICKNESS,
+        optional("DENSITY", NUMBER, "Density [kg/m3]", "--density", default=1000.0, least=0),
+        optional("PER_CELL", INTEGER, "Columns in each cell of the terrain", "--per-cell", "Empty: 16.", least=1),
+        optional("COUNT", INTEGER, "or: columns in all", "--count", least=1),
+        optional("SPACING", NUMBER, "or: spacing of the columns [m]", "--spacing", least=0),
+        advanced(
+            "THICKNESS_MODE", CHOICE, "Thickness is measured", "--thickness-mode", "Empty: normal to the slope.",
+            choices=("normal", "vertical"),
+        ),
+        advanced(
+            "SURFACE", RASTER, "Instead of a thickness: surface of the material", "--surface",
+            "The thickness is this raster minus the terrain.",
+        ),
+        advanced(
+            "VELOCITY", TEXT, "Initial velocity to the east and north, E,N [m/s]", "--velocity", default="0,0"
+        ),
+        advanced(
+            "POINTS", CHOICE, "How the columns lie", "--points", "A lattice has the least noise at the start.",
+            default="lattice", choices=("lattice", "staggered", "jittered", "halton", "random"),
+        ),
+        advanced(
+            "MASS", CHOICE, "Mass of the columns", "--mass",
+            "From thickness and area; equal, dense where it is thick; or equal and spread uniformly, as the report "
+            "prints it.",
+            default="thickness", choices=("thickness", "equal", "paper"),
+        ),
+        advanced("REFINE_SLOPE", NUMBER, "More columns on steep ground, 0 to 3", "--refine-slope", default=0.0),
+        advanced("SEED", INTEGER, "Seed of the random numbers", "--seed", default=0, least=0),
+        CRS_OF_FILES,
+        BAND,
+        overwrite("an earlier file"),
+        Field(OUTPUT, NEW_FILE, "Particles", "--output", "The suffix picks the format.", files=PARTICLES),
+        load("the particles"),
+    ),
+    layers=(".gpkg", ".json", ".parquet"),
+)  # fmt: skip
+
+RUN = Verb(
+    "run",
+    "Simulate a scene file",
+    GROUP,
+    "Simulates a scene.toml, depth-averaged or in 3D: frames of particles, with balances of mass and energy in the "
+    "log. Everything that the program can do is said in a scene; 'mpmgis run --template' prints one with every key "
+    "explained. 'Simulate from a form' needs no scene. Then 'Results to maps' makes GeoTIFFs.",
+    (
+        Field("SCENE", FILE, "Scene", None, files=SCENES),
+        Field(
+            "RESUME", SWITCH, "Go on after the last whole frame", "--resume",
+            "Of a run that was cancelled or stopped.", default=False,
+        ),
+        overwrite("the frames of an earlier run in the folder"),
+        Field(
+            "YES", SWITCH, "Start even if predicted to take over an hour", "--yes", default=False
+        ),
+        advanced("THREADS", INTEGER, "Processor threads", "--threads", "Empty: all. The result is the same.", least=1),
+        LAW,
+        optional(OUTPUT, NEW_FOLDER, "Folder for frames, if not results beside the scene", "--output"),
+    ),
+)  # fmt: skip
+
+EFFECTS = Verb(
+    "effects",
+    "Which effects a scene calls for",
+    GROUP,
+    "Which effects (curvature, entrainment, barriers, ...) are on in a scene, and the number that decided. The answer "
+    "is in the log. Without a scene: the catalogue of all effects.",
+    (
+        optional("SCENE", FILE, "Scene", None, files=SCENES),
+        Field(
+            "MEASURE", SWITCH, "Measure what share of the computing time each effect takes", "--measure",
+            "Runs the scene's first steps; half a minute for each effect where that is new.", default=False,
+        ),
+        LAW,
+    ),
+    says=True,
+)  # fmt: skip
+
+CONVERT = Verb(
+    "convert",
+    "Columns to 3D points, and back",
+    GROUP,
+    "A frame of depth-averaged columns filled with 3D points (Algorithm 2 of MOX report 15/2025), or points gathered "
+    "into columns. Mass and momentum are kept.",
+    (
+        Field("FRAME", FILE, "Frame of columns or points", None, files=FRAME_FILES),
+        optional("TO", CHOICE, "What to make of it", "--to", "Empty: the other kind.", choices=("points", "columns")),
+        optional("CELL", NUMBER, "Cell size of the 3D grid to fill, or of the bins [m]", "--cell", least=0),
+        optional("SPACING", NUMBER, "To points: their vertical distance [m]", "--spacing", least=0),
+        advanced(
+            "VERTICAL_VELOCITY", CHOICE, "To points: vertical velocity", "--vertical-velocity",
+            choices=("tangent", "paper", "linear"),
+        ),
+        advanced("RELEVEL", SWITCH, "To points: raise columns that lie over each other", "--relevel", default=False),
+        advanced("PAPER", SWITCH, "To points: every choice as the report prints it", "--paper", default=False),
+        advanced("BY", CHOICE, "To columns: gather points by", "--by", choices=("parent", "cell")),
+        advanced(
+            "DETACHED", CHOICE, "To columns: mass that has left the bed", "--detached", choices=("refuse", "keep")
+        ),
+        advanced("DEM", RASTER, "Terrain model, if not the one that the frame names", "--dem"),
+        CRS_OF_FILES,
+        BAND,
+        overwrite("an earlier file"),
+        Field(OUTPUT, NEW_FILE, "Converted frame", "--output", files=FRAME_FILES),
+    ),
+)  # fmt: skip
