@@ -33,13 +33,7 @@ def run(arguments):
     """Write the hydrograph; figures and paths go to stdout."""
     from ..pipeline.hydrograph import HydrographRequest, hydrograph
 
-    request = HydrographRequest(
-        results=results_options.request(arguments),
-        section=arguments.section,
-        method=arguments.method,
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(HydrographRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: hydrograph(request, say, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0

@@ -34,13 +34,7 @@ def run(arguments):
     """Classify; areas and paths go to stdout."""
     from ..pipeline.intensity import IntensityRequest, intensity
 
-    request = IntensityRequest(
-        results=results_options.request(arguments),
-        guideline=arguments.guideline,
-        guidelines=arguments.guidelines,
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(IntensityRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: intensity(request, say, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0

@@ -33,14 +33,7 @@ def run(arguments):
     """Write the profile; the paths go to stdout."""
     from ..pipeline.profile import ProfileRequest, profile
 
-    request = ProfileRequest(
-        results=results_options.request(arguments),
-        line=arguments.line,
-        at_times=arguments.at_times,
-        spacing=arguments.spacing,
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(ProfileRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: profile(request, say, progress))
     print("\n".join(str(file) for file in found.files))
     return 0

@@ -33,14 +33,7 @@ def run(arguments):
     """Write the report; its path goes to stdout."""
     from ..pipeline.report import ReportRequest, report
 
-    request = ReportRequest(
-        results=results_options.request(arguments),
-        title=arguments.title,
-        line=arguments.line,
-        threshold=arguments.threshold,
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(ReportRequest, arguments)
     files = results_options.tell(arguments, lambda say, progress: report(request, say, progress))
     print("\n".join(str(file) for file in files))
     return 0

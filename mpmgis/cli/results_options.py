@@ -54,6 +54,13 @@ def request(arguments):
     return ExportRequest(**asked | {"frames": tuple(arguments.frames), "output": None, "overwrite": False})
 
 
+def answer_request(kind, arguments):
+    """The request of class `kind` (an AnswerRequest) that the parsed arguments make."""
+    asked = {key: value for key, value in vars(arguments).items() if key in kind.__dataclass_fields__}
+    asked = {key: tuple(value) if isinstance(value, list) else value for key, value in asked.items()}
+    return kind(**asked | {"results": request(arguments)})
+
+
 def tell(arguments, ask):
     """Call `ask(say, progress)`; what is said stands after a refusal-free end, or at once with -v."""
     from . import talk

@@ -39,9 +39,7 @@ def run(arguments: argparse.Namespace):
     """Find the figures; they go to stdout, then the paths of the files."""
     from ..pipeline.runout import RunoutRequest, runout
 
-    request = RunoutRequest(
-        results_options.request(arguments), arguments.line, arguments.threshold, arguments.output, arguments.overwrite
-    )
+    request = results_options.answer_request(RunoutRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: runout(request, say, progress))
     print(json.dumps(found.facts(), indent=1, allow_nan=False) if arguments.json else "\n".join(screen(found)))
     return 0

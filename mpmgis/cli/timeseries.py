@@ -37,13 +37,7 @@ def run(arguments):
     """Write the series; a line a point and the paths go to stdout."""
     from ..pipeline.timeseries import TimeseriesRequest, timeseries
 
-    request = TimeseriesRequest(
-        results=results_options.request(arguments),
-        points=arguments.points,
-        at=tuple(arguments.at),
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(TimeseriesRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: timeseries(request, say, progress))
     print("\n".join([*screen(found, arguments.min_depth), *map(str, found.files)]))
     return 0

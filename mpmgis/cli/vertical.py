@@ -42,16 +42,7 @@ def run(arguments):
     """Write the profiles; loads and paths go to stdout."""
     from ..pipeline.vertical import VerticalRequest, vertical
 
-    request = VerticalRequest(
-        results=results_options.request(arguments),
-        points=arguments.points,
-        at=tuple(arguments.at),
-        at_times=arguments.at_times,
-        width=arguments.width,
-        layer=arguments.layer,
-        output=arguments.output,
-        overwrite=arguments.overwrite,
-    )
+    request = results_options.answer_request(VerticalRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: vertical(request, say, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0

@@ -1,24 +1,33 @@
 """Where an answer about results goes: a folder of files, or the one of them that the suffix of -o asks for."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
+from .export import ExportRequest
 from .opened_results import result_name
 
-_FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder called run_1.5
+FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder called run_1.5
 
 
-def answer_output(request, output, overwrite, word, files):
-    """Path to write to: `output`, else the folder `<name>_<word>` beside the results.
+@dataclass(frozen=True, kw_only=True)
+class AnswerRequest:
+    """What every question about results says: `results` (ExportRequest: which, and how their cells are averaged),
+    where the answer goes, and whether it replaces an earlier one."""
+
+    results: ExportRequest
+    output: Path | None = None
+    overwrite: bool = False
+
+
+def answer_output(request, word, files):
+    """Path to write to: the one asked for, else the folder `<name>_<word>` beside the results.
 
     Parameters
     ----------
-    request : ExportRequest
-        Names the results, which must not lie in what would be replaced.
-    output : Path or None
-    overwrite : bool
+    request : AnswerRequest
     word : str
     files : sequence of str
         Names of the files that the answer is made of.
@@ -28,30 +37,31 @@ def answer_output(request, output, overwrite, word, files):
     InputError, OutputError
         A suffix that none of the files has; it exists; it holds the results.
     """
+    frames, output = request.results.frames, request.output
     if output is None:
-        path = Path(str(request.frames[0]))
+        path = Path(str(frames[0]))
         folder = path if path.is_dir() else path.parent
         folder = folder if folder.name not in ("", "..") else folder.resolve()
-        output = folder.parent / f"{result_name(request)}_{word}"
+        output = folder.parent / f"{result_name(request.results)}_{word}"
     output = Path(output)
     suffixes = list(dict.fromkeys(Path(name).suffix for name in files))
-    if output.suffix.lower() not in suffixes and _FILE_SUFFIX.fullmatch(output.suffix):
+    if output.suffix.lower() not in suffixes and FILE_SUFFIX.fullmatch(output.suffix):
         raise InputError(f"-o {output}: wanted {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
-    refuse_existing(output, overwrite)
-    for path in request.frames:
+    refuse_existing(output, request.overwrite)
+    for path in frames:
         if Path(path).resolve().is_relative_to(output.resolve()):
             raise OutputError(f"{output} holds {path}, which is asked about, and would be replaced; give another -o")
     return output
 
 
-def write_answer(output, overwrite, writers):
+def write_answer(request, output, writers):
     """Write the files of an answer, all or none.
 
     Parameters
     ----------
+    request : AnswerRequest
     output : Path
         As `answer_output` gives it.
-    overwrite : bool
     writers : dict of str to callable
         File name -> function of the path to write; where `output` is one file, the first of its suffix is written.
 
@@ -64,7 +74,7 @@ def write_answer(output, overwrite, writers):
     if single is not None:
         single(output)
         return (output,)
-    with whole_folder(output, overwrite) as folder:
+    with whole_folder(output, request.overwrite) as folder:
         for name, write in writers.items():
             write(folder / name)
     return tuple(output / name for name in writers)

@@ -1,7 +1,6 @@
 """`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
 
 import math
-import re
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,13 +25,13 @@ from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
 from ..products.outline_distance import outline_distances
+from .answer_files import FILE_SUFFIX
 from .export import ExportRequest
 from .given_line import given_line
 from .opened_results import exported_peaks
 
 MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
 OUTLINE = "outline"
-_FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder called run_1.5
 
 
 @dataclass(frozen=True)
@@ -347,7 +346,7 @@ def _output(request):
     if request.output is None:
         return None
     output = Path(request.output)
-    if output.suffix.lower() not in (".png", ".csv") and _FILE_SUFFIX.fullmatch(output.suffix):
+    if output.suffix.lower() not in (".png", ".csv") and FILE_SUFFIX.fullmatch(output.suffix):
         raise InputError(f"-o {output}: wanted .png (the map), .csv (the table) or a folder for both and a GeoTIFF")
     refuse_existing(output, request.overwrite)
     for path in (request.first, request.second):

@@ -19,8 +19,7 @@ from ..products.section_flux import (
     section_state,
     trapezoids,
 )
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .frame_pool import frame_pool
 from .opened_results import open_frames
 
@@ -30,15 +29,12 @@ BEYOND = 2.0  # diagonals of the raster by which a section is continued at both 
 METHODS = ("auto", "particles", "cells")
 
 
-@dataclass(frozen=True)
-class HydrographRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class HydrographRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     section: Path
     method: str = "auto"
-    output: Path | None = None
-    overwrite: bool = False
 
 
 def hydrograph(request, say=lambda text: None, progress=lambda done, total: None):
@@ -53,7 +49,7 @@ def hydrograph(request, say=lambda text: None, progress=lambda done, total: None
     MpmgisError
         What cannot be read, a section that crosses itself or that lies off the raster, one frame alone.
     """
-    output = answer_output(request.results, request.output, request.overwrite, WORD, (PLOT_FILE, TABLE_FILE))
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_frames(request.results, output, say, "how much crosses a section is counted by particles")
     if len(flow.entries) < 2:
         raise InputError(f"{flow.name}: one frame, wanted two or more: what crosses is told between frames")
@@ -63,7 +59,7 @@ def hydrograph(request, say=lambda text: None, progress=lambda done, total: None
         PLOT_FILE: lambda path: write_hydrograph_plot(path, found),
         TABLE_FILE: lambda path: write_hydrograph_table(path, found),
     }
-    return replace(found, files=write_answer(output, request.overwrite, writers))
+    return replace(found, files=write_answer(request, output, writers))
 
 
 def _section(path, flow, say):

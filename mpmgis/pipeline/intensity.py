@@ -12,8 +12,7 @@ from ..io.guideline_tables import choose_guideline
 from ..io.intensity_files import write_class_polygons, write_class_raster, write_class_style, write_class_table
 from ..products.comparison import upright
 from ..products.guidelines import Guideline, class_areas, classify
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import exported_peaks
 
 RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
@@ -22,15 +21,12 @@ FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE)
 WORD = "intensity"
 
 
-@dataclass(frozen=True)
-class IntensityRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class IntensityRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     guideline: str
     guidelines: Path | None = None
-    output: Path | None = None
-    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
         An unknown guideline, what cannot be read, a flow that came nowhere; nothing is written then.
     """
     guideline = choose_guideline(request.guideline, request.guidelines)
-    output = answer_output(request.results, request.output, request.overwrite, WORD, FILES)
+    output = answer_output(request, WORD, FILES)
     with ExitStack() as stack:
         result = exported_peaks(request.results, stack, say, progress)
         bands, grid = _bands(result, guideline)
@@ -73,7 +69,7 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
         POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, guideline, areas),
         TABLE_FILE: lambda path: write_class_table(path, guideline, areas),
     }
-    return IntensityFound(result.name, guideline, areas, write_answer(output, request.overwrite, writers))
+    return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
 def _bands(result, guideline):

@@ -13,8 +13,7 @@ from ..products.cell_series import NOWHERE, cells_of, nearest_times
 from ..products.flow_line import vertex_distances
 from ..products.profile import PROFILE_PRODUCTS, ProfileFound, free_surface
 from ..products.runout_figures import line_profile
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import open_flow
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
@@ -22,16 +21,13 @@ WORD = "profile"
 USUAL_TIMES = 5
 
 
-@dataclass(frozen=True)
-class ProfileRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class ProfileRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     line: Path
     at_times: tuple | None = None  # [s]
     spacing: float | None = None  # [m]
-    output: Path | None = None
-    overwrite: bool = False
 
 
 def profile(request, say=lambda text: None, progress=lambda done, total: None):
@@ -46,7 +42,7 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
     MpmgisError
         What cannot be read, a line off the raster, a time beyond the results; nothing is written then.
     """
-    output = answer_output(request.results, request.output, request.overwrite, WORD, (PLOT_FILE, TABLE_FILE))
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_flow(request.results, output, say)
     line = read_line(request.line, flow.terrain.grid, say)
     steps = chosen_steps(flow.times, request.at_times, say)
@@ -63,7 +59,7 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
         PLOT_FILE: lambda path: write_profile_plot(path, found),
         TABLE_FILE: lambda path: write_rows(path, found),
     }
-    return replace(found, files=write_answer(output, request.overwrite, writers))
+    return replace(found, files=write_answer(request, output, writers))
 
 
 def chosen_steps(times, wanted, say):

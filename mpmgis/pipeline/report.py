@@ -16,8 +16,7 @@ from ..io.runout_files import write_runout_plot
 from ..products.comparison import footprint, high_percentile, peak
 from ..products.report_content import Lines, Picture, Source, Table, figure_rows, section
 from ..products.run_account import account
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .export_inputs import release_outlines
 from .opened_results import exported_peaks, open_frames
 from .runout import RunoutRequest, found_runout
@@ -34,16 +33,13 @@ PASCAL_PER_KILOPASCAL = 1000.0
 SQUARE_METRES_PER_HECTARE = 1e4
 
 
-@dataclass(frozen=True)
-class ReportRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     title: str | None = None
     line: Path | None = None
     threshold: float = 0.1  # [m]
-    output: Path | None = None
-    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,7 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
     ------
     MpmgisError
     """
-    output = answer_output(request.results, request.output, request.overwrite, WORD, (REPORT_FILE,))
+    output = answer_output(request, WORD, (REPORT_FILE,))
     gathered = _gather(request, output, say, progress)
     title = request.title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
@@ -86,7 +82,7 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
         )
     under = f"made by mpmgis {__version__} from {len(gathered.flow.entries)} frames"
     writers = {REPORT_FILE: lambda path: write_report(path, title, under, sections)}
-    return write_answer(output, request.overwrite, writers)
+    return write_answer(request, output, writers)
 
 
 def _gather(request, output, say, progress):
@@ -104,7 +100,7 @@ def _gather(request, output, say, progress):
     grid = peaks["h_max"][1]
     folder = flow.entries[0].path.parent
     scene = folder / SCENE_FILE
-    asked = RunoutRequest(request.results, request.line, request.threshold)
+    asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
     try:
         runout = found_runout(asked, flow, values["h_max"], values["deposit_h"], grid, note)
     except MpmgisError as error:  # a flow that does not run out has a report all the same

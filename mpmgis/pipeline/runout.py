@@ -21,8 +21,7 @@ from ..products.runout_figures import (
     mass_state,
 )
 from ..products.runout_report import RunoutFound
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .frame_pool import frame_pool
 from .given_line import given_line
 from .opened_results import exported_peaks, open_flow
@@ -34,15 +33,12 @@ CENTRE_LINE = "centre line of the flow"
 _ROOM = 0.08  # of the runout: how far the profile goes on at both ends
 
 
-@dataclass(frozen=True)
-class RunoutRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class RunoutRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     line: Path | None = None
     threshold: float = 0.1  # [m]
-    output: Path | None = None
-    overwrite: bool = False
 
 
 def runout(request, say=lambda text: None, progress=lambda done, total: None):
@@ -57,14 +53,14 @@ def runout(request, say=lambda text: None, progress=lambda done, total: None):
     MpmgisError
         What cannot be read, or a flow that reached nothing; nothing is written then.
     """
-    output = answer_output(request.results, request.output, request.overwrite, WORD, FILES)
+    output = answer_output(request, WORD, FILES)
     flow = open_flow(request.results, output, say)
     with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
         peaks = exported_peaks(request.results, stack, say, progress)
         depth, grid = peaks.read("h_max")
         deposit = peaks.read("deposit_h")[0] if "deposit_h" in peaks.bands else np.full(depth.shape, np.nan)
     found = found_runout(request, flow, depth, deposit, grid, say)
-    return replace(found, files=_write(output, request.overwrite, found))
+    return replace(found, files=_write(request, output, found))
 
 
 def found_runout(request, flow, depth, deposit, grid, say):
@@ -145,7 +141,7 @@ def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     return (along, ground, x, y, elevation, falling, *values)
 
 
-def _write(output, overwrite, found):
+def _write(request, output, found):
     writers = {
         PLOT_FILE: lambda path: write_runout_plot(path, found),
         FIGURES_FILE: lambda path: write_figures(path, found),
@@ -154,4 +150,4 @@ def _write(output, overwrite, found):
     }
     if not found.states:
         del writers[TIME_FILE]
-    return write_answer(output, overwrite, writers)
+    return write_answer(request, output, writers)

@@ -9,23 +9,19 @@ from ..errors import InputError
 from ..io.observed import read_points
 from ..io.profile_files import write_rows, write_series_plot
 from ..products.profile import SERIES_PRODUCTS, SeriesFound
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import FrameFlow, open_flow, require_on_grid
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
 WORD = "timeseries"
 
 
-@dataclass(frozen=True)
-class TimeseriesRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class TimeseriesRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     points: Path | None = None
     at: tuple = ()  # (E, N) [m]
-    output: Path | None = None
-    overwrite: bool = False
 
 
 def timeseries(request, say=lambda text: None, progress=lambda done, total: None):
@@ -40,7 +36,7 @@ def timeseries(request, say=lambda text: None, progress=lambda done, total: None
     MpmgisError
         What cannot be read, no point, a point off the raster; nothing is written then.
     """
-    output = answer_output(request.results, request.output, request.overwrite, WORD, (PLOT_FILE, TABLE_FILE))
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_flow(request.results, output, say)
     names, x, y = asked_points(request.points, request.at, flow, say)
     cells = require_on_grid(flow, x, y, names, "point")
@@ -50,7 +46,7 @@ def timeseries(request, say=lambda text: None, progress=lambda done, total: None
         PLOT_FILE: lambda path: write_series_plot(path, found),
         TABLE_FILE: lambda path: write_rows(path, found),
     }
-    return replace(found, files=write_answer(output, request.overwrite, writers))
+    return replace(found, files=write_answer(request, output, writers))
 
 
 def _products(flow, say):

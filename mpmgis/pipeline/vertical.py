@@ -8,8 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.vertical_files import write_loads, write_profiles, write_vertical_plot
 from ..products.vertical import MOST_LAYERS, VerticalFound, corners_of, usual_sizes, vertical_profiles
-from .answer_files import answer_output, write_answer
-from .export import ExportRequest
+from .answer_files import AnswerRequest, answer_output, write_answer
 from .frame_pool import frame_pool
 from .opened_results import open_frames, require_on_grid
 from .profile import chosen_steps
@@ -19,18 +18,15 @@ PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
 WORD = "vertical"
 
 
-@dataclass(frozen=True)
-class VerticalRequest:
-    """What was asked for: `results` (ExportRequest), and the command's options by name. Its help tells more."""
+@dataclass(frozen=True, kw_only=True)
+class VerticalRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
 
-    results: ExportRequest
     points: Path | None = None
     at: tuple = ()  # (E, N) [m]
     at_times: tuple | None = None  # [s]
     width: float | None = None  # [m]
     layer: float | None = None  # [m]
-    output: Path | None = None
-    overwrite: bool = False
 
 
 def vertical(request, say=lambda text: None, progress=lambda done, total: None):
@@ -46,7 +42,7 @@ def vertical(request, say=lambda text: None, progress=lambda done, total: None):
         Columns, which have no profile; what cannot be read; a point off the raster; nothing is written then.
     """
     files = (PLOT_FILE, PROFILE_FILE, LOAD_FILE)
-    output = answer_output(request.results, request.output, request.overwrite, WORD, files)
+    output = answer_output(request, WORD, files)
     flow = _of_points(open_frames(request.results, output, say, "it keeps nothing of what is over the depth"), say)
     names, x, y = asked_points(request.points, request.at, flow, say)
     require_on_grid(flow, x, y, names, "point")
@@ -70,7 +66,7 @@ def vertical(request, say=lambda text: None, progress=lambda done, total: None):
         PROFILE_FILE: lambda path: write_profiles(path, found),
         LOAD_FILE: lambda path: write_loads(path, found),
     }
-    return replace(found, files=write_answer(output, request.overwrite, writers))
+    return replace(found, files=write_answer(request, output, writers))
 
 
 def _of_points(flow, say):
