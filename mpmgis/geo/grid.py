@@ -84,6 +84,15 @@ class Grid:
         last = [min(int(np.ceil(v.max() + 0.5)) + margin, n) for v, n in zip((row, column), self.shape, strict=True)]
         return tuple(first), tuple(np.maximum(last, np.minimum(np.array(first) + 2, self.shape)).tolist())
 
+    def window(self, bounds, margin=0):
+        """(slice of rows, slice of columns) of the pixels that meet `bounds` [m], with `margin`; two along each axis.
+
+        What lies beyond the raster is answered by the two pixels at its edge.
+        """
+        (i0, j0), (i1, j1) = self.pixel_range(bounds, margin)
+        i0, j0 = (max(min(a, n - 2), 0) for a, n in zip((i0, j0), self.shape, strict=True))
+        return slice(i0, i1), slice(j0, j1)
+
     def part(self, row, column, shape):
         """The grid of `shape` whose first pixel is pixel (row, column) of this one."""
         return Grid(self.crs, self.transform * Affine.translation(int(column), int(row)), tuple(shape))

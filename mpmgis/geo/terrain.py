@@ -71,10 +71,12 @@ class Terrain:
 
     def cropped(self, bounds, margin):
         """The Terrain of the pixels that meet `bounds` (west, south, east, north) [m] and `margin` pixels around."""
-        (i0, j0), (i1, j1) = self.grid.pixel_range(bounds, margin)
-        i0, j0 = (max(min(a, n - 2), 0) for a, n in zip((i0, j0), self.grid.shape, strict=True))
-        elevation = self.elevation[i0:i1, j0:j1]
-        return Terrain(self.grid.part(i0, j0, elevation.shape), elevation, self.path, self.sha256)
+        return self.part(*self.grid.window(bounds, margin))
+
+    def part(self, rows, columns):
+        """The Terrain of two slices, of `rows` and of `columns`."""
+        elevation = self.elevation[rows, columns]
+        return Terrain(self.grid.part(rows.start, columns.start, elevation.shape), elevation, self.path, self.sha256)
 
 
 def bilinear(values, row, column):

@@ -6,6 +6,7 @@ import re
 import sys
 import warnings
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import rasterio
 from affine import Affine
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.windows import Window
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
 from ..geo.georeference import (
@@ -41,6 +43,7 @@ _USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
 _SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
 STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
+READ_WHOLE = 25_000_000  # pixels up to which a DTM is read and checked whole, whatever of it is needed: 0.2 GB
 _ROWS_AT_ONCE = 512
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
 
@@ -63,22 +66,73 @@ def read_terrain(path, crs=None, band=None, say=None):
     ------
     FormatError, GeoreferenceError, InputError
     """
-    say = say or (lambda text: None)
-    path = Path(path)
-    with open_raster(path) as source:
-        band = _band(source, path, band)
-        crs = _terrain_crs(source, path, crs, say)
-        _require_metres_up(source, path, band, say)
-        grid = Grid(crs, _transform(source, path, local=crs is None), source.shape)
-        if min(grid.shape) < 2:
-            raise InputError(f"{path} has {grid.shape[0]} x {grid.shape[1]} cells, wanted at least 2 x 2")
-        if crs is not None:
-            require_metric(_crs(source, path) or crs, grid.bounds, str(path), say)
-        elevation = _values(source, path, band)
-    _mask_false_heights(elevation, path, say)
-    terrain = Terrain(grid, elevation, str(path), file_sha256(path))
-    _tell_of_cliffs(terrain, path, say)
-    return terrain
+    return TerrainFile(path, crs, band, say).whole()
+
+
+class TerrainFile:
+    """A DTM whose place is known and whose heights are read, and looked at, where they are asked for.
+
+    Its pieces have the bits that the same pieces of the whole `Terrain` have.
+
+    Parameters
+    ----------
+    path, crs, band, say : as for `read_terrain`
+
+    Attributes
+    ----------
+    grid : Grid
+        Of the whole file.
+    path : str
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def __init__(self, path, crs=None, band=None, say=None):
+        say = say or (lambda text: None)
+        self._file, self._say = Path(path), say
+        self.path = str(self._file)
+        with open_raster(path) as source:
+            self._band = _band(source, path, band)
+            crs = _terrain_crs(source, path, crs, say)
+            _require_metres_up(source, path, self._band, say)
+            self.grid = Grid(crs, _transform(source, path, local=crs is None), source.shape)
+            if min(self.grid.shape) < 2:
+                raise InputError(f"{path} has {source.height} x {source.width} cells, wanted at least 2 x 2")
+            if crs is not None:
+                require_metric(_crs(source, path) or crs, self.grid.bounds, self.path, say)
+
+    @property
+    def pixels(self):
+        """Number of pixels of the whole file."""
+        return self.grid.shape[0] * self.grid.shape[1]
+
+    @cached_property
+    def sha256(self):
+        """Hex digest of the whole file."""
+        return file_sha256(self._file)
+
+    def whole(self):
+        """The Terrain of all pixels."""
+        return self._terrain(self.grid, None)
+
+    def part(self, rows, columns):
+        """The Terrain of two slices, of `rows` and of `columns`."""
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
+
+    def cropped(self, bounds, margin):
+        """As `Terrain.cropped`."""
+        return self.part(*self.grid.window(bounds, margin))
+
+    def _terrain(self, grid, window):
+        with open_raster(self._file) as source:
+            elevation = _values(source, self._file, self._band, window=window)
+        _mask_false_heights(elevation, self._file, self._say)
+        terrain = Terrain(grid, elevation, self.path, self.sha256)
+        _tell_of_cliffs(terrain, self._file, self._say)
+        return terrain
 
 
 def read_raster(path, band=None, may_be_empty=False):
@@ -196,11 +250,11 @@ def _band(source, path, band, option="--dem-band N"):
     return band
 
 
-def _values(source, path, band, may_be_empty=False):
+def _values(source, path, band, may_be_empty=False, window=None):
     """float64[rows, columns]: band values with scale and offset applied, NaN for nodata, mask and infinities."""
     try:
-        data = source.read(band, out_dtype="float64")
-        valid = source.read_masks(band) != 0
+        data = source.read(band, out_dtype="float64", window=window)
+        valid = source.read_masks(band, window=window) != 0
     except (RasterioError, OSError, ValueError) as error:
         raise FormatError(
             f"{path} is truncated or damaged ({_reason(error, path)}); copy or download it again"
@@ -210,7 +264,12 @@ def _values(source, path, band, may_be_empty=False):
     if (scale, offset) != (1.0, 0.0):
         data = data * scale + offset
     if not may_be_empty and not np.isfinite(data).any():
-        raise InputError(f"{path}: every cell is nodata")
+        where = ""
+        if window is not None:
+            last = window.row_off + window.height - 1, window.col_off + window.width - 1
+            first = window.row_off, window.col_off
+            where = f" in rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}, where it is needed,"
+        raise InputError(f"{path}: every cell{where} is nodata")
     return data
 
 
@@ -298,9 +357,9 @@ def _mask_false_heights(elevation, path, say):
         if count:
             elevation[false] = np.nan
             say(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
-    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
     if not np.isfinite(elevation).any():
         raise InputError(f"{path}: every cell is nodata")
+    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
     if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
         raise InputError(
             f"{path}: heights reach from {lowest:g} to {highest:g}, wanted metres between {_BELOW_EARTH:g} and "

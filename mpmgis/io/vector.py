@@ -28,7 +28,7 @@ from ..geo.release import (
     without_overlaps,
 )
 from ..geo.terrain import bilinear
-from ..seeding.bed import require_bed
+from ..seeding.bed import bed_under
 from .raster import file_sha256, open_raster, read_raster
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
@@ -48,7 +48,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     ----------
     path : str or Path
         Vector file (polygons; ``file.gpkg|layername=name`` picks a layer) or raster (mask, or thickness per cell).
-    terrain : Terrain
+    terrain : Terrain or TerrainFile
     thickness : float, str or Path, optional
         A number [m], a column's name, or a raster's path. Without it the first of the columns thickness, d0, relth is
         used, or the values of a release raster.
@@ -73,7 +73,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
-        require_bed(part, terrain)
+    bed_under(features, terrain)
     if wanted.raster is not None:
         own = (
             _surface_thickness(wanted.raster, terrain, features, record, say)
@@ -457,14 +457,15 @@ def _surface_thickness(path, terrain, features, record, say):
     """
     values, grid = read_raster(path)
     grid = _grid_on_terrain(values, grid, terrain, path, say)
-    if grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9):
-        bed = terrain.sample(*grid.xy(*np.indices(grid.shape)))
-        thickness = values - bed
-    else:
-        points = terrain.grid.xy(*np.indices(terrain.grid.shape))
-        thickness, grid = bilinear(values, *grid.rowcol(*points)) - terrain.elevation, terrain.grid
     polygons = [part.polygon for part in features]
-    whole = _cropped(ThicknessRaster(thickness, grid), shapely.total_bounds(polygons))
+    finer = grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9)
+    rows, columns = around = _pixels_around(grid if finer else terrain.grid, shapely.total_bounds(polygons))
+    if finer:
+        thickness = values[around] - _bed_at(terrain, *grid.xy(*np.mgrid[around]))
+    else:
+        points = terrain.grid.xy(*np.mgrid[around])
+        thickness, grid = bilinear(values, *grid.rowcol(*points)) - terrain.part(*around).elevation, terrain.grid
+    whole = ThicknessRaster(thickness, grid.part(rows.start, columns.start, thickness.shape))
     under = rasterio.features.geometry_mask(polygons, whole.grid.shape, whole.grid.transform, invert=True)
     with np.errstate(invalid="ignore"):
         clipped = under & (whole.values < 0)
@@ -475,6 +476,13 @@ def _surface_thickness(path, terrain, features, record, say):
     fine = _finer(whole)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
+
+
+def _bed_at(terrain, x, y):
+    """Elevation [m] at map points [m]; of a TerrainFile only the pixels around them are read."""
+    rows, columns = terrain.grid.window((x.min(), y.min(), x.max(), y.max()), 2)
+    row, column = terrain.grid.rowcol(x, y)
+    return bilinear(terrain.part(rows, columns).elevation, row - rows.start, column - columns.start)
 
 
 def _finer(raster):
@@ -511,15 +519,20 @@ def _where_thick(part, thickness, say):
 
 def _cropped(thickness, bounds):
     """The part of a ThicknessRaster that meets `bounds` [m], one cell at least."""
+    rows, columns = around = _pixels_around(thickness.grid, bounds)
+    values = thickness.values[around]
+    return ThicknessRaster(values, thickness.grid.part(rows.start, columns.start, values.shape))
+
+
+def _pixels_around(grid, bounds):
+    """(slice of rows, slice of columns) of the pixels whose values count in `bounds` [m], one at least."""
     west, south, east, north = bounds
-    places = thickness.grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
+    places = grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
     slices = []
-    for place, size in zip(places, thickness.grid.shape, strict=True):
+    for place, size in zip(places, grid.shape, strict=True):
         first = int(np.clip(np.floor(place.min()) - 1, 0, size - 1))
         slices.append(slice(first, int(np.clip(np.ceil(place.max()) + 2, first + 1, size))))
-    transform = thickness.grid.transform * Affine.translation(slices[1].start, slices[0].start)
-    values = thickness.values[tuple(slices)]
-    return ThicknessRaster(values, Grid(thickness.grid.crs, transform, values.shape))
+    return tuple(slices)
 
 
 def _grid_on_terrain(values, grid, terrain, path, say):

@@ -10,11 +10,12 @@ from ..effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..errors import InputError, SceneError
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
-from ..io.raster import read_terrain
+from ..io.raster import READ_WHOLE, TerrainFile
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
+from ..solvers.cost import MEMORY_SHARE, available_memory
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid
 from ..solvers.identity import start_digest
@@ -25,6 +26,7 @@ from .point_start import read_point_start
 from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
+BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
 CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
@@ -151,19 +153,32 @@ def _once(say):
 
 
 def _terrain(scene, say):
-    """The terrain, or the window of it that the scene asks for."""
+    """The terrain, or the window of it that the scene asks for, of which no more is read."""
     table = scene.terrain
-    terrain = read_terrain(scene.path(table.dem), crs=table.crs, band=table.band, say=say)
-    if table.window is None:
-        return terrain
-    west, south, east, north = terrain.grid.bounds
-    window = table.window
+    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say), table.window
+    if window is None:
+        _tell_of_size(file, say)
+        return file.whole()
+    west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
         raise SceneError(
             f"[terrain] window = {list(window)} does not meet the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
             f"{north:.0f}; correct it"
         )
-    return terrain.cropped(window, 0)
+    return file.cropped(window, 0)
+
+
+def _tell_of_size(file, say):
+    """What a very large DTM will take up of memory, before it is read; refused where that is not there."""
+    if file.pixels <= READ_WHOLE:
+        return
+    rows, columns = file.grid.shape
+    needed, free = file.pixels * BYTES_PER_PIXEL, available_memory()
+    what = f"{file.path} has {rows} x {columns} cells, which take up to {needed / 1e9:.2g} GB"
+    cure = "[terrain] window = [west, south, east, north] reads only a part"
+    if needed > MEMORY_SHARE * free:
+        raise SceneError(f"{what}; {free / 1e9:.2g} GB are free; {cure}")
+    say(f"{what}; {cure}")
 
 
 def _start_of_columns(scene, terrain, grid, say):

@@ -8,7 +8,7 @@ from ..errors import OutputError
 from ..geo.release import NORMAL
 from ..io.atomic import refuse_existing
 from ..io.particle_files import require_format, write_columns
-from ..io.raster import read_terrain
+from ..io.raster import READ_WHOLE, TerrainFile
 from ..io.vector import read_release
 from ..seeding.columns import plan_seed
 from ..seeding.plausible import Cures, tell_if_implausible
@@ -60,7 +60,7 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = read_terrain(dem, crs=crs, band=dem_band, say=say)
+    terrain = _terrain(dem, crs, dem_band, say)
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
@@ -71,6 +71,16 @@ def seed_file(
     frame = replace(seed.empty_frame(), dem=relative_path(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
+
+
+def _terrain(dem, crs, band, say):
+    """The DTM, or of a very large one the file, of which no more is read than lies under the release."""
+    file = TerrainFile(dem, crs, band, say)
+    if file.pixels <= READ_WHOLE:
+        return file.whole()
+    rows, columns = file.grid.shape
+    say(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
+    return file
 
 
 def _refuse_inputs(path, inputs):

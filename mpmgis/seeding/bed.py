@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from ..errors import InputError
 from ..geo.release import NORMAL, ThicknessRaster
@@ -14,25 +15,32 @@ _MARGIN = 3  # [cells] beyond the release, so that gradients under it are centra
 _SAME_CELL = 1 + 1e-9
 
 
-def cropped_terrain(terrain, bounds):
-    """The Terrain around `bounds` (west, south, east, north) [m], with a margin of three cells where there is one."""
-    return terrain.cropped(bounds, _MARGIN)
+def bed_under(parts, terrain):
+    """The Terrain around release `parts`, with a margin of three cells where there is one.
 
-
-def require_bed(part, terrain):
-    """Refuse a release part over cells without an elevation, naming them (design note D12).
+    `terrain` is a Terrain, or a TerrainFile of which no more than this is read.
 
     Raises
     ------
     InputError
+        A part lies over cells without an elevation; they are named (design note D12).
     """
-    if terrain.valid.all():
-        return
-    outline = Outline.of(part.polygon, Lattice.of_grid(terrain.grid))
+    rows, columns = terrain.grid.window(shapely.total_bounds([part.polygon for part in parts]), _MARGIN)
+    near = terrain.part(rows, columns)
+    if not near.valid.all():
+        for part in parts:
+            _require_bed(part, near, terrain.grid, np.array([rows.start, columns.start]))
+    return near
+
+
+def _require_bed(part, terrain, grid, first):
+    """Refuse a part over cells without an elevation; `terrain` begins at the cell `first` of the whole `grid`."""
+    outline = Outline.of(part.polygon, Lattice.of_grid(grid))
     cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
-    inside = np.all((cells >= 0) & (cells < terrain.grid.shape), axis=1)
-    cells = cells[inside]
-    bad = cells[~terrain.valid[cells[:, 0], cells[:, 1]]]
+    here = cells - first
+    inside = np.all((here >= 0) & (here < terrain.grid.shape), axis=1)
+    cells, here = cells[inside], here[inside]
+    bad = cells[~terrain.valid[here[:, 0], here[:, 1]]]
     if len(bad):
         named = ", ".join(f"({row}, {column})" for row, column in sorted(map(tuple, bad.tolist()))[:3])
         more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 
 from .. import __version__
 from ..errors import InputError
@@ -12,7 +11,7 @@ from ..geo.grid import Grid
 from ..geo.release import require_on_terrain
 from ..kernels import sampling
 from ..particles import Frame, Particles
-from .bed import cropped_terrain, deposit_of, extended_elevation, require_bed, steepness
+from .bed import bed_under, deposit_of, extended_elevation, steepness
 from .options import SeedOptions
 from .sources import column_sources
 
@@ -49,13 +48,15 @@ def seed_columns(terrain, release, *, say=None, **options):
 
 
 def plan_seed(terrain, release, *, say=None, **options):
-    """As `seed_columns`, but answers a `Seed` whose columns are still to be made, in slabs of any size."""
+    """As `seed_columns`, but answers a `Seed` whose columns are still to be made, in slabs of any size.
+
+    `terrain` may be a TerrainFile, too: no more of it is read than what lies under the release.
+    """
     say = say or (lambda text: None)
     options = SeedOptions(**options)
     for part in release.parts:
         require_on_terrain(part, terrain.grid)
-        require_bed(part, terrain)
-    near = cropped_terrain(terrain, shapely.total_bounds(release.polygons))
+    near = bed_under(release.parts, terrain)
     deposits = [deposit_of(part, release.thickness_mode, near) for part in release.parts]
     origin = float(math.floor(terrain.grid.bounds[0])), float(math.floor(terrain.grid.bounds[1]))
     bed = np.ascontiguousarray(extended_elevation(near))

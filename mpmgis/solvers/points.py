@@ -29,6 +29,7 @@ BARRIER_SUMS = (
     "moment_impulse_up", "overtopped_mass", "peak_normal_force",
 )  # fmt: skip
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
+LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 LONE_SHARE = 0.95  # of the time step at which a point on its own begins to swing higher and higher
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
@@ -183,8 +184,9 @@ class PointSolver(ParticleStore):
         self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max(initial=0.0))
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
-        self._settings = self._made_settings()
+        self._settings = self._made_settings(particles.mass)
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
+        self._lay_on_ground(place, particles.mass)
         rows = self._rows[0]
         kernel.set_places(rows, self._keys[0], place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
@@ -198,7 +200,18 @@ class PointSolver(ParticleStore):
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
         self._momentum_start = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0, dtype=float)
 
-    def _made_settings(self):
+    def _lay_on_ground(self, place, mass):
+        """Raise what lies more than a cell under the ground onto it, in `place` [n, 3], and book its `mass` as lifted.
+
+        Points that stand on the DTM's own pixels may lie under the solver's ground, which is smooth over a cell. They
+        are no leak, which would end the run in its first step.
+        """
+        surface = self._height_under(place[:, :2])
+        under = place[:, 2] < surface - self.numerics.cell_size
+        place[under, 2] = surface[under]
+        self._clock[kernel.LIFTED_MASS] = mass[under].sum()
+
+    def _made_settings(self, mass):
         numerics, material, dx = self.numerics, self.effects.material, self.numerics.cell_size
         viscosity = float(material.viscosity())
         ny, nx = self.grid.inside.shape
@@ -213,7 +226,7 @@ class PointSolver(ParticleStore):
             clearance=float(numerics.clearance * dx),
             cells_x=nx,
             cells_y=ny,
-            leak_stop=LEAK_STOP,
+            leak_stop=max(LEAK_STOP, LEAK_POINTS * float(mass.max(initial=0.0)) / max(self.mass_start, 1e-300)),
             wall=numerics.edges == "wall",
         )
 
@@ -366,6 +379,7 @@ class PointSolver(ParticleStore):
         clock = self._clock
         self._counts[kernel.ALIVE] += len(frame.particles)
         clock[[kernel.TOTAL_MASS, kernel.MASS_NOW]] += new.mass_start
+        clock[kernel.LIFTED_MASS] += new._clock[kernel.LIFTED_MASS]
         for entry in (kernel.FASTEST, kernel.SHEAR):
             clock[entry] = max(clock[entry], new._clock[entry])
         self.mass_start += new.mass_start

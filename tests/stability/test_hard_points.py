@@ -1,14 +1,19 @@
-"""Hard cases of the 3D solver, each on one thread and on two (design notes 7; numbers in README.md).
+"""Hard cases of the 3D solver, each in both precisions, on one thread and on two (design notes 7, README.md).
 
 Besides what a case asserts itself, `Watch` holds mass, momentum and energy. Sand and water, so that two variants of
-the solver are compiled.
+the solver are compiled a precision.
 """
 
+import sys
+from functools import partial
+
+import hard_scenes
 import numpy as np
 import pytest
 from column_scenes import G, columns_of, terrain_of
 from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
 from point_scenes import block_of, points_on, sorted_points
+from scene_strategies import Box, Ground, PointScene
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.fluid import Fluid
@@ -16,7 +21,18 @@ from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import softening
 from mpmgis.kernels import points as kernel
 
-pytestmark = pytest.mark.usefixtures("threads")
+ROUNDED = {"float64": 1e-9, "float32": 2e-5}  # [m], [m s-1] of hundreds of steps; measured 1e-5 in single precision
+
+pytestmark = pytest.mark.usefixtures("threads", "precision")
+
+
+@pytest.fixture(params=["float64", "float32"])
+def precision(request, monkeypatch):
+    """What the points of a case are marched in, unless it says so itself."""
+    in_precision = partial(points_on, precision=request.param)
+    for module in (hard_scenes, sys.modules[__name__]):
+        monkeypatch.setattr(module, "points_on", in_precision)
+    return request.param
 
 
 def level(x, y):
@@ -67,18 +83,64 @@ def test_a_layer_far_thinner_than_a_cell(material):
     assert p.velocity[:, 0].mean() == pytest.approx(G * 0.5 / 1.25, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("ground", "box"),
+    [
+        (Ground("noise", 0.0, 0.0, 0.5, 0.5, 63, 40.0, 20.0), Box(0.0, 0.0, 0.1, 0.0, 0.05, 2, 0.0, 0.0)),
+        (Ground("noise", 35.0, 2.36, 2.0, 0.57, 209, 40.0, 20.0), Box(0.0, 0.83, 0.02, 0.02, 5.0, 2, 20.0, 2.36)),
+        (Ground("noise", 50.0, 0.0, 2.0, 0.3, 410, 40.0, 20.0), Box(0.99999, 0.0, 0.1, 0.1, 0.5, 2, 0.0, 0.0)),
+    ],
+    ids=["start", "tower", "edge"],
+)
+def test_a_few_points_on_ground_rougher_than_a_cell_are_no_leak(ground, box, precision):
+    """H4: they start under the solver's ground, which is smooth over a cell, or come there one by one: laid back, told.
+
+    A hundredth of the mass is a single one of them, so that the first of them ended the run.
+    """
+    solver = PointScene(ground, box, 0.0, 0.4, "wall", 1.0, 30.0, 0.0, 0.0, precision).solver()
+    Watch(solver).march(1.0)
+    assert solver.balances()["mass_lifted_onto_ground"] > 0.0
+
+
+def test_jets_at_a_wall_take_their_speed_from_the_rest(precision):
+    """H8, H26: sand without friction runs along a wall into the corner: a hundredth goes 1.9 times as fast as all came.
+
+    U^2 up to 3.6 of H2's bound, measured; the flow as a whole loses half its energy.
+    """
+    ground = Ground("cliff", 35.0, 4.976, 0.5, 1.0 / 3.0, 17, 40.0, 20.0)
+    box = Box(0.2112322116965602, 0.07897657156429606, 0.1, 0.1, 2.0, 2, 20.0, 4.976)
+    solver = PointScene(ground, box, 0.0, 0.2, "wall", 10.0, 0.0, 0.0, 0.0, precision).solver()
+    watch = Watch(solver)
+    watch.march(1.0, looks=20)
+    assert watch.speed_ratio > 2.0 and watch.gain < 0.0
+
+
+@pytest.mark.parametrize("cfl", [0.4, 0.9])
+def test_a_soft_tower_rings_and_makes_no_energy(cfl, precision):
+    """H14, H26: 5 m high, two points wide, far too soft, in steps of 0.4 and of 0.95 of what a point alone bears.
+
+    Its elastic energy swings half a step apart from the rest, by 4e-3 of all there is; after 6 s a tenth is lost.
+    """
+    ground = Ground("rough slope", 5.0, 0.6557, 0.5, 0.6557, 135, 40.0, 20.0)
+    box = Box(0.43762988186643426, 0.7401388210661809, 0.02, 0.02, 5.0, 2, 0.0, 2.838)
+    watch = Watch(PointScene(ground, box, 0.0, cfl, "wall", 0.03, 60.0, 1e5, 0.0, precision).solver())
+    watch.march(6.0, looks=24)
+    assert watch.solver.balances()["energy_lost"] > 0.0
+
+
 @pytest.mark.parametrize("material", [sand(5.0), water(5.0)], ids=["sand", "water"])
-def test_one_point_alone_flies_as_a_stone(material):
+def test_one_point_alone_flies_as_a_stone(material, precision):
     """H3: its affine velocity stays finite; until it lands it is on its parabola, to the first order of the step."""
     solver = thrown(material, (3.0, 0.0, 2.0), (0.5, 0.5, 0.5), (20.0, 10.0, 3.0), time_step=1e-3)
     solver.advance(0.5)
     start, place = np.array([20.25, 10.25, 3.25]), in_the_map(solver)[0]
-    np.testing.assert_allclose(place, start + np.array([1.5, 0.0, 1.0 - 0.5 * G * 0.5 * 0.501]), atol=1e-9)
+    there = start + np.array([1.5, 0.0, 1.0 - 0.5 * G * 0.5 * 0.501])
+    np.testing.assert_allclose(place, there, atol=ROUNDED[precision])
     Watch(solver).march(2.0)
     assert solver.points == 1
 
 
-def test_points_of_next_to_no_mass_are_carried():
+def test_points_of_next_to_no_mass_are_carried(precision):
     """H4: points of 1e-12 of the others' mass round a block: no velocity blows up, momentum is kept."""
     block = block_of((8.0, 8.0, 8.0), 0.5, (16.0, 6.0, 10.0), velocity=(2.0, 0.0, 0.0))
     p = block.particles
@@ -87,7 +149,7 @@ def test_points_of_next_to_no_mass_are_carried():
     p.volume[light] *= 1e-12
     solver = points_on(terrain_of(level, 40.0, 20.0, 1.0), block, 1.0, sand(10.0))
     Watch(solver).march(1.0)
-    np.testing.assert_allclose(sorted_points(solver).velocity[:, 0], 2.0, atol=1e-9)
+    np.testing.assert_allclose(sorted_points(solver).velocity[:, 0], 2.0, atol=ROUNDED[precision])
 
 
 def test_rock_as_stiff_as_rock():
@@ -187,8 +249,8 @@ def test_softening_of_nothing_and_at_once(coefficient):
     assert height > 3.5 if coefficient == 0.0 else height < 3.0
 
 
-def rest(steps):
-    """A block held by friction on level ground, for so many steps."""
+def rest(steps, drift):
+    """A block held by friction on level ground, for so many steps: at most `drift` [m] in the second half of them."""
     solver = thrown(sand(1.0, 35.0, 1e4), lengths=(2.0, 2.0, 2.0), mu=0.9)
     while solver.advance(1e12, np.inf, 500) == kernel.RUNNING and solver.step < steps // 2:
         pass
@@ -197,7 +259,7 @@ def rest(steps):
         pass
     after = sorted_points(solver)
     assert np.array_equal(after.mass, middle.mass) and solver.balances()["mass_error_relative"] == 0.0
-    assert np.abs(after.position.mean(axis=0) - middle.position.mean(axis=0)).max() <= 1e-3
+    assert np.abs(after.position.mean(axis=0) - middle.position.mean(axis=0)).max() <= drift
     assert solver.energy()[0] <= 1e-4 * solver.mass_start * G * 2.0
     Watch(solver).look()
 
@@ -205,11 +267,11 @@ def rest(steps):
 @pytest.mark.parametrize("threads", [1], indirect=True)
 def test_ten_thousand_steps_at_rest_move_no_block():
     """H41, short: it swings on its elasticity at the start, and stays where it came to rest."""
-    rest(10_000)
+    rest(10_000, 2e-4)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("threads", [1], indirect=True)
 def test_a_million_steps_at_rest_move_no_block():
-    """H41."""
-    rest(1_000_000)
+    """H41: measured 1.1e-8 m in the second half million, and none at all in single precision; 70 s."""
+    rest(1_000_000, 1e-6)
