@@ -27,6 +27,7 @@ VERBS = {
     "report": ("report", "one HTML file about a run: maps, runout, balances, parameters, effects, warnings"),
     "intensity": ("intensity", "intensity classes of a named guideline, as raster and polygons"),
     "vertical": ("vertical", "density, velocities and pressure over the height above the bed, of 3D frames"),
+    "ensemble": ("ensemble", "many runs over parameter ranges: probability and percentile rasters"),
     "compare": ("compare", "two results, or a result and an observed outline, in numbers and on a map"),
     "info": ("info", "one screen about any file of the chain"),
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),

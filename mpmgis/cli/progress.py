@@ -161,3 +161,25 @@ def frame_progress(done, total):
         print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
     elif _export_lines.is_due():
         talk.say(f"frame {done} of {total}")
+
+
+@contextmanager
+def member_progress():
+    """Gives `look(done, total, left_out)` for many runs: on a terminal over its own line, for logs now and then."""
+    on_terminal, lines, shown = sys.stderr.isatty(), _NowAndThen(), [None]
+    lines.is_due()
+
+    def look(done, total, left_out):
+        text = f"run {done} of {total}" + (f", {left_out} left out" if left_out else "")
+        if talk.volume < 0 or text == shown[0]:
+            return
+        if on_terminal:
+            print(f"\r{text}", end="", file=sys.stderr, flush=True)
+            shown[0] = text
+        elif lines.is_due():
+            talk.say(text)
+            shown[0] = text
+
+    yield look
+    if on_terminal and shown[0] is not None:
+        print(file=sys.stderr)

@@ -69,6 +69,19 @@ class Terrain:
         row, column = self.grid.rowcol(x, y)
         return bilinear(self.elevation, row, column)
 
+    def rows_on(self, grid, first, last):
+        """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
+        if (grid.transform, grid.shape) == (self.grid.transform, self.grid.shape):
+            return self.elevation[first:last]
+        row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
+        x, y = grid.xy(row, column)
+        between = self.sample(x, y)
+        i, j = (np.floor(place + 0.5).astype(np.int64) for place in self.grid.rowcol(x, y))
+        rows, columns = self.grid.shape
+        on = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+        own = np.where(on, self.elevation[np.where(on, i, 0), np.where(on, j, 0)], np.nan)
+        return np.where(np.isfinite(between), between, own)
+
     def cropped(self, bounds, margin):
         """The Terrain of the pixels that meet `bounds` (west, south, east, north) [m] and `margin` pixels around."""
         return self.part(*self.grid.window(bounds, margin))

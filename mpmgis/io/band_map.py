@@ -31,8 +31,8 @@ def write_band_map(path, terrain, grid, values, band, title="", release=None, mi
         North-up, of `values`.
     values : float[rows, columns]
         NaN where the flow never was.
-    band : str
-        Key of LOOKS.
+    band : str or Look
+        Key of LOOKS, or how it looks.
     title : str
     release : sequence of shapely polygons, optional
     min_depth : float [m]
@@ -41,7 +41,7 @@ def write_band_map(path, terrain, grid, values, band, title="", release=None, mi
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    look, release = LOOKS[band], list(release or ())
+    look, release = LOOKS[band] if isinstance(band, str) else band, list(release or ())
     floor = min_depth if look.shown == "depth" else 0.0
     figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)

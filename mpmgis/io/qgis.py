@@ -74,11 +74,15 @@ def write_project(run, qgis_min="3.38"):
         _outlines(run),
         _maxima(run),
         _deposit(run),
-        _terrain(run),
+        terrain_group(run),
     ]
-    text = qgis_document(_project(run, clock, [group for group in groups if group.rows]))
+    write_archive(run, _project(run, clock, [group for group in groups if group.rows]))
+
+
+def write_archive(run, project):
+    """The project's element as .qgz in the run's folder."""
     with zipfile.ZipFile(run.folder / run.project_file, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(f"{run.name}.qgs", text)
+        archive.writestr(f"{run.name}.qgs", qgis_document(project))
 
 
 def parse_version(text):
@@ -110,7 +114,7 @@ def _outlines(run):
 
 def _maxima(run):
     rows = [
-        _raster_layer(run, "maxima", run.maxima_file, quantity, band, shown=band == 1)
+        raster_layer(run, "maxima", run.maxima_file, quantity, band, shown=band == 1)
         for band, quantity in enumerate(run.maxima_bands, start=1)
     ]
     return Group(f"{run.name}: maxima over all steps", rows, shown=False, unfolded=False, exclusive=True)
@@ -118,19 +122,20 @@ def _maxima(run):
 
 def _deposit(run):
     rows = [
-        _raster_layer(run, "deposit", run.deposit_file, quantity, band, shown=band == 1)
+        raster_layer(run, "deposit", run.deposit_file, quantity, band, shown=band == 1)
         for band, quantity in enumerate(run.deposit_bands, start=1)
     ]
     return Group(f"{run.name}: deposit (last step)", rows, shown=False, unfolded=False, exclusive=True)
 
 
-def _terrain(run):
+def terrain_group(run):
+    """Group of contours over a hillshade."""
     heights = run.read_terrain()
     heights = heights[np.isfinite(heights)]
     interval = contour_interval(float(np.ptp(heights)) if heights.size else 0.0)
     pipes = {f"contours every {interval:g} m": contour_pipe(interval), "hillshade": hillshade_pipe()}
     rows = [
-        Layer(title, _maplayer(run, "raster", f"terrain_{k}", run.terrain_file, title, "gdal", None, pipe), True)
+        Layer(title, map_layer(run, "raster", f"terrain_{k}", run.terrain_file, title, "gdal", None, pipe), True)
         for k, (title, pipe) in enumerate(pipes.items())
     ]
     return Group("terrain", rows, unfolded=False)
@@ -138,7 +143,7 @@ def _terrain(run):
 
 def _stacked_layer(run, clock, quantity, band, shown):
     title = look_of(quantity).title(quantity.name)
-    maplayer = _maplayer(
+    maplayer = map_layer(
         run,
         "raster",
         f"animation_{quantity.name}",
@@ -158,20 +163,21 @@ def _steps_group(run, clock, quantity, band, shown):
         title = f"{quantity.name} at t = {run.times[k]:.{clock.decimals}f} s"
         part = f"step_{quantity.name}_{k:04d}"
         pipe = value_pipe(quantity, run, band)
-        rows.append(Layer(title, _maplayer(run, "raster", part, file, title, "gdal", one_step(clock, k), pipe), True))
+        rows.append(Layer(title, map_layer(run, "raster", part, file, title, "gdal", one_step(clock, k), pipe), True))
     return Group(look_of(quantity).title(quantity.name), rows, shown=shown, unfolded=False)
 
 
-def _raster_layer(run, kind, file, quantity, band, shown):
+def raster_layer(run, kind, file, quantity, band, shown):
+    """Layer of one band of a raster, in the colours of `quantity`."""
     title = look_of(quantity).title(quantity.name)
     pipe = value_pipe(quantity, run, band)
     return Layer(
-        title, _maplayer(run, "raster", f"{kind}_{quantity.name}", file, title, "gdal", None, pipe), shown, shown
+        title, map_layer(run, "raster", f"{kind}_{quantity.name}", file, title, "gdal", None, pipe), shown, shown
     )
 
 
 def _vector_layer(run, name, shown):
-    maplayer = _maplayer(
+    maplayer = map_layer(
         run,
         "vector",
         f"vector_{name}",
@@ -225,13 +231,13 @@ def _arrows(run, clock):
         node("vector-settings", drawn, arrow),
     )
     title = "velocity arrows"
-    maplayer = _maplayer(run, "mesh", "mesh_velocity", run.mesh_file, title, "mdal", temporal, settings)
+    maplayer = map_layer(run, "mesh", "mesh_velocity", run.mesh_file, title, "mdal", temporal, settings)
     maplayer.extend(node("name-to-global-index", {"name": n, "global-index": k}) for k, n in enumerate(names))
     return [Layer(title, maplayer, True)]
 
 
-def _maplayer(run, kind, part, source, title, provider, temporal, drawing):
-    """`maplayer` element; `part` makes its id, `drawing` is its pipe or renderer."""
+def map_layer(run, kind, part, source, title, provider, temporal, drawing):
+    """`maplayer` element; `part` makes its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
     return node(
         "maplayer",
         {"type": kind, "styleCategories": "AllStyleCategories"},
@@ -252,9 +258,31 @@ def _layer_id(run, part):
 
 
 def _project(run, clock, groups):
-    west, south, east, north = _view(run)
-    corners = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
     start, end = stamp(clock.begins[0]), stamp(clock.ends[-1])
+    times = {"timeStep": clock.step, "timeStepUnit": "s", "frameRate": FRAME_RATE, "cumulativeTemporalRange": 0}
+    settings = node(
+        "ProjectTimeSettings", times, node("TemporalRange", None, node("start", text=start), node("end", text=end))
+    )
+    return project_document(run, groups, _view(run), _moving_settings(run, clock, start, end), settings)
+
+
+def project_document(run, groups, view, settings, times=None):
+    """`qgis` element of a project.
+
+    Parameters
+    ----------
+    run : object
+        With a name and a grid.
+    groups : list of Group
+    view : (float, float, float, float) [m]
+        West, south, east, north of what is shown at first.
+    settings : dict
+        Besides those that every project of ours has, as `_properties` takes them.
+    times : Element, optional
+        `ProjectTimeSettings`.
+    """
+    west, south, east, north = view
+    corners = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
     canvas = node(
         "mapcanvas",
         {"name": "theMapCanvas"},
@@ -262,7 +290,6 @@ def _project(run, clock, groups):
         node("extent", None, *(node(side, text=repr(value)) for side, value in corners.items())),
         node("destinationsrs", None, reference_system(run.grid.crs)),
     )
-    times = {"timeStep": clock.step, "timeStepUnit": "s", "frameRate": FRAME_RATE, "cumulativeTemporalRange": 0}
     return node(
         "qgis",
         {"version": "3.22.0", "projectname": run.name},
@@ -271,17 +298,13 @@ def _project(run, clock, groups):
         node("layer-tree-group", None, *(_tree(group) for group in groups)),
         canvas,
         node("projectlayers", None, *(layer.maplayer for group in groups for layer in _layers(group))),
-        _properties(run, clock, start, end),
+        _properties(settings),
         node(
             "ProjectViewSettings",
             {"UseProjectScales": 0},
             node("DefaultViewExtent", corners, reference_system(run.grid.crs)),
         ),
-        node(
-            "ProjectTimeSettings",
-            times,
-            node("TemporalRange", None, node("start", text=start), node("end", text=end)),
-        ),
+        times,
     )
 
 
@@ -315,25 +338,38 @@ def _tree(row):
     return node("layer-tree-group", {"name": row.title} | shown | choice, *(_tree(child) for child in row.rows))
 
 
-def _properties(run, clock, start, end):
-    """Project settings: CRS in use, relative paths, controller set to animated, map title with true time, scale bar."""
+def _moving_settings(run, clock, start, end):
+    """Settings of a project that moves: the controller set to animated, the true time in the map's title."""
     elapsed = "(epoch(@map_start_time) - epoch(make_datetime(2000,1,1,0,0,0)))"
     label = f"{run.name}   t = [% format_number({elapsed} / 1000.0 / {clock.stretch}, {clock.decimals}) %] s"
-    settings = {
-        "SpatialRefSys": {"ProjectionsEnabled": ("int", 1)},
-        "Paths": {"Absolute": ("bool", "false")},
+    return title_settings(label) | {
         "TemporalControllerWidget": {
             "NavigationMode": ("int", 1),
             "StartDateTime": ("QString", start),
             "EndDateTime": ("QString", end),
         },
+    }
+
+
+def title_settings(label):
+    """Settings of a title on the map."""
+    return {
         "TitleLabel": {
             "Enabled": ("bool", "true"),
             "Placement": ("int", 4),
             "BackgroundColor": ("QString", "255,255,255,200"),
             "Label": ("QString", label),
         },
+    }
+
+
+def _properties(more):
+    """Project settings: CRS in use, relative paths, scale bar, and `more`, {scope: {key: (type, value)}}."""
+    settings = {
+        "SpatialRefSys": {"ProjectionsEnabled": ("int", 1)},
+        "Paths": {"Absolute": ("bool", "false")},
         "ScaleBar": {"Enabled": ("bool", "true"), "Placement": ("int", 0)},
+        **more,
     }
     return node(
         "properties",

@@ -22,6 +22,7 @@ VIK = ("#001261", "#06548b", "#71a8c4", "#ece5e0", "#d39774", "#a94512", "#59000
 DEPTH_LIMITS = (0.5, 1, 2, 3, 4, 5)  # [m]
 SPEED_LIMITS = (1, 5, 10, 15, 20, 25, 30)  # [m/s]
 PRESSURE_LIMITS = (1, 10, 25, 50, 100)  # [kPa]
+PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
 OPACITY = 0.8  # of a flow over the hillshade
 
 
@@ -68,10 +69,19 @@ LOOKS = {
 }
 
 
+PROBABILITY = "P_"  # how names of probabilities begin
+
+
 def look_of(quantity):
-    """The Look of a band; one that the table does not know is shown from its least to its largest size."""
+    """The Look of a band; one that the table does not know is shown from its least to its largest size.
+
+    A probability has classes of its own; a statistic of many runs (`h_mean`, `p_p95`) looks like its quantity.
+    """
+    if quantity.name.startswith(PROBABILITY):
+        return Look(quantity.long_name, "", HAWAII_REVERSED, "size", PROBABILITY_LIMITS)
+    of = LOOKS.get(quantity.name.rpartition("_")[0])
     plain = Look(quantity.long_name, quantity.unit.replace(" s-1", "/s"), LAJOLLA, "size")
-    return LOOKS.get(quantity.name, plain)
+    return LOOKS.get(quantity.name, plain if of is None else of._replace(words=quantity.long_name))
 
 
 def class_limits(look, typical):
@@ -327,14 +337,15 @@ def write_styles(run):
     clock = Clock.of(run.times)
     step = style_document(value_pipe(run.step_bands[0], run, 1))
     for file in run.step_files:
-        _write_sidecar(run, file, step)
-    _write_sidecar(run, run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1)))
-    _write_sidecar(run, run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1)))
-    _write_sidecar(run, run.terrain_file, style_document(hillshade_pipe()))
+        write_sidecar(run, file, step)
+    write_sidecar(run, run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1)))
+    write_sidecar(run, run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1)))
+    write_sidecar(run, run.terrain_file, style_document(hillshade_pipe()))
     for quantity in run.step_bands:
         pipe = value_pipe(quantity, run, 1)
-        _write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))
+        write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))
 
 
-def _write_sidecar(run, file, text):
+def write_sidecar(run, file, text):
+    """A style beside one of the run's files."""
     (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8")

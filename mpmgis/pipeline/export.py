@@ -90,19 +90,6 @@ class Plan:
     time_step: float | None
     peaks: SolverPeaks | None = None
 
-    def terrain_rows(self, grid, first, last):
-        """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
-        if (grid.transform, grid.shape) == (self.terrain.grid.transform, self.terrain.grid.shape):
-            return self.terrain.elevation[first:last]
-        row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
-        x, y = grid.xy(row, column)
-        between = self.terrain.sample(x, y)
-        i, j = (np.floor(place + 0.5).astype(np.int64) for place in self.terrain.grid.rowcol(x, y))
-        rows, columns = self.terrain.grid.shape
-        on = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
-        own = np.where(on, self.terrain.elevation[np.where(on, i, 0), np.where(on, j, 0)], np.nan)
-        return np.where(np.isfinite(between), between, own)
-
 
 def export_raster(request, say=lambda text: None, progress=lambda done, total: None):
     """Write the folder for GIS that README describes; it appears whole or not at all.

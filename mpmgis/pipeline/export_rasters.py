@@ -1,6 +1,7 @@
 """The rasters of an export: one pass over the frames, steps written on the way, maxima and deposit at the end."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -224,9 +225,12 @@ def _write_deposit(plan, rasters, values, cog):
 
 def _write_terrain(plan, folder, cog):
     grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
-    write_rows(
-        folder / "dtm.tif", grid, [TERRAIN_BAND], tags, lambda _, first, last: plan.terrain_rows(grid, first, last), cog
-    )
+    rows_of = partial(_elevation, plan.terrain, grid)
+    write_rows(folder / "dtm.tif", grid, [TERRAIN_BAND], tags, rows_of, cog)
+
+
+def _elevation(terrain, grid, band, first, last):
+    return terrain.rows_on(grid, first, last)
 
 
 def _write_iseesnow(plan, rasters, maxima):
@@ -234,7 +238,7 @@ def _write_iseesnow(plan, rasters, maxima):
     grid, header = plan.averaging.second_grid, plan.entries[0].header
     release, digest = release_name(plan.entries), header.digest[:DIGEST_LENGTH] or "unknown"
     rows, columns = grid.shape
-    on_terrain = np.isfinite(plan.terrain_rows(grid, 0, rows))
+    on_terrain = np.isfinite(plan.terrain.rows_on(grid, 0, rows))
     for kind in ISEESNOW:
         values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
         values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values

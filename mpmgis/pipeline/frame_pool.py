@@ -1,12 +1,11 @@
 """Work mapped over frames: on threads of this machine, or on a Dask cluster. The same values either way."""
 
-import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 
-from ..errors import InputError, one_line
+from .cluster import connected, cores
 
 
 @dataclass(frozen=True)
@@ -57,30 +56,6 @@ def frame_pool(workers=None, dask=None):
     InputError
         No scheduler answers at that address.
     """
-    workers = workers or _cores()
-    with _cluster(dask) as cluster, ThreadPoolExecutor(workers) as threads:
+    workers = workers or cores()
+    with nullcontext() if dask is None else connected(dask) as cluster, ThreadPoolExecutor(workers) as threads:
         yield FramePool(threads, cluster, workers)
-
-
-def _cores():
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _cluster(address):
-    if address is None:
-        yield None
-        return
-    import logging
-
-    from distributed import Client
-
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # one line is ours, not a page of theirs
-    try:
-        client = Client(address, timeout="5s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError, ImportError) as error:
-        raise InputError(
-            f"--dask {address}: no scheduler answers there ({one_line(error)[:80]}); start one with: dask scheduler"
-        ) from error
-    with client:
-        yield client

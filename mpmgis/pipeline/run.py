@@ -60,14 +60,7 @@ def require_affordable(prepared, threads, confirm, say):
     What is more than a few seconds is predicted from two seconds of its own steps, measured here and now. Answers the
     predicted wall time of its steps [s].
     """
-    seconds, memory = predicted_cost(prepared, threads)
-    how, available = "", available_memory()
-    if seconds > MEASURE_SECONDS and memory < MEMORY_SHARE * available:
-        pace = measured_pace(prepared.solver())
-        if pace is not None:
-            first = prepared.stages[0].scene
-            seconds *= slower_than_nominal(first.solver, pace, threads, first.numerics.precision)
-            how = f", at {1e9 * pace:.0f} ns a particle and step as measured"
+    (seconds, memory, how), available = foreseen(prepared, threads), available_memory()
     need = f"{duration(seconds)} and {memory / 1e9:.2g} GB"
     say(f"predicted: {need}{how}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available:
@@ -79,6 +72,18 @@ def require_affordable(prepared, threads, confirm, say):
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
     return seconds
+
+
+def foreseen(prepared, threads):
+    """(seconds, bytes, how that is known) that the run will need: measured where it is more than a few seconds."""
+    seconds, memory = predicted_cost(prepared, threads)
+    if seconds > MEASURE_SECONDS and memory < MEMORY_SHARE * available_memory():
+        pace = measured_pace(prepared.solver())
+        if pace is not None:
+            first = prepared.stages[0].scene
+            seconds *= slower_than_nominal(first.solver, pace, threads, first.numerics.precision)
+            return seconds, memory, f", at {1e9 * pace:.0f} ns a particle and step as measured"
+    return seconds, memory, ""
 
 
 def duration(seconds):
@@ -135,7 +140,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, say, laws)
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    foreseen = require_affordable(prepared, used, confirm, say)
+    expected = require_affordable(prepared, used, confirm, say)
     sequence = Sequence(prepared, _telling_mach(watch, say), say)
     _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
@@ -147,7 +152,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open()
-        return _march(folder, sequence, start == RESUMED, foreseen)
+        return march_into(folder, sequence, start == RESUMED, expected)
 
 
 def _tell_of_stages(prepared, say):
@@ -199,17 +204,17 @@ def _telling_mach(watch, say):
     return watching
 
 
-def _summary(folder, sequence, reason, wall, foreseen=None):
+def _summary(folder, sequence, reason, wall, expected=None):
     solver, steps = sequence.solver, sequence.particle_steps
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
         folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
-        solver.balances(), foreseen, sequence.stage.scene.solver, mass, folder.result,
+        solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result,
     )  # fmt: skip
 
 
-def _march(folder, sequence, resumed, foreseen):
-    """March and write; the record says at any moment how far the run is."""
+def march_into(folder, sequence, resumed, expected):
+    """March and write into a RunFolder that is held; the record says at any moment how far the run is."""
     prepared, began = sequence.prepared, time.perf_counter()
     barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
 
@@ -218,7 +223,7 @@ def _march(folder, sequence, resumed, foreseen):
         folder.write_record(
             state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
-            predicted_seconds=foreseen, scene=prepared.scene.as_tables(),
+            predicted_seconds=expected, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
             troubles=sequence.troubles,
@@ -247,7 +252,7 @@ def _march(folder, sequence, resumed, foreseen):
     except InputError:  # at a switch
         record("refused")
         raise
-    return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed else foreseen)
+    return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed else expected)
 
 
 def _record_of_stages(sequence):

@@ -513,6 +513,12 @@ SOLVERS = ("columns", "points")
 def read_scene(path, own_laws=NO_OWN_LAWS):
     """Read and check `scene.toml` at `path`, with laws of the user's own; raises SceneError in one line."""
     path = Path(path)
+    return scene_from_tables(read_toml(path), path.parent, path.name, own_laws)
+
+
+def read_toml(path):
+    """The dictionary in a TOML file as any editor saves it; raises SceneError in one line."""
+    path = Path(path)
     try:
         text = _decoded(path.read_bytes())
     except FileNotFoundError as error:
@@ -523,7 +529,7 @@ def read_scene(path, own_laws=NO_OWN_LAWS):
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: TOML's own, and whole numbers of thousands of digits
         raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_cure(text, error)}") from error
-    return scene_from_tables(tables, path.parent, path.name, own_laws)
+    return tables
 
 
 def _decoded(raw):
@@ -553,7 +559,7 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
         raise SceneError(f"{where}: solver = {solver!r}, this version has {_listed(SOLVERS)}")
     for name in tables:
         if name not in TABLES:
-            raise SceneError(f"{where}: unknown table [{name}]{_meant(name, TABLES)}; it takes {_listed(TABLES)}")
+            raise SceneError(f"{where}: unknown table [{name}]{meant(name, TABLES)}; it takes {_listed(TABLES)}")
         if name in LISTED:
             if not (isinstance(tables[name], list) and all(isinstance(entry, dict) for entry in tables[name])):
                 raise SceneError(f"{where}: there may be several {name}; write [[{name}]] on a line of its own")
@@ -700,7 +706,7 @@ def _check_zones(scene, where):
         for name, value in zone.parameters.items():
             if name not in wanted:
                 raise SceneError(
-                    f"{here}: {law} has no parameter {name!r}{_meant(name, wanted)}; it takes {_listed(wanted)}"
+                    f"{here}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {_listed(wanted)}"
                 )
             _, _, low, high, _ = wanted[name]
             checks = {"kind": (float, str), "low": low, "high": high, "choices": None, "above": False}
@@ -746,7 +752,7 @@ def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None)
         if name in known:
             made[name] = _value(known[name].metadata, value, f"{where}: {name}")
         elif laws is None and not free:
-            raise SceneError(f"{where}: unknown key {name!r}{_meant(name, known)}; it takes {_listed(known)}")
+            raise SceneError(f"{where}: unknown key {name!r}{meant(name, known)}; it takes {_listed(known)}")
         else:
             extra[name] = value
     for name, f in known.items():
@@ -776,7 +782,7 @@ def _law_name(laws, law, own_laws, where):
         return law
     file, _, name = law.rpartition(":")
     if not file.endswith(".py"):
-        raise SceneError(f"{where}: law = {law!r}{_meant(law, laws)}; wanted {_listed(laws)}, or 'my_law.py:MyLaw'")
+        raise SceneError(f"{where}: law = {law!r}{meant(law, laws)}; wanted {_listed(laws)}, or 'my_law.py:MyLaw'")
     if not own_laws.laws:
         raise SceneError(f"{where}: law = {law!r} is in a file of yours; allow it to be run with --law {file}")
     own = f"{Path(file).name}:{name}"
@@ -791,7 +797,7 @@ def _parameters(laws, law, values, where, by_place=()):
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:
         if name not in wanted:
-            raise SceneError(f"{where}: {law} has no parameter {name!r}{_meant(name, wanted)}; it takes {takes}")
+            raise SceneError(f"{where}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {takes}")
     made = {}
     for name, (unit, doc, low, high, default) in wanted.items():
         if name not in values and name in by_place:
@@ -815,7 +821,7 @@ def _value(checks, value, where):
     elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
         raise SceneError(f"{where} = {value!r}, wanted {' or '.join(KIND_WORDS[k] for k in kinds)}")
     if checks["choices"] and value not in checks["choices"]:
-        raise SceneError(f"{where} = {value!r}{_meant(value, checks['choices'])}; wanted {_listed(checks['choices'])}")
+        raise SceneError(f"{where} = {value!r}{meant(value, checks['choices'])}; wanted {_listed(checks['choices'])}")
     if _is_number(value):
         low, high = checks["low"], checks["high"]
         if low is not None and (value < low or (checks["above"] and value <= low)):
@@ -833,6 +839,7 @@ def _listed(names):
     return ", ".join(map(str, names))
 
 
-def _meant(name, known):
+def meant(name, known):
+    """What `name` was meant to be among the names `known`, as the end of a message; '' where nothing is near."""
     close = difflib.get_close_matches(str(name), list(map(str, known)), 1)
     return f"; did you mean {close[0]!r}?" if close else ""

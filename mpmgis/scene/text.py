@@ -16,15 +16,16 @@ _EXAMPLES = {
 }  # fmt: skip
 
 
-def _toml(value):
+def toml_value(value):
+    """`value` as TOML writes it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + "}"
+        return "{" + ", ".join(f"{key} = {toml_value(part)}" for key, part in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
+        return "[" + ", ".join(map(toml_value, value)) + "]"
     return repr(value)
 
 
@@ -33,10 +34,10 @@ def scene_text(scene, note=""):
     lines = [f"# {note}"] if note else []
     for name, values in scene.as_tables().items():
         if name not in TABLES:
-            lines.append(f"{name} = {_toml(values)}")
+            lines.append(f"{name} = {toml_value(values)}")
             continue
         for table in values if name in LISTED else [values]:
-            lines += ["", _heading(name)] + [f"{key} = {_toml(value)}" for key, value in table.items()]
+            lines += ["", _heading(name)] + [f"{key} = {toml_value(value)}" for key, value in table.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -70,13 +71,13 @@ def _template_line(f, shown):
     value = f.metadata["example"] if f.default in (MISSING, None) else f.default
     optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
     choices = f" ({' | '.join(map(str, f.metadata['choices']))})" if f.metadata["choices"] else ""
-    return f"{optional + f.name + ' = ' + _toml(value):<34} # {f.metadata['doc']}{choices}"
+    return f"{optional + f.name + ' = ' + toml_value(value):<34} # {f.metadata['doc']}{choices}"
 
 
 def _template_parameters(laws, example, shown):
     """The parameters of the `example` law, then a line for each law."""
     for name, (unit, doc, *_) in laws[example][1].items():
-        yield f"{('' if shown else '# ') + name + ' = ' + _toml(_EXAMPLES[name]):<34} # [{unit}] {doc}"
+        yield f"{('' if shown else '# ') + name + ' = ' + toml_value(_EXAMPLES[name]):<34} # [{unit}] {doc}"
     for law, (_, parameters) in laws.items():
         yield f"# law = {law!r} takes {', '.join(parameters)}"
     if laws is friction.LAWS:

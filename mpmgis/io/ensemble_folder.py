@@ -1,0 +1,238 @@
+"""The folder of an ensemble: its plan, what each member left, and windows of all members' rasters."""
+
+import json
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import rasterio
+
+from ..errors import FormatError, OutputError, one_line
+from ..scene.text import toml_value
+from .atomic import output_error, refuse_existing, whole_file
+from .csv_table import write_records
+from .geotiff import BLOCK
+from .lock import LOCK_FILE, sole_writer
+from .run_folder import versions
+
+PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
+STACK_BYTES = 64_000_000  # of members' values that are in memory at a time, of all threads together
+FINAL = ("finished", "unphysical")  # what a member came to for good: it would come to the same again
+
+
+class EnsembleFolder:
+    """One ensemble on disk; every file in it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    digest : str
+        Of the plan and the scene: a folder with another one is not gone on with.
+    overwrite : bool
+        Replace the ensemble of another plan.
+
+    Raises
+    ------
+    OutputError
+        It holds something else, or another ensemble and no `overwrite`.
+    """
+
+    def __init__(self, path, digest, overwrite=False):
+        self.path, self.digest = Path(path), digest
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path} is a file, wanted a folder; give another -o")
+        record = self._record()
+        if record is None:
+            self._refuse_filled()
+        elif record.get("digest") != digest and not overwrite:
+            raise OutputError(
+                f"{self.path} holds an ensemble of another plan or scene; give another -o, or --overwrite to replace "
+                "it (members that are in both are kept)"
+            )
+
+    def _refuse_filled(self):
+        if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
+            return
+        refuse_existing(self.path, overwrite=False)
+
+    def _record(self):
+        """What the last start wrote of itself; None where there was none."""
+        file = self.path / RECORD_FILE
+        if not file.is_file():
+            return None
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another -o") from error
+        return record if isinstance(record, dict) else {}
+
+    @property
+    def members(self):
+        """The folder of what members left."""
+        return self.path / MEMBERS
+
+    @property
+    def plan(self):
+        """The file of the plan."""
+        return self.path / PLAN_FILE
+
+    @property
+    def maps(self):
+        """The folder of the products."""
+        return self.path / MAPS
+
+    def open(self):
+        """Make the folder and hold it; gives what lets it go again.
+
+        Raises
+        ------
+        OutputError
+            Another process holds it.
+        """
+        try:
+            self.members.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+        return sole_writer(self.path)
+
+    def keep_members(self, digests):
+        """Remove what all other members left."""
+        kept = set(digests)
+        for entry in self.members.iterdir():
+            if entry.name.split(".")[0].removesuffix("_max") in kept:
+                continue
+            if entry.is_dir():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
+
+    def write_plan(self, tables, note):
+        """The plan as a TOML file that --plan takes."""
+        with whole_file(self.plan) as part:
+            part.write_text(plan_text(tables, note), encoding="utf-8")
+
+    def write_record(self, **record):
+        """`ensemble.json`: what is asked, what computed it, how far it is."""
+        whole = {"format": "mpmgis-ensemble", "format_version": 1, "digest": self.digest, "versions": versions()}
+        with whole_file(self.path / RECORD_FILE) as part:
+            part.write_text(json.dumps(whole | record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+    def write_table(self, names, rows):
+        """`members.csv`."""
+        write_records(self.path / TABLE_FILE, names, rows)
+        return self.path / TABLE_FILE
+
+
+def plan_text(tables, note):
+    """A plan as TOML text."""
+    lines = [f"# {note}"]
+    lines += [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"] + [f'"{key}" = {toml_value(value)}' for key, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def member_files(folder, digest):
+    """(record, raster of maxima, folder of frames) of the member with that digest."""
+    folder = Path(folder)
+    return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
+
+
+def read_member(folder, digest, frames=False):
+    """The record of a member that came to an end for good; None where there is none, or its results are not there."""
+    record_file, raster, kept = member_files(folder, digest)
+    try:
+        record = json.loads(record_file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(record, dict) or record.get("status") not in FINAL or record.get("digest") != digest:
+        return None
+    if record["status"] == "finished" and not (raster.is_file() and (kept.is_dir() or not frames)):
+        return None
+    return record
+
+
+def write_member(folder, record):
+    """The record of a member, after its results: what has one is done."""
+    with whole_file(member_files(folder, record["digest"])[0]) as part:
+        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8")
+
+
+class MemberStack:
+    """The maxima of many members on one grid, read a window at a time.
+
+    Memory is that of a window, whose size follows from the number of members; nothing of a raster is kept.
+
+    Parameters
+    ----------
+    paths : list of Path
+    grid : Grid
+    extent : (int, int, int, int) or None
+        First and one past the last row, first and one past the last column that any member reached.
+    bands : sequence of str
+        Names of the bands in each raster, in order.
+    threads : int
+    """
+
+    def __init__(self, paths, grid, extent, bands, threads=1):
+        self.paths, self.grid, self.extent, self.bands = list(paths), grid, extent, list(bands)
+        self.threads = max(1, threads)
+
+    def windows(self, first, last):
+        """[(row, row end, column, column end)] that cover what was reached of some rows, small enough for memory."""
+        if self.extent is None:
+            return []
+        top, bottom, left, right = self.extent
+        first, last = max(first, top), min(last, bottom)
+        cells = max(1, STACK_BYTES // (4 * len(self.paths) * self.threads))
+        width = min(BLOCK, cells)
+        height = max(1, cells // width)
+        rows = [(row, min(row + height, last)) for row in range(first, last, height)]
+        columns = [(column, min(column + width, right)) for column in range(left - left % width, right, width)]
+        return [(*row, max(column, left), end) for row in rows for column, end in columns]
+
+    def read(self, band, window):
+        """float32[members, rows, columns] of the band of that name, NaN where there is no data."""
+        row, row_end, column, column_end = window
+        number = self.bands.index(band) + 1
+        stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
+        for values, path in zip(stack, self.paths, strict=True):
+            with rasterio.open(path) as source:
+                source.read(number, window=((row, row_end), (column, column_end)), out=values)
+                values[values == np.float32(source.nodata)] = np.nan
+        return stack
+
+    def rows_of(self, count, sources, compute):
+        """A function for `geotiff.write_rows` with `count` bands.
+
+        Parameters
+        ----------
+        sources : sequence of str
+            Bands of the members to read.
+        compute : callable
+            (source, stack) -> {number of a band: float32[rows, columns]}.
+        """
+        strip = {}
+
+        def rows(band, first, last):
+            if strip.get("rows") != (first, last):
+                strip["rows"], strip["values"] = (first, last), self._strip(count, sources, compute, first, last)
+            return strip["values"][band]
+
+        return rows
+
+    def _strip(self, count, sources, compute, first, last):
+        """float32[count, rows, columns] of a strip of rows."""
+        strip = np.full((count, last - first, self.grid.shape[1]), np.nan, np.float32)
+
+        def fill(window):
+            row, row_end, column, column_end = window
+            for source in sources:
+                for number, values in compute(source, self.read(source, window)).items():
+                    strip[number, row - first : row_end - first, column:column_end] = values
+
+        with ThreadPoolExecutor(self.threads) as threads:
+            list(threads.map(fill, self.windows(first, last)))
+        return strip

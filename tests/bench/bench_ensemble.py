@@ -1,0 +1,109 @@
+"""Many runs: what a second worker brings, and what memory and time the statistics of many members take.
+
+`python tests/bench/run.py ensemble`. Runs of the shipped site, the same members by one process without Dask and by two
+workers, start-up apart (importing, loading what is compiled, Dask's own processes). Another program on the machine
+makes the two workers look worse than they are: the load is told in the table's head.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from mpmgis.fields import BAND
+from mpmgis.geo.grid import Grid
+from mpmgis.io.ensemble_folder import STACK_BYTES
+from mpmgis.io.geotiff import write_geotiff
+from mpmgis.io.sample import sample_folder
+from mpmgis.pipeline.ensemble import EnsembleRequest, ensemble
+from mpmgis.studies.statistics import MEMBER_BANDS
+
+MEMBERS, END_TIME = 12, 60
+EFFICIENCY = 0.85  # that issue 6 asks of two workers
+FEW, MANY, SIDE = 100, 2000, 1000  # members of the statistics, cells along a side
+DIFFERENT = 50  # rasters that stand for all members
+
+# Maps of so many members, the same few rasters again and again: prints seconds and the peak of its memory [MB].
+CHILD = """
+import resource, sys, time
+from functools import partial
+from pathlib import Path
+import pyproj
+from mpmgis.geo.grid import Grid
+from mpmgis.io.ensemble_folder import MemberStack
+from mpmgis.io.geotiff import write_rows
+from mpmgis.studies.statistics import MEMBER_BANDS, Products, statistics
+folder, count, side = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 6e5, 5.2e6, 5.0, (side, side))
+files = sorted(folder.glob("*_max.tif"))
+stack = MemberStack([files[k % len(files)] for k in range(count)], grid, (0, side, 0, side), MEMBER_BANDS, 2)
+bands = Products.of().rasters()["h"]
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+began = time.perf_counter()
+if count:
+    write_rows(folder / "h.tif", grid, [b.quantity for b in bands], {},
+               stack.rows_of(len(bands), ["h_max"], partial(statistics, bands)))
+print(time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000, before / 1000)
+"""
+
+
+def rows():
+    """Rows of the benchmark table."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield from _workers(Path(folder))
+        yield from _statistics(Path(folder))
+
+
+def _workers(folder):
+    site = folder / "site"
+    shutil.copytree(sample_folder(), site)
+    text = (site / "scene.toml").read_text(encoding="utf-8").replace("end_time = 240", f"end_time = {END_TIME}")
+    (site / "scene.toml").write_text(text, encoding="utf-8")
+    found = {
+        workers: ensemble(
+            EnsembleRequest(
+                site / "scene.toml", folder / f"by_{workers}", vary=("friction.mu=0.2:0.3",), samples=MEMBERS,
+                workers=workers,
+            )
+        )
+        for workers in (1, 2)
+    }  # fmt: skip
+    one, two = found[1], found[2]
+    case = f"ensemble, {MEMBERS} members of the shipped site, {END_TIME} s each"
+    yield f"{case}, one process", one.run_seconds, "s", None, None
+    yield (
+        f"{case}, two workers",
+        two.run_seconds,
+        "s",
+        f"one process {one.run_seconds:.1f} s",
+        (two.run_seconds / one.run_seconds),
+    )
+    efficiency = one.run_seconds / (2 * two.run_seconds)
+    yield "efficiency of two workers", efficiency, "1", f"asked {EFFICIENCY}", efficiency / EFFICIENCY
+    yield "start of two workers, imports and kernels included", two.start_seconds, "s", None, None
+    yield f"maps of {MEMBERS} members", two.map_seconds, "s", None, None
+
+
+def _statistics(folder):
+    members = folder / "members"
+    members.mkdir()
+    source = np.random.default_rng(0)
+    grid = Grid.north_up(None, 6e5, 5.2e6, 5.0, (SIDE, SIDE))
+    for k in range(DIFFERENT):
+        values = source.gamma(2.0, 1.0, grid.shape)
+        values[source.random(grid.shape) < 0.3] = np.nan
+        write_geotiff(members / f"{k}_max.tif", grid, [(BAND[name], values) for name in MEMBER_BANDS[:1]], {})
+    peaks = {}
+    for count in (FEW, MANY):
+        words = [sys.executable, "-c", CHILD, str(members), str(count), str(SIDE)]
+        told = subprocess.run(words, capture_output=True, text=True, check=True, env=os.environ).stdout.split()
+        seconds, peaks[count], before = map(float, told)
+        reference = f"{peaks[FEW]:.0f} MB with {FEW}" if count == MANY else f"window of {STACK_BYTES / 1e6:.0f} MB"
+        ratio = peaks[MANY] / peaks[FEW] if count == MANY else None
+        case = f"statistics of {count} members on {SIDE} x {SIDE} wet cells"
+        yield f"{case}, time", seconds, "s", f"{1e9 * seconds / count / SIDE**2:.1f} ns a member and cell", None
+        yield f"{case}, peak memory", peaks[count], "MB", f"{reference}; imports {before:.0f} MB", ratio
