@@ -31,7 +31,7 @@ BARRIER_SUMS = (
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
-LONE_SHARE = 0.95  # of the time step at which a point on its own begins to swing higher and higher
+LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
@@ -63,7 +63,8 @@ def courant_number(material, numerics):
     A point alone strains with the nodes round it, C' = -(4 / dx^2) tau / rho, and so swings at 2 / dx
     sqrt(max(3 K, 2 G) / rho), faster than a wave crosses cells; explicit steps are stable up to 2 over that, dx /
     sqrt(max(3 K, 2 G) / rho). Fluids bear 0.58, solids with G = 0.6 K 0.77: at 0.9 one such point on the ground had
-    three times its energy after a second.
+    three times its energy after a second. Closer than LONE_SHARE, a change of the step's length sets off the swing: at
+    0.95 of the limit a point on rough ground gained 1 % of its energy by two of them, at 0.85 nothing.
     """
     stiffest = max(3.0 * material.bulk_modulus, 2.0 * getattr(material, "shear_modulus", 0.0))
     lone = material.wave_speed(numerics.density) / np.sqrt(stiffest / numerics.density)

@@ -26,7 +26,7 @@ from mpmgis.solvers.points import LONE_SHARE, PointSolver, courant_number
 NO_DRAG = 1e12  # xi [m s-2] with which Voellmy's law is Coulomb's: one compiled solver for both
 ROUNDING = 1e-9
 STEPPING = 1e-3  # share of the energy that velocities and places half a step apart may show; measured 8e-4
-RINGING = 6e-3  # the same of points marched close to the limit at which they swing higher and higher; measured 4.2e-3
+RINGING = 4e-3  # the same of points marched close to the limit at which they swing higher and higher; measured 2.8e-3
 CLOSE = 0.8  # share of that limit from which on steps are close to it
 EDGES = 0.06  # of columns that are turned over edges of tens of metres: H2's bound on U^2 has 5 % of slack
 SPEED_SLACK = 1.05  # of H2's bound on U^2
