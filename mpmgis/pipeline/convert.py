@@ -14,7 +14,7 @@ from ..io.atomic import refuse_existing
 from ..io.frame_list import FrameEntry
 from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
-from ..solvers.cost import available_memory
+from ..machine import available_memory
 from .export_inputs import run_terrain
 from .seed import relative_path
 

@@ -12,10 +12,11 @@ from ..errors import InputError, SceneError, UnphysicalError
 from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
+from ..machine import available_memory
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
-from ..solvers.cost import MEMORY_SHARE, available_memory, predicted, predicted_in_3d, slower_than_nominal
+from ..solvers.cost import MEMORY_SHARE, predicted, predicted_in_3d, slower_than_nominal
 from ..solvers.pace import measured_pace
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from .prepare import prepare

@@ -1,13 +1,12 @@
 """What a run will cost, before it is started: time and memory, nominally."""
 
-import os
-
 import numpy as np
 
 from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.columns import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
+from ..machine import available_memory
 from .points import courant_number
 
 BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
@@ -69,11 +68,3 @@ def require_memory_for_points(count, cell_size):
             f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need about {needed / 1e9:.3g} GB; "
             f"{free / 1e9:.3g} GB are free; take larger cells"
         )
-
-
-def available_memory():
-    """Free memory of this machine [bytes]; infinite where the system does not tell."""
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError, AttributeError):
-        return float("inf")

@@ -1,6 +1,7 @@
 """Every code's files, as an independent writer makes them, come in as the particles that they hold."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -65,6 +66,15 @@ def test_no_reader_takes_what_is_not_its_own(tmp_path):
         found = {reader_of(path) for path in folder.rglob("*") if path.is_file()}
         assert reader in found
         assert found <= {reader, OWN, "vtk"}, (name, found)
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_frames_can_be_sent_to_another_process_and_read_there(name, tmp_path):
+    _, write, options = CODES[name]
+    entry = list_frames(write(tmp_path), terms_of(options))[1]
+    sent = pickle.dumps(entry)
+    assert len(sent) < 20_000
+    np.testing.assert_array_equal(pickle.loads(sent).read().particles.position, entry.read().particles.position)
 
 
 @pytest.mark.parametrize("code", ["cbgeo", "kratos", "geotaichi", "anura3d", "lammps", "npz", "parquet", "vtk", "ply"])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import FormatError, one_line
-from ...solvers.cost import available_memory
+from ...machine import available_memory
 
 MOST_DIGITS = 15  # of a number in a file's name that is taken as one
 _NUMBERED = re.compile(rf".*?(\d{{1,{MOST_DIGITS}}})", re.DOTALL)

@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pyarrow
-import pyarrow.parquet
 
 from ...errors import FormatError, one_line
 from .arrays import plainly_named
@@ -35,6 +33,8 @@ def recognises(path, head):
 
 @contextmanager
 def _opened(path):
+    import pyarrow.parquet  # brings a fifth of a second, which frames of mpmgis do without
+
     require_readable(path)
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
@@ -45,6 +45,8 @@ def _opened(path):
 
 def _columns(file):
     """Names of the columns of plain numbers."""
+    import pyarrow
+
     kinds = pyarrow.types
     numbers = (kinds.is_integer, kinds.is_floating, kinds.is_boolean)
     return tuple(field.name for field in file.schema_arrow if any(is_kind(field.type) for is_kind in numbers))
@@ -92,7 +94,7 @@ def _values(path, names, groups=None):
     with _opened(path) as file:
         groups = range(file.num_row_groups) if groups is None else groups
         table = file.read_row_groups(list(groups), columns=list(names))
-        return {name: table[name].cast(pyarrow.float64()).to_numpy() for name in names}
+        return {name: table[name].cast("float64").to_numpy() for name in names}
 
 
 def _parts(path, time_column, count):

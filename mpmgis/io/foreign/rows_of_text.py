@@ -1,18 +1,13 @@
 """Rows of numbers as text, a particle a row: columns by name, read by Arrow."""
 
-import re
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow
-import pyarrow.csv
 
 from ...errors import FormatError, one_line
 from .mapped import mapped
 
 BLANK = " "  # a delimiter that stands for any number of blanks and tabs
-_BLANKS = re.compile(rb"[ \t]+")
-_MARGINS = re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 
 
 class Form(NamedTuple):
@@ -34,8 +29,10 @@ def read_rows(path, start, stop, form, names):
     """
     with mapped(path) as content:
         raw = content[start : len(content) if stop is None else stop]
-    if form.delimiter == BLANK and _is_ragged(raw):
-        raw = _MARGINS.sub(b"", _BLANKS.sub(b" ", raw))
+    if form.delimiter == BLANK:
+        raw = _even(raw)
+    import pyarrow.csv  # brings a tenth of a second, which frames of mpmgis do without
+
     try:
         table = pyarrow.csv.read_csv(
             pyarrow.BufferReader(raw),
@@ -53,7 +50,9 @@ def read_rows(path, start, stop, form, names):
     return {name: table[name].to_numpy().astype(np.float64, copy=False) for name in names}
 
 
-def _is_ragged(raw):
-    """Whether other than single blanks stand between numbers, or any at the ends of lines."""
-    first = raw[: raw.find(b"\n") + 1] or raw
-    return b"  " in raw or b"\t" in raw or first.startswith(b" ") or first.rstrip(b"\r\n").endswith(b" ")
+def _even(raw):
+    """Rows with one blank between numbers and none at the ends of lines."""
+    raw = raw.replace(b"\t", b" ").replace(b"\r\n", b"\n")
+    while b"  " in raw:
+        raw = raw.replace(b"  ", b" ")
+    return raw.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ")
