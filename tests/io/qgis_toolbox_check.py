@@ -177,6 +177,7 @@ def check_command():
     set_command(gone)
     os.remove(gone)
     found["missing"] = use("effects")
+    found["missing_at_once"] = QgsApplication.processingRegistry().createAlgorithmById("mpmgis:seed").canExecute()
     set_command("")
     os.environ["PATH"], path = "/nowhere", os.environ["PATH"]
     found["not_on_path"] = use("effects")

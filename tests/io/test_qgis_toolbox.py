@@ -79,6 +79,7 @@ def test_seeded_particles_are_loaded(site, report):
     assert any("columns on 9600 m2: " in line for line in report["seed"]["said"])
     particles = geopandas.read_file(report["seed"]["outputs"]["OUTPUT"])
     assert abs(len(particles) - 200) <= 2
+    assert report["temporary"]["to_load"] == ["Particles"]
     assert report["temporary"]["error"] == "" and Path(report["temporary"]["outputs"]["OUTPUT"]).suffix == ".gpkg"
 
 
@@ -150,6 +151,7 @@ def test_cancelling_stops_the_command(site, report):
 
 def test_a_missing_command_is_told_with_the_cure(site, report):
     assert f"is not at {site / 'gone'}" in report["missing"]["error"]
+    assert report["missing_at_once"] == [False, report["missing"]["error"]]
     assert "Settings > Options > Processing > Providers > mpmgis" in report["missing"]["error"]
     assert "never in QGIS' Python" in report["not_on_path"]["error"]
 

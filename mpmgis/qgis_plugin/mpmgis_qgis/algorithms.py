@@ -62,6 +62,13 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         for field in self.form:
             self.addParameter(parameter(field))
 
+    def canExecute(self):
+        try:
+            command_path()
+        except QgsProcessingException as missing:
+            return False, str(missing)
+        return True, ""
+
     def prepareAlgorithm(self, parameters, context, feedback):
         self.values = plain_values(self, self.form, parameters, context, feedback)
         return True
@@ -125,6 +132,8 @@ class VerbAlgorithm(CommandAlgorithm):
         layer = layer_of(path)
         if layer is None or context.project() is None:
             return
+        if layer.name() == OUTPUT:  # what QGIS calls a temporary file
+            layer.setName(self.parameterDefinition(OUTPUT).description())
         context.temporaryLayerStore().addMapLayer(layer)
         details = QgsProcessingContext.LayerDetails(layer.name(), context.project(), OUTPUT)
         context.addLayerToLoadOnCompletion(layer.id(), details)
