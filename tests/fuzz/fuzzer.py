@@ -66,6 +66,15 @@ KINDS = {
             ],
         ),
         (["release.shp", "release.gpkg", "wall.gpkg"], ["effects scene.toml"]),
+        (
+            ["path.gpkg", "wall.gpkg", "places.geojson"],
+            [
+                "profile results --line {file} -o out/p.csv",
+                "runout results --line {file} -o out/r.csv",
+                "hydrograph results --section {file} -o out/h.csv",
+                "timeseries results --points {file} -o out/t.csv",
+            ],
+        ),
         (["release.gpkg"], ["effects inflow.toml"]),
     ],
     "frame": [
@@ -78,6 +87,17 @@ KINDS = {
             ],
         ),
         (["results/frame_000000.h5", "results/frame_000004.h5"], ["info results"]),
+        (
+            ["results/frame_000000.h5", "results/frame_000002.h5", "results/run.json"],
+            [
+                "runout results -o out/r.csv",
+                "timeseries results --at 400100,5100120 -o out/t.csv",
+                "profile results --line path.gpkg -o out/p.csv",
+                "hydrograph results --section wall.gpkg -o out/h.csv",
+                "intensity results --guideline swiss-flood -o out/i.gpkg",
+            ],
+        ),
+        (["points.h5"], ["vertical {file} --at 400060,5100120 --dem dtm.tif -o out/v.csv"]),
         (["seed.h5"], ["effects frame.toml"]),
     ],
     "hydrograph": [(["inflow.csv"], ["effects inflow.toml"])],
@@ -98,7 +118,11 @@ KINDS = {
         (
             ["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
             ["effects {file}", "effects {file}", "info {file}"],
-        )
+        ),
+        (
+            ["guidelines.toml"],
+            ["intensity results --guideline swiss-flood --guidelines {file} -o out/i.tif"],
+        ),
     ],
 }
 SHARES = {"tiff": 5, "vector": 5, "frame": 4, "hydrograph": 2, "foreign": 4, "scene": 4}
@@ -445,11 +469,12 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    for name in ("seed", "convert", "run", "export", "compare", "effects", "export_rasters"):
+    answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical")
+    for name in ("seed", "convert", "run", "export", "compare", "effects", "export_rasters", *answers):
         importlib.import_module(f"mpmgis.pipeline.{name}")
     for name in ("inspect", "particle_files", "qgis_folder", "outlines"):
         importlib.import_module(f"mpmgis.io.{name}")
-    for name in ("seed", "convert", "run", "export_raster", "compare", "effects", "info"):
+    for name in ("seed", "convert", "run", "export_raster", "compare", "effects", "info", *answers):
         importlib.import_module(f"mpmgis.cli.{name}")
 
 

@@ -165,6 +165,20 @@ FOREIGN = {  # other codes' files: folder -> (its writer, the files in it that a
     "csv": (foreign_writers.csv_writer(), ["slide.csv"]),
     "parquet": (foreign_writers.write_parquet, ["slide.parquet"]),
 }
+GUIDELINES = """\
+[swiss-flood]
+title = "of our own"
+source = "our office"
+note = "none"
+[[swiss-flood.class]]
+name = "low"
+colour = "#fff0a0"
+when = [{}]
+[[swiss-flood.class]]
+name = "high"
+colour = "#c1272d"
+when = [{ h = 0.5, v = 1 }, { vh = 2, p = 3 }]
+"""
 SIDECAR = (
     '{"format": "mpmgis-georeference", "format_version": 1, "crs": "EPSG:32632", "origin": [400100, 5100100, 0], '
     '"axes": ["e", "n", "u"], "density": 1500, "dt": 0.01, "particle_volume": 0.5}'
@@ -185,7 +199,12 @@ def write_sound_inputs(folder):
     for name, driver in VECTORS.items():
         _write_shapes(folder / name, areas, driver, d0=[1.0, 2.0], name=["upper", "lower"], number=[7, 8])
     _write_shapes(folder / "wall.gpkg", [shapely.LineString([(200, 60), (210, 180)])], "GPKG")
+    _write_shapes(folder / "path.gpkg", [shapely.LineString([(30, 120), (380, 120)])], "GPKG")
+    _write_shapes(
+        folder / "places.geojson", [shapely.Point(60, 120), shapely.Point(100, 110)], "GeoJSON", name=["a", "b"]
+    )
     (folder / "inflow.csv").write_text(HYDROGRAPH)
+    (folder / "guidelines.toml").write_text(GUIDELINES)
     for name, text in SCENES.items():
         (folder / name).write_text(text)
     for name, (write, _) in FOREIGN.items():
