@@ -54,10 +54,11 @@ def started(workers):
     settings = {
         "distributed.scheduler.allowed-failures": 0,
         "distributed.worker.memory.terminate": False,
+        "distributed.worker.profile.enabled": False,  # a look at every stack a hundred times a second
     }
     with dask.config.set(settings), _workers_choose_their_cache():
         cluster = LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0,
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", memory_limit=0,
             silence_logs=logging.CRITICAL, worker_dashboard_address=None,
         )  # fmt: skip
         try:

@@ -28,7 +28,8 @@ from .run import ASK_SECONDS, duration, foreseen
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 LEFT_OUT = ("unphysical", "refused", "lost")
-TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", "wall_seconds", *FIGURES, "reason")
+TIMES = ("wall_seconds", "processor_seconds")
+TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "reason")
 DIGEST_LENGTH = 16
 
 
@@ -70,8 +71,8 @@ class EnsembleFound:
         Of them those that were done before this start.
     start_seconds, run_seconds, map_seconds : float [s]
         Wall time until the workers were ready, until all members were done, and of the statistics.
-    member_seconds : float [s]
-        Sum of the wall times of the members that were run.
+    member_seconds, processor_seconds : float [s]
+        Sums of the wall and processor times of the members that were run.
     """
 
     folder: Path
@@ -82,6 +83,7 @@ class EnsembleFound:
     run_seconds: float
     map_seconds: float
     member_seconds: float
+    processor_seconds: float
 
 
 def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, look=lambda *state: None):
@@ -132,7 +134,7 @@ def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, l
         files = _write_maps(folder, study, products, tasks, records, workers)
         found = EnsembleFound(
             folder.path, (*files, table, folder.plan), statuses, before, *times, time.perf_counter() - began,
-            sum(records[task.digest].get("wall_seconds", 0.0) for task in to_run),
+            *(sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES),
         )  # fmt: skip
         folder.write_record(
             state="finished", plan=ensemble_tables, scene=study.tables, members=statuses, before=before,

@@ -100,14 +100,19 @@ def run_member(task, look=lambda *state: None):
     done = read_member(task.output, task.digest, task.frames)
     if done is not None:
         return done
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     try:
         record = _run(task, look)
     except UnphysicalError as error:
         record = {"status": "unphysical", "reason": one_line(error)}
     except InputError as error:
         record = {"status": "refused", "reason": one_line(error)}
-    record |= {"digest": task.digest, "wall_seconds": time.perf_counter() - began, "version": __version__}
+    record |= {
+        "digest": task.digest,
+        "wall_seconds": time.perf_counter() - began,
+        "processor_seconds": time.process_time() - used,
+        "version": __version__,
+    }
     write_member(task.output, record)
     return record
 
