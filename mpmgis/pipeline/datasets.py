@@ -142,7 +142,7 @@ def _dataset(request, entries, dem, say):
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
     quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
     variables = averaged_steps(len(steps), quantities, grid, AveragedSteps(steps, plan.averaging, terrain))
-    variables[ELEVATION.name] = ELEVATION, plan.terrain_rows(grid, 0, grid.shape[0]).astype(np.float32)
+    variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)
     return gridded(
         grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,
         min_depth=plan.averaging.min_depth,

@@ -19,6 +19,7 @@ class ForeignOptions(TypedDict, total=False):
     columns: tuple[tuple[str, str], ...]
     density: float
     particle_volume: float
+    sidecar: str | Path
 
 
 class AveragingOptions(ForeignOptions, total=False):
