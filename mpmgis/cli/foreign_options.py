@@ -36,11 +36,9 @@ def add_arguments(group, with_times=True):
 
 def terms(arguments):
     """ForeignTerms of the parsed arguments."""
-    from ..geo.georeference import parse_crs
     from ..io.foreign.terms import ForeignTerms
 
-    crs = None if arguments.crs is None else parse_crs(arguments.crs)
-    return ForeignTerms.named(vars(arguments) | {"crs": crs, "time_step": arguments.frame_step})
+    return ForeignTerms.named(vars(arguments) | {"time_step": arguments.frame_step}, arguments.crs)
 
 
 def _origin(text):

@@ -21,6 +21,7 @@ from .foreign.terms import ForeignTerms
 from .frames import read_frame, read_maxima
 
 PATTERN = "*.h5"
+HDF5_MAGIC = b"\x89HDF"
 _memory = threading.local()
 _NUMBERED = re.compile(r"(.*?)(\d{1,15})(\.\w+)")
 
@@ -81,6 +82,7 @@ def list_frames(paths, terms=None):
     files = _files(paths, terms.reader)
     reader = _one_reader(files, terms.reader)
     if reader == OWN:
+        _refuse_unknown(files)
         _refuse_terms(files[0], terms)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
     else:
@@ -119,6 +121,16 @@ def _one_reader(files, asked):
         if reader != found[0]:
             raise InputError(f"{files[0]} is of {found[0]}, {path} of {reader}; export one code's frames at a time")
     return found[0]
+
+
+def _refuse_unknown(files):
+    for path in files:
+        head = head_of(path)
+        if head and not head.startswith(HDF5_MAGIC):
+            raise FormatError(
+                f"{path} is neither a frame of mpmgis (HDF5) nor known as particles of another code; --reader takes it "
+                f"for one of {', '.join(FOREIGN)}"
+            )
 
 
 def _refuse_terms(path, terms):

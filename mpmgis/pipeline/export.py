@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..geo.georeference import parse_crs
 from ..geo.terrain import Terrain
 from ..io import qgis_folder
 from ..io.ascii_grid import require_square
@@ -70,8 +69,7 @@ class ExportRequest:
 
     def terms(self):
         """ForeignTerms: what is said about another code's files."""
-        crs = None if self.crs is None else parse_crs(self.crs)
-        return ForeignTerms.named(vars(self) | {"crs": crs, "time_step": self.frame_step})
+        return ForeignTerms.named(vars(self) | {"time_step": self.frame_step}, self.crs)
 
 
 @dataclass(frozen=True)

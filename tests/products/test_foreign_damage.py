@@ -279,7 +279,9 @@ def test_what_unpacks_to_more_than_it_says_stops_there(tmp_path):
 def test_a_list_names_what_is_not_there(tmp_path):
     write_pieces(tmp_path)
     (tmp_path / "slide_1_0.vtu").unlink()
-    assert "slide_1_0.vtu: No such file" in refusal(tmp_path / "slide.pvd", "vtk")
+    assert "slide_1.pvtu names 1 files that are not there, the first slide_1_0.vtu" in refusal(
+        tmp_path / "slide.pvd", "vtk"
+    )
     spoilt(tmp_path / "slide.pvd", b'timestep="0.5"', b'timestep="noon"')
     assert "'noon' is no time" in refusal(tmp_path / "slide.pvd", "vtk")
 

@@ -168,6 +168,13 @@ def test_options_of_other_codes_are_refused_for_our_own_frames(tmp_path, capsys)
     assert "--fps is about" in capsys.readouterr().err
 
 
+def test_a_file_that_nobody_knows_is_refused_with_the_names_of_those_who_are_known(tmp_path, capsys):
+    (tmp_path / "grid.mdpa").write_text("Begin Properties 0\nEnd Properties\n")
+    assert main(["export-raster", str(tmp_path / "grid.mdpa")]) == 2
+    said = capsys.readouterr().err
+    assert "neither a frame of mpmgis" in said and "cbgeo, kratos" in said and said.count("\n") == 1
+
+
 def test_two_codes_at_once_are_refused(site, capsys, tmp_path):
     write_run(tmp_path / "run", times=(0.0,))
     assert "one code's frames" in refused(capsys, site, *TOLD, frames=("matter", "run"))

@@ -135,6 +135,8 @@ def test_options_override_the_sidecar(tmp_path):
     first = entries[0].read().particles
     assert first.position[0].tolist() == [-30.0, 20.0, 100.0]  # the file's x points north, its y west
     assert first.volume[0] == 0.5  # what the options leave open
+    assert entries[0].header.crs == UTM
+    assert list_frames([tmp_path], ForeignTerms.named({}, crs="local"))[0].header.crs is None
 
 
 def test_columns_of_both_are_taken_together(tmp_path):

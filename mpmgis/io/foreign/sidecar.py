@@ -195,6 +195,8 @@ def with_sidecar(paths, terms):
 def merged(terms, said):
     """ForeignTerms `terms`, and of those that a sidecar `said` all that they leave open."""
     open_names = [name for name in KEYS.values() if getattr(terms, name) in (None, ())]
+    if terms.local:
+        open_names.remove("crs")
     of_time = [KEYS[key] for key in OF_TIME]
     if any(getattr(terms, name) is not None for name in of_time):
         open_names = [name for name in open_names if name not in of_time]

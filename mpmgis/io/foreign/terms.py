@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...geo.georeference import parse_crs
 
 EAST, NORTH, UP = np.eye(3)
 DIRECTIONS = {"e": EAST, "n": NORTH, "u": UP, "w": -EAST, "s": -NORTH, "d": -UP}
@@ -27,6 +28,8 @@ class ForeignTerms:
         Name of the code; None to find it out from the files.
     crs : pyproj.CRS or None
         Of the particles; None where it is not said, or metres without a place.
+    local : bool
+        It was said that they are metres without a place.
     origin : tuple of 3 floats or None
         (E, N, H) [m] of the file's own origin.
     axes : tuple of 3 str or None
@@ -49,6 +52,7 @@ class ForeignTerms:
 
     reader: str | None = None
     crs: object = None
+    local: bool = False
     origin: tuple | None = None
     axes: tuple | None = None
     times: tuple | None = None
@@ -99,9 +103,11 @@ class ForeignTerms:
         return [option for option, value in options.items() if value is not None]
 
     @classmethod
-    def named(cls, values):
-        """The terms in a mapping that may hold more than them."""
-        return cls(**{field.name: values[field.name] for field in fields(cls) if field.name in values})
+    def named(cls, values, crs=None):
+        """The terms in a mapping that may hold more than them, where `crs` is a CRS by its word, or None."""
+        said = {field.name: values[field.name] for field in fields(cls) if field.name in values}
+        place = None if crs is None else parse_crs(crs)
+        return cls(**said | {"crs": place, "local": crs is not None and place is None})
 
 
 def axis_matrix(axes):

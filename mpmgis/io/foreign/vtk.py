@@ -39,19 +39,24 @@ def kind_of(head):
     return found[1].decode() if found else ""
 
 
-def read_list(path):
-    """The Listed of a .pvd, .pvtu or .pvtp, relative names from its folder.
+def read_list(path, all_there=False):
+    """The Listed of a .pvd, .pvtu or .pvtp, relative names from its folder; `all_there` wants all of them.
 
     Raises
     ------
     FormatError
-        No XML of VTK, names no file, a time that is no number.
+        No XML of VTK, names no file, or one that is not there, a time that is no number.
     """
     path, listing = Path(path), _List(path)
     with mapped(path) as content:
         parse_outline(path, content, len(content), listing)
     if not listing.found:
         raise FormatError(f"{path} names no file")
+    if all_there and listing.missing:
+        missing = len(listing.missing)
+        raise FormatError(
+            f"{path} names {missing} files that are not there, the first {listing.missing[0][:80]}; name those that are"
+        )
     return listing.found
 
 
@@ -59,7 +64,7 @@ class _List:
     """The files in the elements of a list."""
 
     def __init__(self, path):
-        self.path, self.found = path, []
+        self.path, self.found, self.missing = path, [], []
 
     def start(self, tag, attributes, at):
         """An element begins."""
@@ -75,7 +80,10 @@ class _List:
             raise FormatError(f"{self.path}: timestep {attributes['timestep'][:20]!r} is no time")
         if len(self.found) >= MOST_LISTED or "\0" in name:
             raise FormatError(f"{self.path} names more than {MOST_LISTED} files, or none that could be; it is damaged")
-        self.found.append(Listed(self.path.parent / name, time))
+        file = self.path.parent / name
+        if not file.is_file():
+            self.missing.append(name)
+        self.found.append(Listed(file, time))
 
     def end(self, tag, at):
         """An element ends."""
@@ -114,7 +122,7 @@ def _groups(paths):
     if not files:
         groups = {}
         for path in paths:
-            for listed in read_list(path):
+            for listed in read_list(path, all_there=True):
                 groups.setdefault((path, listed.time), []).append(listed.path)
         return [(pieces, time) for (_, time), pieces in groups.items()]
     times = listed_times(files)
@@ -138,7 +146,7 @@ def open_file(path):
         return legacy_frame(path, layout, meant=_meant({name: b.components for name, b in layout.arrays.items()}))
     kind = kind_of(head)
     if kind in [f"P{name}" for name in FILES]:
-        pieces = joined([_open_xml(listed.path) for listed in read_list(path)])
+        pieces = joined([_open_xml(listed.path) for listed in read_list(path, all_there=True)])
         return replace(pieces, path=path, number=number_of(path))
     return _open_xml(path)
 
