@@ -38,7 +38,8 @@ def refused(capsys, folder, *words, says=()):
     out, err = capsys.readouterr()
     assert code == 2, err
     assert out == ""
-    assert len(err.strip().splitlines()) == 1, err
+    lines = [line for line in err.strip().splitlines() if not line.startswith("frame ")]  # progress, on a slow machine
+    assert len(lines) == 1, err
     for word in (says,) if isinstance(says, str) else says:
         assert word in err, err
     assert "Traceback" not in err and "internal error" not in err
