@@ -8,9 +8,11 @@ from rasterio.enums import ColorInterp
 from .atomic import whole_file
 from .csv_table import write_records
 from .geotiff import BLOCK, NAMESPACE
+from .layer_styles import write_layer_styles
 from .markup import node
-from .outlines import mask_outline
+from .outlines import POLYGONS, mask_outline
 from .styles import style_document
+from .symbols import class_renderer, vector_style_document
 
 HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source")
 
@@ -63,8 +65,13 @@ def write_class_polygons(path, grid, numbers, guideline, areas):
     columns = {name: [row[k] for row in rows] for k, name in enumerate(HEADINGS)}
     crs = None if grid.crs is None else grid.crs.to_wkt()
     table = geopandas.GeoDataFrame(columns, geometry=[row[-1] for row in rows], crs=crs)
+    classes = [
+        (k, f"{entry.name}: {entry.words()}", entry.colour) for k, entry in enumerate(guideline.classes, start=1)
+    ]
+    style = vector_style_document(class_renderer("class", classes), POLYGONS)
     with whole_file(path) as part:
         table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
+        write_layer_styles(part, {"intensity": style})
 
 
 def write_class_table(path, guideline, areas):

@@ -11,6 +11,7 @@ from ..errors import OutputError, one_line
 from ..kernels import rings
 from .clock import BASE, Clock
 from .exported import moved_corner
+from .layer_styles import write_layer_styles
 from .markup import reference_text
 from .step_spool import StepOutline
 from .symbols import (
@@ -59,10 +60,9 @@ def write_outlines(run, steps, release=None):
         "particles": _particle_layer(run, clock, steps),
     }
     written = [name for name, batches in layers.items() if _write_layer(path, name, batches, run.grid.crs)]
-    try:
-        _write_layer_styles(path, run, written)
-    except sqlite3.Error as error:
-        raise OutputError(f"{path}: styles cannot be written ({one_line(error)}); is the disk full?") from error
+    write_layer_styles(
+        path, {name: vector_style_document(vector_renderer(name, run), geometry_type(name)[0]) for name in written}
+    )
 
 
 def layer_names(path):
@@ -290,28 +290,3 @@ def _write_layer(path, name, batches, crs):
     except (DataSourceError, DataLayerError) as error:
         raise OutputError(f"{path}: layer '{name}' cannot be written ({one_line(error)})") from error
     return begun
-
-
-def _write_layer_styles(path, run, layers):
-    """Add the table from which QGIS takes a layer's default style when it is opened by itself."""
-    if not layers:
-        return
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(
-            "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT, f_table_catalog TEXT(256), "
-            "f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), "
-            "styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), "
-            "update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))"
-        )
-        database.execute(
-            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) "
-            "VALUES ('layer_styles', 'attributes', 'layer_styles', 0)"
-        )
-        for name in layers:
-            style = vector_style_document(vector_renderer(name, run), geometry_type(name)[0])
-            database.execute(
-                "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, "
-                "styleName, styleQML, styleSLD, useAsDefault, description, owner) "
-                "VALUES ('', '', ?, 'geom', 'mpmgis', ?, '', 1, 'written by mpmgis', 'mpmgis')",
-                (name, style),
-            )

@@ -22,19 +22,34 @@ def speed_renderer(run):
     By rules, because the checker that people run over projects takes each `range` element for one of time.
     """
     classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
-    lower, rules, symbols = None, [], []
+    lower, rules = None, []
     for k, entry in enumerate(classes):
         above = [] if lower is None else [f"speed > {lower:g}"]
         below = [] if math.isinf(entry.upper) else [f"speed <= {entry.upper:g}"]
-        rule = {"key": f"speed_{k}", "filter": " AND ".join(above + below), "symbol": k, "label": entry.label}
-        rules.append(node("rule", rule))
-        symbols.append(_dot(k, entry.colour))
+        rules.append((" AND ".join(above + below), entry.label, _dot(k, entry.colour)))
         lower = entry.upper
+    return _rule_renderer("speed", rules)
+
+
+def class_renderer(attribute, classes):
+    """`renderer-v2` of polygons by the whole numbers in `attribute`: `classes` are (number, label, colour #rrggbb)."""
+    return _rule_renderer(
+        attribute,
+        [(f'"{attribute}" = {number}', label, _filled(k, colour)) for k, (number, label, colour) in enumerate(classes)],
+    )
+
+
+def _rule_renderer(key, rules):
+    """A renderer of (filter, label, symbol) rules; symbols are named by their number."""
+    entries = [
+        node("rule", {"key": f"{key}_{k}", "filter": condition, "symbol": k, "label": label})
+        for k, (condition, label, _) in enumerate(rules)
+    ]
     return node(
         "renderer-v2",
         _RENDERER | {"type": "RuleRenderer"},
-        node("rules", {"key": "speed"}, *rules),
-        node("symbols", None, *symbols),
+        node("rules", {"key": key}, *entries),
+        node("symbols", None, *(symbol for _, _, symbol in rules)),
     )
 
 
@@ -78,11 +93,21 @@ def _line(colour, width, style):
     return node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
 
 
+def _filled(name, colour):
+    fill = {"color": f"{_rgb(colour)},255", "style": "solid", "outline_style": "solid", "outline_color": "40,40,40,255",
+            "outline_width": 0.15, "outline_width_unit": "MM", "joinstyle": "round"}  # fmt: skip
+    layer = node("layer", {"class": "SimpleFill", "enabled": 1, "pass": 0, "locked": 0}, *options(fill))
+    return node("symbol", {"type": "fill", "name": name, "alpha": 0.8}, layer)
+
+
+def _rgb(colour):
+    return ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
+
+
 def _dot(name, colour):
-    rgb = ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
     marker = {
         "name": "circle",
-        "color": f"{rgb},255",
+        "color": f"{_rgb(colour)},255",
         "size": 1.6,
         "size_unit": "MM",
         "outline_color": "40,40,40,255",
