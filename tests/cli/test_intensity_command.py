@@ -45,8 +45,6 @@ def test_fast_and_deep_is_strong_and_all_files_say_the_same(tmp_path, run, capsy
         assert found.tolist() == pytest.approx(cells[1:].tolist())
     with closing(sqlite3.connect(folder / "intensity.gpkg")) as database:
         ((style,),) = database.execute("SELECT styleQML FROM layer_styles WHERE f_table_name = 'intensity'")
-            "SELECT styleQML FROM layer_styles WHERE useAsDefault AND f_table_name = 'intensity'"
-        )
     rules = ElementTree.fromstring(style.partition(">")[2]).findall(".//rule")
     assert [rule.get("filter") for rule in rules] == ['"class" = 1', '"class" = 2']
     entries = ElementTree.parse(folder / "intensity.qml").findall(".//paletteEntry")
