@@ -21,6 +21,7 @@ WORDS = {"h": "largest flow depth", "Ut": "largest speed along the slope", "p": 
 PROBABILITY = "probability"
 DEFAULT_EXCEED = {"h": (0.5, 1.0, 2.0)}
 DEFAULT_PERCENTILES = (5.0, 50.0, 95.0)
+NEAR_MEMBER = 1e-9  # of the step between two members in their order: nearer to one it is that one
 
 
 class Band(NamedTuple):
@@ -117,9 +118,7 @@ def statistics(bands, source, stack):
     made |= {k: arrived for k, band in asked.items() if band.kind == "arrived"}
     ranked = {k: band.number for k, band in asked.items() if band.kind == "percentile"}
     if ranked:
-        with np.errstate(invalid="ignore"):  # between two arrivals that never come
-            found = np.percentile(stack, list(ranked.values()), axis=0, overwrite_input=True)
-        made |= dict(zip(ranked, found, strict=True))
+        made |= dict(zip(ranked, _percentiles(stack, list(ranked.values())), strict=True))
     return {k: np.where(nowhere | ~np.isfinite(values), np.nan, values).astype(np.float32)
             for k, values in made.items()}  # fmt: skip
 
@@ -130,6 +129,24 @@ def _value(band, stack):
     if band.kind == "mean":
         return stack.mean(axis=0, dtype=np.float64)
     return stack.min(axis=0) if band.kind == "smallest" else stack.max(axis=0)
+
+
+def _percentiles(stack, numbers):
+    """Yield the percentile of `stack` along its first axis for each of the `numbers`, linear between two members.
+
+    NumPy's own, except that one which is a member's value is that value, whatever comes after it: NumPy makes NaN of an
+    arrival before one that never comes (0 times infinity). The stack is put in order as far as that takes.
+    """
+    places = [number / 100.0 * (len(stack) - 1) for number in numbers]
+    below = [int(place + NEAR_MEMBER) for place in places]
+    stack.partition(sorted({min(k + more, len(stack) - 1) for k in below for more in (0, 1)}), axis=0)
+    for place, k in zip(places, below, strict=True):
+        share = place - k
+        if share <= NEAR_MEMBER:
+            yield stack[k].copy()
+        else:
+            with np.errstate(invalid="ignore"):  # between two arrivals that never come
+                yield stack[k] + share * (stack[k + 1].astype(float) - stack[k])
 
 
 def exceedances(texts):

@@ -331,6 +331,7 @@ def test_refusals_are_one_line_and_leave_nothing(site, tmp_path, capsys, options
         ("[vry]\n", "did you mean 'vary'"), ('samples = "x"\n', "samples"), ("samples = 0\n", "samples"),
         ("vary = 3\n", "vary"), ('[vary]\nfriction.mu = "0.3:0.1"\n', "LOW below HIGH"), ("exceed = 3\n", "exceed"),
         ("[vary]\n[exceed]\nh = ['a']\n", "nothing varies"),
+        ("[vary]\nterrain.window = [[0, 0, 9e6, 9e6], [1, 1, 9e6, 9e6]]\n", "no cells in common"),
     ],
 )  # fmt: skip
 def test_plans_that_are_none_are_refused(site, tmp_path, capsys, text, words):

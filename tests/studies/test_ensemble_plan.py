@@ -191,6 +191,18 @@ def test_an_arrival_that_never_comes_is_later_than_all(stack):
     assert np.isnan(found["t_arrival_p90"]).mean() > 0.9  # three in ten never arrive
 
 
+@pytest.mark.parametrize(("members", "number", "expected"), [
+    ([1, 2, 3, np.nan, np.nan], 50, 3.0),  # the third of five; NumPy has NaN here
+    ([1, 2, 3, np.nan, np.nan], 60, np.nan),  # between the third and one that never comes
+    ([4], 50, 4.0),
+    ([*range(101), np.nan], 100 * 7 / 101, 7.0),  # a place that round-off leaves beside a member
+    ([*range(20), np.nan], 95, 19.0),
+])  # fmt: skip
+def test_a_percentile_that_is_a_members_arrival_is_that_arrival(members, number, expected):
+    found = made_of(np.array(members, np.float32).reshape(-1, 1, 1), Products.of(percentiles=(number,)), ARRIVAL)
+    np.testing.assert_array_equal(found[f"t_arrival_p{number:g}"], [[expected]])
+
+
 def test_every_band_is_made_of_one_that_members_have():
     for bands in Products.of().rasters().values():
         assert {band.source for band in bands} <= set(MEMBER_BANDS)
