@@ -265,7 +265,9 @@ class _Study:
 
     def _require_one_grid(self):
         if "terrain.window" in self.plan.varied:
-            raise SceneError("--vary terrain.window: runs on other pieces of the DTM have no cells in common; set it once")
+            raise SceneError(
+                "--vary terrain.window: runs on other pieces of the DTM have no cells in common; set it once"
+            )
         grids = {(p.terrain.grid.transform, p.terrain.grid.shape) for _, p in self.groups.values()}
         if len(grids) > 1:
             raise SceneError("--vary terrain: the DTMs have different pixels; bring them onto one grid to compare runs")
