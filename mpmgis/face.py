@@ -89,6 +89,8 @@ def run(
     """
     from .pipeline.run import run as run_scene
 
+    if not isinstance(scene, (str, Path, Mapping)):
+        raise InputError(f"scene is {scene!r}, wanted a path or a mapping of its tables")
     return run_scene(
         scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm, say=_say
     )

@@ -1,7 +1,9 @@
 """The options that Python callers may give by name, typed; tests hold them against what the commands take."""
 
+import math
+from numbers import Integral, Real
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import Literal, TypedDict, get_args, get_origin, get_type_hints
 
 from ..errors import InputError
 
@@ -70,9 +72,68 @@ class SeedingOptions(TypedDict, total=False):
     overwrite: bool
 
 
+# what numbers may be, as the commands' own options have it
+_ABOVE_ZERO = ("cell_size", "time_step", "density", "particle_volume", "frame_step", "frames_per_second", "dem_band",
+               "workers", "percentile")  # fmt: skip
+_NOT_NEGATIVE = ("min_depth",)
+_AT_MOST = {"percentile": 100.0}
+
+
 def require_known(options, kind, where):
-    """Refuse a name that is none of the TypedDict `kind`'s."""
-    known = kind.__annotations__
-    for name in options:
-        if name not in known:
-            raise InputError(f"{where}: there is no option {name!r}; it takes {', '.join(sorted(known))}")
+    """Refuse a name that is none of the TypedDict `kind`'s, and a value that is none for it.
+
+    Raises
+    ------
+    InputError
+    """
+    kinds = get_type_hints(kind)
+    for name, value in options.items():
+        if name not in kinds:
+            raise InputError(f"{where}: there is no option {name!r}; it takes {', '.join(sorted(kinds))}")
+        if not (_fits(value, kinds[name]) and _in_range(name, value)):
+            raise InputError(f"{where}: {name} is {value!r}, wanted {_words(kinds[name])}{_range_words(name)}")
+
+
+def _fits(value, kind):
+    """Whether `value` is of the `kind` of an option's annotation; NaN and infinity are no numbers."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return isinstance(value, str) and value in parts
+    if origin is tuple:
+        of_any_length = len(parts) == 2 and parts[1] is Ellipsis
+        kinds = (parts[0],) * len(value) if of_any_length and isinstance(value, (tuple, list)) else parts
+        return isinstance(value, (tuple, list)) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if parts:
+        return any(_fits(value, part) for part in parts)
+    if kind in (int, float) and isinstance(value, bool):
+        return False
+    if kind is float:
+        return isinstance(value, Real) and math.isfinite(value)
+    return isinstance(value, Integral if kind is int else kind)
+
+
+def _in_range(name, value):
+    if not isinstance(value, Real):
+        return True
+    above = value > 0 if name in _ABOVE_ZERO else value >= 0 if name in _NOT_NEGATIVE else True
+    return above and value <= _AT_MOST.get(name, math.inf)
+
+
+def _words(kind):
+    """What is wanted, in words: the choices, "a number", ..."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return " or ".join(map(repr, parts))
+    if origin is tuple:
+        if parts[-1] is Ellipsis:
+            return f"a tuple of which each is {_words(parts[0])}"
+        return f"a tuple of {len(parts)}, each {_words(parts[0])}"
+    if parts:
+        return " or ".join(map(_words, parts))
+    return {float: "a number", int: "a whole number", bool: "True or False", str: "text", Path: "a Path"}[kind]
+
+
+def _range_words(name):
+    if name in _AT_MOST:
+        return f" above 0 and up to {_AT_MOST[name]:g}"
+    return " above 0" if name in _ABOVE_ZERO else " of at least 0" if name in _NOT_NEGATIVE else ""

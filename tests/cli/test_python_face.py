@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import logging
+import re
 import subprocess
 import sys
 import tomllib
@@ -146,6 +147,35 @@ def test_what_does_nothing_is_refused(site, tmp_path):
         mpmgis.open_results(site / "results", products=("maxima",))
     with pytest.raises(mpmgis.MpmgisError, match="no frame"):
         mpmgis.open_results(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("bed", "foo", "wanted 'bilinear' or 'plane'"),
+    ("extent", "foo", "wanted 'flow' or 'dtm'"),
+    ("percentile", 500, "above 0 and up to 100"),
+    ("percentile", 0, "above 0 and up to 100"),
+    ("min_depth", -1, "a number of at least 0"),
+    ("time_step", 0, "above 0"),
+    ("cell_size", float("nan"), "a number or 'auto' above 0"),
+    ("cell_size", "x", "a number or 'auto' above 0"),
+    ("standoff", "x", "a number or 'auto'"),
+    ("products", "t_vol", "a tuple of which each is text"),
+    ("origin", (1, 2), "a tuple of 3, each a number"),
+    ("dem_band", 1.5, "a whole number above 0"),
+    ("dem_band", True, "a whole number above 0"),
+])  # fmt: skip
+def test_values_that_a_command_refuses_are_refused(site, name, value, words):
+    for call in (mpmgis.open_results, mpmgis.export_raster):
+        with pytest.raises(InputError, match=re.escape(words)):
+            call(site / "results", **{name: value})
+    mpmgis.open_results(site / "results", cell_size=np.float32(20), products=["mass"], standoff="auto", bed="plane")
+
+
+def test_what_is_neither_scene_nor_velocity_is_refused(site):
+    with pytest.raises(InputError, match="velocity is 3, wanted a tuple of 2, each a number"):
+        mpmgis.seed(site / "dtm.tif", site / "release.shp", velocity=3)
+    with pytest.raises(InputError, match="scene is 5, wanted a path or a mapping"):
+        mpmgis.run(5)
 
 
 def test_netcdf_keeps_place_time_and_units(site, tmp_path):
