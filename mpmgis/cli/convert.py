@@ -2,13 +2,15 @@
 
 from pathlib import Path
 
-from . import talk
+from . import solver_options
 from .values import count, positive
 
 EXAMPLE = """
 mpmgis convert area_particles.h5 --cell 1
 mpmgis convert results/frame_000015.h5 --spacing 0.5 -o impact.h5
 mpmgis convert impact.h5 --to columns --cell 5
+mpmgis convert area_particles.h5 --for kratos --cell 1 --material slide.toml
+mpmgis convert results/*.h5 --for paraview
 """
 _POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
 _COLUMNS_ONLY = ("by", "detached")
@@ -16,7 +18,9 @@ _COLUMNS_ONLY = ("by", "detached")
 
 def add_arguments(parser):
     """Declare the verb's options."""
-    parser.add_argument("source", type=Path, metavar="FRAME", help="frame of columns or points (.h5)")
+    parser.add_argument(
+        "source", type=Path, nargs="+", metavar="FRAME", help="frame of columns or points (.h5); several with --for"
+    )
     parser.add_argument(
         "--to", choices=("points", "columns"), help="what to make of it (default: points of columns and the reverse)"
     )
@@ -26,9 +30,9 @@ def add_arguments(parser):
         type=Path,
         metavar="FILE",
         help="file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp (default: <name>_points.h5 or "
-        "<name>_columns.h5)",
+        "<name>_columns.h5); with --for a folder",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file of that name")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file or folder of that name")
     parser.add_argument(
         "--cell",
         type=positive,
@@ -40,6 +44,7 @@ def add_arguments(parser):
     _add_point_options(parser.add_argument_group("to points"))
     _add_column_options(parser.add_argument_group("to columns"))
     _add_terrain_options(parser.add_argument_group("terrain"))
+    solver_options.add_arguments(parser)
 
 
 def _add_point_options(group):
@@ -90,23 +95,58 @@ def _add_terrain_options(group):
 
 def run(arguments):
     """Convert and write; prints the paths of the files, one a line."""
-    from ..pipeline.convert import ConvertRequest, convert_to_columns, convert_to_points, dimension_of
+    from ..pipeline.convert import ConvertRequest
 
-    asked = {name: getattr(arguments, name) for name in ConvertRequest.__dataclass_fields__}
-    request = ConvertRequest(**asked)
+    sources = arguments.source
+    asked = {name: getattr(arguments, name) for name in ConvertRequest.__dataclass_fields__ if name != "source"}
+    request = ConvertRequest(sources[0], **asked)
+    say, flush = solver_options.told_at_the_end()
+    if arguments.solver is not None:
+        paths = _run_for_solver(arguments, request, say)
+    else:
+        _require_one(arguments)
+        solver_options.refuse_without_solver(arguments)
+        paths = _run(arguments, request, say)
+    flush()
+    for path in paths:
+        print(path)
+    return 0
+
+
+def _require_one(arguments):
+    from ..errors import InputError
+
+    if len(arguments.source) > 1:
+        raise InputError(
+            f"{len(arguments.source)} frames, wanted one; --for paraview and --for houdini take several, and "
+            "export-raster makes maps of them"
+        )
+
+
+def _run(arguments, request, say):
+    """Paths of the frames written."""
+    from ..pipeline.convert import convert_to_columns, convert_to_points, dimension_of
+
     to = arguments.to or ("points" if dimension_of(request.source) == 2 else "columns")
-    notes = []  # told when all went well, so that a refusal stands alone
-    say = talk.say if talk.volume > 0 else notes.append
     if to == "points":
         written = convert_to_points(request, _point_options(arguments), say)
     else:
         written = convert_to_columns(request, _column_options(arguments), say)
-    for note in notes:
-        talk.say(note)
-    for path in (written.path, written.rest):
-        if path is not None:
-            print(path)
-    return 0
+    return [path for path in (written.path, written.rest) if path is not None]
+
+
+def _run_for_solver(arguments, request, say):
+    """The folder written."""
+    from ..errors import InputError
+    from ..pipeline.solver_start import convert_for_solver
+
+    if arguments.to == "columns":
+        raise InputError(f"--to columns: {arguments.solver} starts from points; leave it out")
+    _refuse_given(arguments, _COLUMNS_ONLY, "belongs to --to columns")
+    of_points = any(getattr(arguments, name) for name in _POINTS_ONLY)
+    options = _point_options(arguments) if of_points or arguments.cell else None
+    start = solver_options.request_of(arguments)
+    return [convert_for_solver(start, arguments.source, request, options, of_points, say).path]
 
 
 def _point_options(arguments):

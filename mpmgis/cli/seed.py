@@ -4,12 +4,13 @@ import argparse
 import math
 from pathlib import Path
 
-from . import talk
+from . import solver_options, talk
 from .values import number, positive
 
 EXAMPLE = """
 mpmgis seed --dem dtm.tif --release area.shp
 mpmgis seed --dem dtm.tif --release area.gpkg --thickness 1.5 --count 20000 --density 300 -o area.parquet
+mpmgis seed --dem dtm.tif --release area.shp --for kratos --cell 1 --material slide.toml
 """
 DEFAULT_DENSITY = 1000.0
 
@@ -32,12 +33,18 @@ def add_arguments(parser):
         type=Path,
         metavar="FILE",
         help="file to write; its suffix picks the format: .h5, .csv, .json, .gpkg, .parquet, .vtp "
-        "(default: <release name>_particles.h5)",
+        "(default: <release name>_particles.h5); with --for a folder",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file of that name")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier file or folder of that name")
     _add_terrain_options(parser.add_argument_group("terrain"))
     _add_material_options(parser.add_argument_group("material"))
     _add_resolution_options(parser.add_argument_group("columns"))
+    solver_options.add_arguments(parser).add_argument(
+        "--cell",
+        type=positive,
+        metavar="M",
+        help="with --for: side of the cells of the solver's grid; columns become points that fill it",
+    )
 
 
 def _add_terrain_options(group):
@@ -113,36 +120,50 @@ def run(arguments):
         )
     if arguments.density is None:
         talk.say(f"density is {DEFAULT_DENSITY:g} kg m-3 (--density gives another)")
+    asked = {
+        "crs": arguments.crs,
+        "dem_band": arguments.dem_band,
+        "thickness": arguments.thickness,
+        "thickness_mode": arguments.thickness_mode or "normal",
+        "surface": arguments.surface,
+        "per_cell": arguments.per_cell,
+        "count": arguments.count,
+        "spacing": arguments.spacing,
+        "points": arguments.points,
+        "mass": arguments.mass,
+        "density": arguments.density or DEFAULT_DENSITY,
+        "refine_slope": arguments.refine_slope,
+        "velocity": arguments.velocity,
+        "seed": arguments.seed,
+    }
+    if arguments.solver is not None:
+        return _run_for_solver(arguments, asked)
+    solver_options.refuse_without_solver(arguments)
+    if arguments.cell is not None:
+        raise InputError("--cell belongs to --for; leave it out, or say for which solver")
     seeded = seed_file(
-        arguments.dem,
-        arguments.release,
-        arguments.output,
-        crs=arguments.crs,
-        dem_band=arguments.dem_band,
-        thickness=arguments.thickness,
-        thickness_mode=arguments.thickness_mode or "normal",
-        surface=arguments.surface,
-        overwrite=arguments.overwrite,
-        say=talk.say,
-        per_cell=arguments.per_cell,
-        count=arguments.count,
-        spacing=arguments.spacing,
-        points=arguments.points,
-        mass=arguments.mass,
-        density=arguments.density or DEFAULT_DENSITY,
-        refine_slope=arguments.refine_slope,
-        velocity=arguments.velocity,
-        seed=arguments.seed,
+        arguments.dem, arguments.release, arguments.output, overwrite=arguments.overwrite, say=talk.say, **asked
     )
-    _tell(seeded)
+    _tell(seeded.count, seeded.record)
     print(seeded.path)
     return 0
 
 
-def _tell(seeded):
-    record = seeded.record
+def _run_for_solver(arguments, asked):
+    from ..pipeline.solver_start import seed_for_solver
+
+    say, flush = solver_options.told_at_the_end()
+    request = solver_options.request_of(arguments)
+    written, count, record = seed_for_solver(request, arguments.dem, arguments.release, say=say, **asked)
+    _tell(count, record)
+    flush()
+    print(written.path)
+    return 0
+
+
+def _tell(count, record):
     talk.say(
-        f"{seeded.count} columns on {record['release_area']:.6g} m2: {record['reference_volume']:.6g} m3, "
+        f"{count} columns on {record['release_area']:.6g} m2: {record['reference_volume']:.6g} m3, "
         f"{record['reference_mass']:.6g} kg (thickness {record['thickness_mode']} to the bed)".replace(
             "vertical to the bed", "vertical"
         )

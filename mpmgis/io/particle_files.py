@@ -21,6 +21,7 @@ import shapely
 from ..errors import OutputError
 from .atomic import whole_file
 from .frames import write_frame_slabs
+from .vtp import write_vtp
 
 UNITS = {
     "id": "1", "x": "m", "y": "m", "z_bed": "m", "z_surface": "m", "thickness": "m", "area": "m2", "mass": "kg",
@@ -151,44 +152,9 @@ def _write_vtp(path, frame, count, slabs):
     columns = _whole_table(frame, slabs)
     origin = np.array(frame.origin)
     points = np.column_stack([columns.pop("x"), columns.pop("y"), columns["z_bed"]]) - origin
-    velocity = np.column_stack([columns.pop(name) for name in ("u", "v", "w")])
-    blocks = []
-    data = "".join(_vtp_array(name, values, blocks) for name, values in (*columns.items(), ("velocity", velocity)))
-    place = _vtp_array("points", points, blocks)
-    verts = _vtp_array("connectivity", np.arange(count), blocks)
-    verts += _vtp_array("offsets", np.arange(1, count + 1), blocks)
-    fields = _vtp_field("TimeValue", [frame.time]) + _vtp_field("origin", origin.tolist())
-    record = json.dumps(_record(frame)).replace("--", "- -")
-    head = (
-        '<?xml version="1.0"?>\n<!-- ' + record + " -->\n"
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<PolyData><FieldData>{fields}</FieldData>\n"
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
-        'NumberOfPolys="0">\n'
-        f"<PointData>{data}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
-        '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
-    )
-    with whole_file(path) as part, open(part, "wb") as sink:
-        sink.write(head.encode())
-        for block in blocks:
-            sink.write(np.uint64(block.nbytes).tobytes())
-            sink.write(block.data)
-        sink.write(b"\n</AppendedData>\n</VTKFile>\n")
-
-
-def _vtp_array(name, values, blocks):
-    """The XML of an array whose bytes are appended to `blocks`."""
-    kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
-    offset = sum(block.nbytes + 8 for block in blocks)
-    blocks.append(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False))
-    parts = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    return f'\n<DataArray type="{kind}" Name="{name}"{parts} format="appended" offset="{offset}"/>'
-
-
-def _vtp_field(name, values):
-    text = " ".join(repr(float(value)) for value in values)
-    size = f'NumberOfTuples="{len(values)}"'
-    return f'<DataArray type="Float64" Name="{name}" {size} format="ascii">{text}</DataArray>'
+    columns["velocity"] = np.column_stack([columns.pop(name) for name in ("u", "v", "w")])
+    fields = {"TimeValue": [frame.time], "origin": origin.tolist()}
+    write_vtp(path, points, columns, fields, json.dumps(_record(frame)))
 
 
 _WRITERS = {

@@ -57,7 +57,7 @@ def convert_to_points(request, options=None, say=lambda text: None):
     if path.suffix.lower() != ".h5":
         raise OutputError(f"{path}: points are written as frames, wanted a name that ends in .h5")
     frame, terrain = _inputs(request, path, 2, say)
-    _require_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
+    require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
     header = points.frame.header | {
         "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
@@ -143,7 +143,7 @@ def _refuse_replacing(path, request, terrain):
             raise OutputError(f"{path} is what the frame is made from and would be replaced; give another -o")
 
 
-def _require_memory(count, spacing):
+def require_point_memory(count, spacing):
     """Refuse before the work what this machine cannot hold (H25)."""
     needed, free = count * BYTES_PER_POINT, available_memory()
     if needed > free:

@@ -28,14 +28,15 @@ def output_folder(request, entries):
         output = folder.parent / f"{folder.name}_gis"
     refuse_existing(output, request.overwrite)
     for entry in entries:
-        _refuse_within(output, entry.path)
+        refuse_within(output, entry.path)
     return output
 
 
-def _refuse_within(output, path):
+def refuse_within(output, path):
+    """Raise OutputError where the folder `output`, which is going to be replaced, holds the file at `path`."""
     if output.resolve() in path.resolve().parents:
         raise OutputError(
-            f"{output} holds {path.name}, which the export is made from, and would be replaced; give another -o"
+            f"{output} holds {path.name}, which this is made from, and would be replaced; give another -o"
         )
 
 
@@ -61,7 +62,7 @@ def run_terrain(request, entries, output, say):
             crs = _word_of(header.crs)
     terrain = read_terrain(path, crs, request.dem_band, say)
     if output is not None:
-        _refuse_within(output, Path(path))
+        refuse_within(output, Path(path))
     if header.crs is None and terrain.grid.crs is not None:
         say(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
     elif not same_place(header.crs, terrain.grid.crs):

@@ -4,12 +4,15 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import OutputError
 from ..geo.release import NORMAL
 from ..io.atomic import refuse_existing
 from ..io.particle_files import require_format, write_columns
-from ..io.raster import READ_WHOLE, TerrainFile
+from ..io.raster import READ_WHOLE, TerrainFile, read_terrain
 from ..io.vector import read_release
+from ..particles import Particles
 from ..seeding.columns import plan_seed
 from ..seeding.plausible import Cures, tell_if_implausible
 
@@ -65,9 +68,7 @@ def seed_file(
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
     _refuse_inputs(path, (dem, release, thickness, surface))
-    seed = plan_seed(terrain, area, say=say, **options)
-    mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
-    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
+    seed = _planned(terrain, area, options, say)
     frame = replace(seed.empty_frame(), dem=relative_path(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
@@ -81,6 +82,35 @@ def _terrain(dem, crs, band, say):
     rows, columns = file.grid.shape
     say(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
     return file
+
+
+def seed_frame(
+    dem,
+    release,
+    *,
+    crs=None,
+    dem_band=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    say=lambda text: None,
+    **options,
+):
+    """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
+    terrain = read_terrain(dem, crs=crs, band=dem_band, say=say)
+    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
+    seed = _planned(terrain, area, options, say)
+    slabs = [particles.arrays() for particles in seed.slabs()]
+    particles = Particles(**{name: np.concatenate([slab[name] for slab in slabs]) for name in slabs[0]})
+    return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
+
+
+def _planned(terrain, area, options, say):
+    """The Seed of a release on a terrain, with words about what is hardly meant."""
+    seed = plan_seed(terrain, area, say=say, **options)
+    mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
+    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
+    return seed
 
 
 def _refuse_inputs(path, inputs):

@@ -1,0 +1,230 @@
+"""What another 3D solver starts with: points in local coordinates, their terrain, grid and material."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..geo.terrain import Terrain
+from .starting import kirchhoff_stress
+
+CELLS_AROUND = 10  # at the least, of the grid beyond the points, where no window is asked for
+CELLS_UNDER = 3  # of the grid under the lowest ground
+CELLS_OVER = 4  # of the grid over the flow, which may rise to twice its height besides
+COURANT = 0.2  # of the time step written for solvers that are to be told one
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a solver's local coordinates begin, and what ground it gets.
+
+    Parameters
+    ----------
+    origin : (float, float, float) [m]
+        (E, N, H) of the local (0, 0, 0), the grid's lower south-west corner.
+    terrain : Terrain
+        The window of the DTM.
+    size : (float, float, float) [m]
+        Of the box along E, N and up.
+    cell : float or None [m]
+        Side of the grid's cubes, a whole number of which fills the box.
+    headroom : float [m]
+        Height over the bed that the grid has at the least.
+    """
+
+    origin: tuple
+    terrain: Terrain
+    size: tuple
+    cell: float | None
+    headroom: float
+
+    @property
+    def cells(self):
+        """(int, int, int): cubes along x, y and z."""
+        return tuple(round(length / self.cell) for length in self.size)
+
+    def bed_at_nodes(self):
+        """float64[nx + 1, ny + 1, 3] [m]: local places on the bed under the grid's nodes, NaN where there is none."""
+        nx, ny, _ = self.cells
+        east, north, up = self.origin
+        x, y = np.meshgrid(self.cell * np.arange(nx + 1), self.cell * np.arange(ny + 1), indexing="ij")
+        return np.stack([x, y, self.terrain.sample(east + x, north + y) - up], axis=-1)
+
+
+@dataclass(frozen=True)
+class SolverStart:
+    """Points at one time in local coordinates, and all that a solver may ask besides.
+
+    Parameters
+    ----------
+    position, velocity : float64[n, 3] [m], [m s-1]
+        Towards E, N and up, from `box.origin`.
+    ids : int64[n]
+    mass : float64[n] [kg]
+    volume, current_volume : float64[n] [m3]
+        Mass over density, for solvers that make the mass of the volume; the frame's own.
+    vertical_stress : float64[n] or None [Pa]
+        Of the weight above a point (`geostatic`), where the frame tells it.
+    time, density : float [s], [kg m-3]
+    box : Box
+    crs : pyproj.CRS or None
+    material : MaterialTable or None
+    bed_friction : float or None [1]
+        tan of the friction angle on the bed.
+    end_time : float or None [s]
+    gravity : float [m s-2]
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    ids: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+    current_volume: np.ndarray
+    vertical_stress: np.ndarray | None
+    time: float
+    density: float
+    box: Box
+    crs: Any = None
+    material: Any = None
+    bed_friction: float | None = None
+    end_time: float | None = None
+    gravity: float = 9.81
+
+    @property
+    def cell(self):
+        """Side of the grid's cubes [m]."""
+        return self.box.cell
+
+    @property
+    def cells(self):
+        """(int, int, int): cubes along x, y and z."""
+        return self.box.cells
+
+    @property
+    def headroom(self):
+        """Height over the bed that the grid has at the least [m]."""
+        return self.box.headroom
+
+    @cached_property
+    def elastic(self):
+        """(Young's modulus [Pa], Poisson's ratio [1]) of the material's bulk and shear modulus."""
+        bulk, shear = self.material.parameters["bulk_modulus"], self.material.parameters["shear_modulus"]
+        return 9 * bulk * shear / (3 * bulk + shear), (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
+
+    @property
+    def tension_limit(self):
+        """Largest tension [Pa] of a Drucker-Prager material as Mohr-Coulomb: at most where its cone ends."""
+        values = self.material.parameters
+        cohesion, tangent = values["cohesion"], math.tan(math.radians(values["friction_angle"]))
+        limit = 10 * cohesion if self.material.tension_limit is None else self.material.tension_limit
+        return min(limit, cohesion / tangent) if tangent > 0 else limit
+
+    @property
+    def time_step(self):
+        """COURANT times what a pressure wave takes through a cell [s], two digits."""
+        values = self.material.parameters
+        wave = math.sqrt((values["bulk_modulus"] + 4 / 3 * values.get("shear_modulus", 0.0)) / self.density)
+        speed = float(np.sqrt((self.velocity**2).sum(axis=1)).max())
+        return float(f"{COURANT * self.cell / (wave + speed):.2g}")
+
+    @property
+    def stress(self):
+        """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz under the weight above, None where that is not known."""
+        if self.vertical_stress is None:
+            return None
+        values = self.material.parameters
+        return kirchhoff_stress(self.vertical_stress, values["bulk_modulus"], values.get("shear_modulus", 0.0))
+
+
+def placed_box(frames, terrain, cell=None, window=None):
+    """The Box for `frames` of points on `terrain`, with cells of `cell` [m] or without a grid.
+
+    `window` (west, south, east, north) [m]; without it the points' own extent, as much again around them, but no more
+    than the DTM has.
+
+    Raises
+    ------
+    InputError
+        A point outside the window, or the points off the DTM.
+    """
+    low, high = _extent(frames)
+    margin = max(*(high - low)[:2], CELLS_AROUND * (cell or 0.0))
+    west, south, east, north = terrain.grid.bounds
+    asked = window or (low[0] - margin, low[1] - margin, high[0] + margin, high[1] + margin)
+    west, south = max(math.floor(asked[0]), math.ceil(west)), max(math.floor(asked[1]), math.ceil(south))
+    east, north = min(asked[2], east), min(asked[3], north)
+    if cell is not None:
+        east, north = west + cell * math.floor((east - west) / cell), south + cell * math.floor((north - south) / cell)
+    if low[0] < west or low[1] < south or high[0] > east or high[1] > north:
+        what = f"the window {','.join(f'{side:.10g}' for side in window)}" if window else f"the DTM {terrain.path}"
+        raise InputError(
+            f"the points lie from E {low[0]:.1f} to {high[0]:.1f} and N {low[1]:.1f} to {high[1]:.1f}, not all within "
+            f"{what}; {'give a --window around them' if window else 'give a larger --dem'}"
+        )
+    part = terrain.cropped((west, south, east, north), 1)
+    floor, top = _least_and_most(part)
+    thickness = max(max(_height(frame, part) for frame in frames), 0.0)
+    headroom = 2 * thickness + CELLS_OVER * (cell or 0.0)
+    bottom = math.floor(min(floor, low[2]) - CELLS_UNDER * (cell or 0.0))
+    up = max(top, high[2]) + headroom - bottom
+    if cell is not None:
+        up = cell * math.ceil(up / cell)
+    return Box((float(west), float(south), float(bottom)), part, (east - west, north - south, up), cell, headroom)
+
+
+def _extent(frames):
+    """(float64[3], float64[3]) [m]: least and most E, N, H of all points."""
+    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    for frame in frames:
+        position = frame.particles.position + np.asarray(frame.origin)
+        least, most = np.minimum(least, position.min(axis=0)), np.maximum(most, position.max(axis=0))
+    return least, most
+
+
+def _least_and_most(terrain):
+    if not terrain.valid.any():
+        raise InputError(f"{terrain.path or 'the terrain'} has no heights around the points; give theirs with --dem")
+    return float(np.nanmin(terrain.elevation)), float(np.nanmax(terrain.elevation))
+
+
+def _height(frame, terrain):
+    """Largest height of a point over the bed [m]."""
+    height = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(*frame.map_xy())
+    return float(np.nanmax(height)) if np.isfinite(height).any() else 0.0
+
+
+def release_density(frame):
+    """Density [kg m-3] that a frame of points was released with; its mass over its volume where it does not say."""
+    said = frame.header.get("density")
+    if isinstance(said, (int, float, np.number)) and math.isfinite(said) and said > 0:
+        return float(said)
+    particles = frame.particles
+    return float(particles.mass.sum(dtype=float) / particles.volume.sum(dtype=float))
+
+
+def solver_start(frame, box, density, crs=None):
+    """The SolverStart of a `frame` of points in a Box, without a material (`with_material`)."""
+    particles = frame.particles
+    mass = particles.mass.astype(float)
+    return SolverStart(
+        position=particles.position.astype(float) + (np.asarray(frame.origin) - np.asarray(box.origin)),
+        velocity=particles.velocity.astype(float),
+        ids=np.arange(len(mass)) if particles.id is None else particles.id.astype(np.int64),
+        mass=mass,
+        volume=mass / density,
+        current_volume=particles.volume.astype(float),
+        vertical_stress=frame.told("vertical_stress"),
+        time=frame.time,
+        density=density,
+        box=box,
+        crs=crs,
+    )
+
+
+def with_material(start, material, bed_friction=None, end_time=None):
+    """The same with a MaterialTable, tan of the friction angle on the bed, and the time to end at [s]."""
+    return replace(start, material=material, bed_friction=bed_friction, end_time=end_time)

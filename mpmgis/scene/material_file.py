@@ -1,0 +1,54 @@
+"""A material on its own: out of a scene, or of a file that has little else."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import SceneError
+from .tables import MaterialTable, read_toml, scene_from_tables
+
+TABLES = ("material", "softening", "friction", "output")
+# what a scene must have and a material has not; never looked at
+_REST = {
+    "terrain": {"dem": "dtm.tif"}, "release": {"source": "release.shp", "thickness": 1.0, "density": 1000.0},
+    "numerics": {"cell_size": 1.0}, "output": {"end_time": 1.0, "frame_interval": 1.0},
+}  # fmt: skip
+EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_angle [degrees], cohesion [Pa]'
+
+
+class GivenMaterial(NamedTuple):
+    """A MaterialTable, and where the file says them tan of the friction angle on the bed [1] and when to end [s].
+
+    `lost` are tables of the file that other solvers do not get.
+    """
+
+    table: MaterialTable
+    bed_friction: float | None
+    end_time: float | None
+    lost: tuple
+
+
+def read_material(path):
+    """The GivenMaterial in a scene, or in a TOML file with [material] and maybe [friction] and [output].
+
+    Raises
+    ------
+    SceneError
+        No such file, nothing of that kind, values that are impossible.
+    """
+    path = Path(path)
+    tables = read_toml(path)
+    if "material" not in tables:
+        raise SceneError(f"{path} has no table [material]; write one: {EXAMPLE}")
+    whole = "terrain" in tables
+    alien = [name for name in tables if name not in (*TABLES, "solver")]
+    if not whole and alien:
+        raise SceneError(
+            f"{path}: [{alien[0]}] stands in a file without [terrain], which is no scene; wanted {', '.join(TABLES)}"
+        )
+    filled = tables if whole else {"solver": "points"} | _REST | tables
+    scene = scene_from_tables(filled, path.parent, path.name)
+    friction = scene.friction.parameters.get("mu") if scene.friction is not None else None
+    lost = tuple(name for name in ("softening", "zones", "barrier") if tables.get(name))
+    if friction is not None and scene.friction.law != "Coulomb":
+        lost += (f"friction of {scene.friction.law} but for mu",)
+    return GivenMaterial(scene.material, friction, scene.output.end_time if "output" in tables else None, lost)
