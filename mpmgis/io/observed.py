@@ -39,12 +39,11 @@ def read_line(path, grid, say=lambda text: None):
     """
     shapes = _shapes(path, grid, "LineString", "--line ", say)
     parts = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(shapely.get_parts(shapes))))
+    if len(parts) == 0:
+        raise InputError(f"{path}: its line has no length; draw it anew")
     if len(parts) != 1:
         raise InputError(f"{path} holds {len(parts)} lines that do not join end to end, wanted one; keep the flow path")
-    vertices = shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
-    if len(vertices) < 2:
-        raise InputError(f"{path}: its line has no length; draw it anew")
-    return vertices
+    return shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
 
 
 def read_points(path, grid, say=lambda text: None):

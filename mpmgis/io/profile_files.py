@@ -6,6 +6,7 @@ from .csv_table import column_name, write_records
 from .plots import COLOURS, draw_ground, dress, legend, plot_file
 from .styles import BATLOW, LOOKS, ramp_colours
 
+MOST_CURVES = 24  # of points in the plot; the table has all
 LATE = 0.85  # of the ramp that times are coloured with: its end is too pale for lines
 
 
@@ -42,14 +43,17 @@ def _draw_pair(axes, found, k, names, colour):
 
 
 def write_series_plot(path, found):
-    """A panel a product, a curve a point."""
+    """A panel a product, a curve a point, of the first MOST_CURVES."""
+    names = found.names[:MOST_CURVES]
+    of_all = f", {MOST_CURVES} of {len(found.names)} points" * (len(found.names) > MOST_CURVES)
     with plot_file(path, (9.0, 2.1 * len(found.values) + 0.5), rows=len(found.values)) as axes:
         for row, (name, values) in enumerate(found.values.items()):
             look = LOOKS[name]
-            for point, label in enumerate(found.names):
+            for point, label in enumerate(names):
                 colour = COLOURS[point % len(COLOURS)]
                 axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
             unit = look.unit.partition(";")[0]
             last = row == len(found.values) - 1
-            dress(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", f"{found.name}: series" * (row == 0))
+            title = f"{found.name}: series{of_all}" if row == 0 else ""
+            dress(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", title)
         legend(axes[0, 0], loc="best", ncols=2)

@@ -20,6 +20,7 @@ from .raster import file_sha256
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
+_LISTS, _TABLES = ("effects", "stages", "troubles"), ("balances", "mass", "scene", "versions")  # of a record
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
@@ -204,7 +205,22 @@ def read_record(folder, cure="remove it"):
         record = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {cure}") from error
-    return record if isinstance(record, dict) else {}
+    if not isinstance(record, dict):
+        return {}
+    _require_shape(record, f"{file} is none that a run wrote", cure)
+    return record
+
+
+def _require_shape(record, wrong, cure):
+    """Refuse a record in which a list is none, or a table."""
+    for key in (*_LISTS, *_TABLES):
+        if not isinstance(record.get(key), (list if key in _LISTS else dict, type(None))):
+            raise FormatError(f"{wrong}: {key} is no {'list' if key in _LISTS else 'table'}; {cure}")
+    for key in ("effects", "stages"):
+        if not all(isinstance(entry, dict) for entry in record.get(key) or ()):
+            raise FormatError(f"{wrong}: {key} has an entry that is no table; {cure}")
+    for stage in record.get("stages") or ():
+        _require_shape(stage, wrong, cure)
 
 
 def versions():

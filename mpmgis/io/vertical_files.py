@@ -5,6 +5,7 @@ from .csv_table import column_name, write_records
 from .plots import GROUND_LINE, dress, legend, plot_file
 from .styles import BATLOW, ramp_colours
 
+MOST_ROWS = 10  # of points in the plot; the tables have all
 # of a VerticalProfile: what is shown, its label, its factor, whether it stands on zero
 PANELS = (
     ("density", "density [kg/m³]", 1.0, True),
@@ -25,17 +26,18 @@ def write_loads(path, found):
 
 
 def write_vertical_plot(path, found):
-    """A row a point: density, velocities and pressure over the height above the bed, a colour for each time."""
-    rows = len(found.names)
+    """A row a point, of the first MOST_ROWS: density, velocities and pressure over the height, a colour a time."""
+    names = found.names[:MOST_ROWS]
+    rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
     with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:
         colours = ramp_colours(BATLOW, len(found.profiles[0]) + 2)
-        for k, name in enumerate(found.names):
+        for k, name in enumerate(names):
             for profile, colour in zip(found.profiles[k], colours, strict=False):
                 if profile.count.any():
                     _draw(axes[k], profile, colour)
             for panel, (_, label, _, from_zero) in enumerate(PANELS):
                 height = f"{name}\nheight above the bed [m]" if panel == 0 else ""
-                title = f"{found.name}: cells of {found.width:.3g} m" if (k, panel) == (0, 0) else ""
+                title = f"{found.name}: cells of {found.width:.3g} m{of_all}" if (k, panel) == (0, 0) else ""
                 dress(axes[k, panel], height, label if k == rows - 1 else "", title)
                 axes[k, panel].axhline(0.0, color=GROUND_LINE, linewidth=1.2)
                 if from_zero:

@@ -1,7 +1,7 @@
 """Where an answer about results goes: a folder of files, or the one of them that the suffix of -o asks for."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from ..errors import InputError, OutputError
@@ -35,7 +35,7 @@ def answer_output(request, word, files):
     Raises
     ------
     InputError, OutputError
-        A suffix that none of the files has; it exists; it holds the results.
+        A suffix that none of the files has; it exists; it holds the results, or another file that is asked with.
     """
     frames, output = request.results.frames, request.output
     if output is None:
@@ -48,10 +48,16 @@ def answer_output(request, word, files):
     if output.suffix.lower() not in suffixes and FILE_SUFFIX.fullmatch(output.suffix):
         raise InputError(f"-o {output}: wanted {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
     refuse_existing(output, request.overwrite)
-    for path in frames:
+    for path in (*frames, *_files_asked_with(request)):
         if Path(path).resolve().is_relative_to(output.resolve()):
             raise OutputError(f"{output} holds {path}, which is asked about, and would be replaced; give another -o")
     return output
+
+
+def _files_asked_with(request):
+    """Paths of the lines, points, guidelines, ... of a question, and of the DTM."""
+    values = [getattr(request, field.name) for field in fields(request) if field.name != "output"]
+    return [value for value in (*values, request.results.dem, request.results.sidecar) if isinstance(value, Path)]
 
 
 def write_answer(request, output, writers):

@@ -54,7 +54,7 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
     guideline = choose_guideline(request.guideline, request.guidelines)
     output = answer_output(request, WORD, FILES)
     with ExitStack() as stack:
-        result = exported_peaks(request.results, stack, say, progress)
+        result = exported_peaks(request.results, stack, say, progress, used=("min_depth",))
         bands, grid = _bands(result, guideline)
     reached = np.nan_to_num(bands["h_max"]) >= request.results.min_depth
     if not reached.any():

@@ -156,12 +156,15 @@ def _open_export(request, say):
     return ExportFlow(steps.name, steps, replace(terrain, grid=replace(terrain.grid, crs=steps.grid.crs)))
 
 
-def _refuse_options_of_frames(request):
-    """An export's cells are made: options that say how frames are read and averaged would change nothing."""
+def _refuse_options_of_frames(request, used=()):
+    """An export's cells are made: options that say how frames are read and averaged would change nothing.
+
+    `used` are those that the question itself has a use for.
+    """
     told = [
         field.name
         for field in fields(ExportRequest)
-        if field.name not in ("frames", "dem", "dem_band", "output", "overwrite")
+        if field.name not in ("frames", "dem", "dem_band", "output", "overwrite", *used)
         and getattr(request, field.name) != field.default
     ]
     if told:
@@ -171,17 +174,18 @@ def _refuse_options_of_frames(request):
         )
 
 
-def exported_peaks(request, stack, say=lambda text: None, progress=lambda done, total: None):
+def exported_peaks(request, stack, say=lambda text: None, progress=lambda done, total: None, used=()):
     """The Result (maxima, deposit, terrain) of an export, or of frames, which are exported for it.
 
-    `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it.
+    `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it. `used` are names of options of
+    frames that the question has a use for with an export, too; others are refused with one.
     """
     import tempfile
 
     if any(is_export(path) for path in request.frames):
         if len(request.frames) > 1:
             raise InputError(f"{request.frames[0]} is an export; give one at a time, and no frames beside it")
-        _refuse_options_of_frames(request)
+        _refuse_options_of_frames(request, used)
         return open_result(request.frames[0])
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
     asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
@@ -197,7 +201,7 @@ def require_on_grid(flow, x, y, names, what):
         west, south, east, north = flow.grid.bounds
         k = int(off[0])
         raise InputError(
-            f"{what} {names[k]!r} (E {x[k]:.1f}, N {y[k]:.1f}) lies off {flow.terrain.path} (E {west:.0f} to "
+            f"{what} {str(names[k])!r} (E {x[k]:.1f}, N {y[k]:.1f}) lies off {flow.terrain.path} (E {west:.0f} to "
             f"{east:.0f}, N {south:.0f} to {north:.0f}); move it, or check its CRS"
         )
     return cells

@@ -19,6 +19,7 @@ from .opened_results import open_flow
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
 WORD = "profile"
 USUAL_TIMES = 5
+MOST_PLACES = 200_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +48,13 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
     line = read_line(request.line, flow.terrain.grid, say)
     steps = chosen_steps(flow.times, request.at_times, say)
     length = float(vertex_distances(line)[-1])
-    along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, request.spacing or flow.grid.cell_size)
+    spacing = request.spacing or flow.grid.cell_size
+    if length > MOST_PLACES * spacing:
+        raise InputError(
+            f"{request.line}: {length:.6g} m with a place every {spacing:g} m are {length / spacing:.3g} places, "
+            f"wanted at most {MOST_PLACES}; give a larger --spacing"
+        )
+    along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
     cells = cells_of(flow.grid, x, y)
     _tell_of_places_off(request.line, flow, cells, line, say)
     values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)

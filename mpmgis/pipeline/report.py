@@ -108,7 +108,7 @@ def _gather(request, output, say, progress):
             raise
         note(f"no runout: {error}")
         runout = None
-    text = scene.read_text(encoding="utf-8") if scene.is_file() else ""
+    text = scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
     return _Gathered(flow, values, grid, read_record(folder), text, runout, tuple(dict.fromkeys(notes)))
 
 
@@ -118,7 +118,11 @@ def _key_figures(request, gathered):
     first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
     area = float(np.count_nonzero(reached) * gathered.grid.cell_area) / SQUARE_METRES_PER_HECTARE
     facts = [
-        ("solver", record.get("scene", {}).get("solver", flow.entries[0].header.solver or flow.entries[0].reader), ""),
+        (
+            "solver",
+            (record.get("scene") or {}).get("solver", flow.entries[0].header.solver or flow.entries[0].reader),
+            "",
+        ),
         ("mass of the first frame", first, "kg"),
         ("volume of the first frame at the density of the release", first / flow.averaging.density, "m3"),
         ("density of the release", flow.averaging.density, "kg m-3"),
@@ -169,7 +173,7 @@ def _balances(record):
     solver = "points" if "momentum_error_relative" in balances else "columns"
     try:
         return Lines(tuple(account(balances, solver, record.get("mass"))))
-    except (KeyError, TypeError) as error:  # another version knew other balances
+    except (KeyError, TypeError, ValueError) as error:  # another version knew other balances
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))
 
@@ -177,23 +181,28 @@ def _balances(record):
 def _warnings(gathered):
     """What went wrong or was assumed, of the run and of this reading of its frames."""
     record = gathered.record
-    lines = [*record.get("troubles", ()), *gathered.notes]
-    lines += [
-        f"{decision['effect']} is off although its number {decision['indicator']:.3g} is beyond "
-        f"{decision['threshold']:g}: {decision['reason']}"
-        for stage in _stages(record)
-        for decision in stage.get("effects", ())
-        if decision["state"] == "off"
-        and None not in (decision["indicator"], decision["threshold"])
-        and decision["indicator"] > decision["threshold"]
-    ]
+    lines = [*(record.get("troubles") or ()), *gathered.notes]
+    lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
     lines += [line for line in _balances(record).texts if line.startswith("beyond the model")]
-    return Lines(tuple(dict.fromkeys(lines)) or ("none",))
+    return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
+
+
+def _against_its_number(decision):
+    """What to say of an effect that is off although its number calls for it; '' of another."""
+    number, threshold = decision.get("indicator"), decision.get("threshold")
+    if decision.get("state") != "off" or not all(isinstance(value, int | float) for value in (number, threshold)):
+        return ""
+    if not number > threshold:
+        return ""
+    return (
+        f"{decision.get('effect')} is off although its number {number:.3g} is beyond {threshold:g}: "
+        f"{decision.get('reason')}"
+    )
 
 
 def _stages(record):
     """What the record tells of each stage of the run; of one where it has no stages."""
-    return record.get("stages") or [{"effects": record.get("effects", ())}]
+    return record.get("stages") or [{"effects": record.get("effects")}]
 
 
 def _effects(record):
@@ -202,7 +211,7 @@ def _effects(record):
     for number, stage in enumerate(stages, start=1):
         if len(stages) > 1:
             yield Lines((f"stage {number}: {stage.get('solver', '')}",))
-        decisions = sorted(stage.get("effects", ()), key=lambda decision: decision.get("state") == "off")
+        decisions = sorted(stage.get("effects") or (), key=lambda decision: decision.get("state") == "off")
         rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
         if rows:
             yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
@@ -224,7 +233,7 @@ def _word(value):
 
 def _origin(gathered):
     flow, record = gathered.flow, gathered.record
-    header = flow.entries[0].header
+    header, wall = flow.entries[0].header, record.get("wall_seconds")
     rows = [
         (
             "frames",
@@ -235,8 +244,8 @@ def _origin(gathered):
         ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
         ("digest of the scene", header.digest),
         ("digest of the result", record.get("result_digest") or ""),
-        *((f"computed with {name}", version) for name, version in record.get("versions", {}).items()),
+        *((f"computed with {name}", version) for name, version in (record.get("versions") or {}).items()),
         *((f"reported with {name}", version) for name, version in versions().items()),
-        ("wall time", f"{record['wall_seconds']:.3g} s" if record.get("wall_seconds") else ""),
+        ("wall time", f"{wall:.3g} s" if isinstance(wall, int | float) else ""),
     ]
     return Table(("what", "is"), tuple((what, value) for what, value in rows if value))

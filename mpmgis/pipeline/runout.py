@@ -30,6 +30,7 @@ PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
 WORD = "runout"
 CENTRE_LINE = "centre line of the flow"
+STRAIGHT_OVER_ALONG = 1.5  # a toe as far beside the line as along it makes 1.41
 _ROOM = 0.08  # of the runout: how far the profile goes on at both ends
 
 
@@ -81,6 +82,11 @@ def found_runout(request, flow, depth, deposit, grid, say):
     if reached is None:
         raise InputError(
             f"{flow.name}: the flow does not get beyond its highest place along {source}; give another --line"
+        )
+    if reached.straight > STRAIGHT_OVER_ALONG * reached.length:
+        say(
+            f"{source}: the flow's toe lies {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
+            "along the line, which does not follow the flow; give another --line"
         )
     states = _states(request, flow, line)
     return RunoutFound(

@@ -90,6 +90,11 @@ def _entry_profiles(entry, averaging, points, width, layer):
 
 
 def _tell_of_nothing(found, say):
-    for name, of_point in zip(found.names, found.profiles, strict=True):
-        if not any(profile.count.any() for profile in of_point):
-            say(f"nothing lies within {0.5 * found.width:.3g} m of point {name!r} at these times")
+    empty = [
+        name
+        for name, of_point in zip(found.names, found.profiles, strict=True)
+        if not any(profile.count.any() for profile in of_point)
+    ]
+    if empty:
+        others = f" and of {len(empty) - 1} others" if len(empty) > 1 else ""
+        say(f"nothing lies within {0.5 * found.width:.3g} m of point {empty[0]!r}{others} at these times")

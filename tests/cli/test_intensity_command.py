@@ -62,6 +62,14 @@ def test_an_export_and_its_frames_have_the_same_classes(tmp_path, run):
         assert found[0] == found[1] and sum(found[0].values()) == 3 * SIDE**2
 
 
+def test_what_counts_as_reached_may_be_said_of_an_export_too(tmp_path, run):
+    assert main(["export-raster", str(run), "--no-qgis"]) == 0
+    for source in (run, tmp_path / "run_gis"):  # 1.79 m normal to the slope, 2 m on the flat
+        options = ["--guideline", "swiss-avalanche", "--min-depth", "1.9", "-o", str(tmp_path / "c"), "--overwrite"]
+        assert main(["intensity", str(source), *options]) == 0
+        assert sum(areas(tmp_path / "c").values()) == 2 * SIDE**2
+
+
 def test_a_guideline_of_ones_own_in_one_file(tmp_path, run):
     own = tmp_path / "own.toml"
     own.write_text('[deep]\nsource = "s"\n[[deep.class]]\nname = "deep"\ncolour = "#0000ff"\nwhen = [{ h = 1.9 }]\n')

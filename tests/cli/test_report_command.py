@@ -120,6 +120,28 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
     assert not (tmp_path / "run_report").exists() and not (broken / "run_report").exists()
 
 
+@pytest.mark.parametrize(("record", "words"), [
+    ({"balances": [1, 2]}, "balances is no table"),
+    ({"effects": 3}, "effects is no list"),
+    ({"stages": [{"effects": [3]}]}, "effects has an entry that is no table"),
+])  # fmt: skip
+def test_a_record_that_no_run_wrote_is_refused(tmp_path, capsys, record, words):
+    folder = write_block_run(tmp_path)
+    (folder / "run.json").write_text(json.dumps(record))
+    assert main(["report", str(folder)]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and words in said[0], said
+
+
+def test_a_record_and_a_scene_that_are_damaged_within_have_a_report(tmp_path):
+    folder = write_block_run(tmp_path)
+    record = {"balances": {"mass_start": "x"}, "effects": [{}], "stages": None, "wall_seconds": "1"}
+    (folder / "run.json").write_text(json.dumps(record))
+    (folder / "scene.toml").write_bytes(b"solver = '\xff'")
+    report(folder, "-o", tmp_path / "r.html")
+    assert "solver = '\ufffd'" in Reader((tmp_path / "r.html").read_text(encoding="utf-8")).text
+
+
 def test_balances_of_another_version_are_shown_as_they_stand(tmp_path):
     folder = write_block_run(tmp_path)
     (folder / "run.json").write_text(json.dumps({"balances": {"mass_start": 5.0, "momentum_error_relative": 0.0}}))

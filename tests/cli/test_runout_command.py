@@ -82,6 +82,15 @@ def test_a_given_line_is_reprojected_and_turned_downhill(tmp_path, capsys):
     assert facts["runout_m"] == pytest.approx(REST - START + SIDE - 10, abs=0.01)
 
 
+def test_a_line_across_the_flow_is_told(tmp_path, capsys):
+    run = write_block_run(tmp_path)
+    across = write_line(tmp_path / "across.gpkg", (300, 100), (310, 300))
+    _, said = runout(capsys, run, "--line", across)
+    assert "does not follow the flow" in said
+    _, said = runout(capsys, run, "--line", write_line(tmp_path / "line.gpkg"), "--overwrite")
+    assert "follow" not in said
+
+
 def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
     run = write_block_run(tmp_path)
     elsewhere = write_line(tmp_path / "elsewhere.gpkg", (100, 20), (700, 20))
@@ -89,6 +98,10 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
     export = tmp_path / "run_gis"
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "letter.txt").write_text("mine")
+    written = tmp_path / "written"  # by the program, with a file of the user's in it
+    assert main(["runout", str(run), "-o", str(written)]) == 0
+    write_line(written / "line.gpkg")
+    nowhere = write_line(tmp_path / "nowhere.gpkg", (100, 200), (100, 200))
     for arguments, words in (
         ((run, "--threshold", 50), "lower one"),
         ((run, "--line", elsewhere), "passes no nearer than"),
@@ -99,10 +112,12 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
         ((run, "-o", tmp_path / "taken"), "exists already"),
         ((run, "-o", tmp_path / "taken", "--overwrite"), "not written by mpmgis"),
         ((run, "-o", run, "--overwrite"), "would be replaced"),
+        ((run, "-o", written, "--overwrite", "--line", written / "line.gpkg"), "holds"),
+        ((run, "--line", nowhere), "has no length"),
     ):
         capsys.readouterr()
         assert main(["runout", *map(str, arguments)]) == 2
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == 1 and words in lines[0], lines
-    assert (tmp_path / "taken" / "letter.txt").read_text() == "mine"
+    assert (tmp_path / "taken" / "letter.txt").read_text() == "mine" and (written / "line.gpkg").exists()
     assert not (tmp_path / "run_runout").exists()

@@ -1,5 +1,6 @@
 """`mpmgis vertical` on a block of points: tables, plot, what it refuses."""
 
+import PIL.Image
 import pytest
 from block_frames import DENSITY, MIDDLE, THICKNESS, table, write_block_run
 from slope_site import SOUTH, WEST
@@ -31,6 +32,18 @@ def test_where_nothing_is_that_is_said(tmp_path, capsys):
     assert "nothing lies within" in capsys.readouterr().err
 
 
+def test_of_very_many_points_the_tables_hold_all_and_the_plot_the_first(tmp_path, capsys):
+    """A row for each of them would be a picture of 100 000 pixels, which cannot be drawn."""
+    run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)
+    places = [f"{WEST + 600 + k / 10},{SOUTH + MIDDLE}" for k in range(299)] + [f"{WEST + 150},{SOUTH + MIDDLE}"]
+    options = [word for place in places for word in ("--at", place)]
+    assert main(["vertical", str(run), *options, "-o", str(tmp_path / "v")]) == 0
+    assert "and of 298 others at these times" in capsys.readouterr().err
+    assert len(table(tmp_path / "v" / "loads.csv")) == 300
+    with PIL.Image.open(tmp_path / "v" / "vertical.png") as picture:
+        assert 3000 < picture.height < 4000  # ten rows
+
+
 def test_columns_and_places_off_the_raster_are_refused(tmp_path, capsys):
     run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)
     other = tmp_path / "columns"
@@ -42,7 +55,10 @@ def test_columns_and_places_off_the_raster_are_refused(tmp_path, capsys):
         ((tmp_path / "run_gis", "--at", AT), "is an export"),
         ((run,), "no point is named"),
         ((run, "--at", f"{WEST - 5},{SOUTH + MIDDLE}"), "lies off"),
-        ((run, "--at", f"{WEST + 5},{SOUTH + MIDDLE}", "--width", 20), "the cell of 20 m around point"),
+        (
+            (run, "--at", f"{WEST + 5},{SOUTH + MIDDLE}", "--width", 20),
+            "the cell of 20 m around point '400005,5100200'",
+        ),
         ((run, "--at", f"{WEST + 150},{SOUTH + MIDDLE}", "--layer", 1e-4), "take a larger --layer"),
     ):
         capsys.readouterr()
