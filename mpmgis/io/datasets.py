@@ -13,11 +13,12 @@ import xarray
 from .. import __version__
 from ..errors import FormatError, InputError
 from ..fields import BAND, Quantity
+from ..geo.georeference import require_metric
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 from .exported import read_part
 from .exported_steps import open_steps
-from .raster import open_raster
+from .raster import mask_false_heights, open_raster
 from .step_rasters import SparseBands
 
 BLOCK = 2048  # rows and columns that are read at once
@@ -155,14 +156,15 @@ def _read_block(paths, band, block_info=None):
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 
-def terrain_of(array):
+def terrain_of(array, say=lambda text: None):
     """The Terrain in an xarray.DataArray [y, x] of elevations [m] that rioxarray knows the place of.
 
     Raises
     ------
-    InputError
-        No such array, not two dimensions, no place on a map.
+    InputError, GeoreferenceError
+        No such array, not two dimensions, not in metres, heights that are none.
     """
+    name = "the DTM given"
     if not isinstance(array, xarray.DataArray):
         raise InputError(f"dem is {type(array).__name__}, wanted a path, a Terrain or an xarray.DataArray")
     array = array.squeeze(drop=True)
@@ -172,4 +174,9 @@ def terrain_of(array):
     if array.rio.nodata is not None:
         elevation = np.where(elevation == array.rio.nodata, np.nan, elevation)
     crs = None if array.rio.crs is None else pyproj.CRS.from_wkt(array.rio.crs.to_wkt())
-    return Terrain(Grid(crs, array.rio.transform(), elevation.shape), elevation, path="the DTM given")
+    grid = Grid(crs, array.rio.transform(), elevation.shape)
+    if crs is not None:
+        require_metric(crs, grid.bounds, name, say)
+    elevation = np.where(np.isfinite(elevation), elevation, np.nan)
+    mask_false_heights(elevation, name, say)
+    return Terrain(grid, elevation, path=name)

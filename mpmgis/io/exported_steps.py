@@ -54,7 +54,7 @@ def open_steps(folder):
     found = {path: match[1] for path, match in matches if match}
     if not found:
         raise FormatError(
-            f"{folder} holds no steps (rasters/<name>_0000.tif, ...); export it without an infinite --dt-e"
+            f"{folder} holds no steps (rasters/<name>_0000.tif, ...); give the frames, or a folder of export-raster"
         )
     if len(set(found.values())) > 1:
         raise InputError(f"{folder} holds steps of {len(set(found.values()))} runs; name the frames of one instead")

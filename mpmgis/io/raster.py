@@ -129,7 +129,7 @@ class TerrainFile:
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:
             elevation = _values(source, self._file, self._band, window=window)
-        _mask_false_heights(elevation, self._file, self._say)
+        mask_false_heights(elevation, self._file, self._say)
         terrain = Terrain(grid, elevation, self.path, self.sha256)
         _tell_of_cliffs(terrain, self._file, self._say)
         return terrain
@@ -349,7 +349,7 @@ def _require_metres_up(source, path, band, say):
         say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
 
 
-def _mask_false_heights(elevation, path, say):
+def mask_false_heights(elevation, path, say):
     """Turn undeclared nodata into NaN, and say so; refuse heights that are none (D12)."""
     for value in _USUAL_NODATA:
         false = elevation == value

@@ -136,7 +136,7 @@ def _dataset(request, entries, dem, say):
     if dem is None or isinstance(dem, (str, Path)):
         terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
     else:
-        terrain = _terrain_in_memory(dem, entries[0])
+        terrain = _terrain_in_memory(dem, entries[0], say)
     with frame_pool() as pool:
         plan = make_plan(request, entries, terrain, products, pool, say)
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
@@ -149,8 +149,8 @@ def _dataset(request, entries, dem, say):
     )  # fmt: skip
 
 
-def _terrain_in_memory(dem, entry):
-    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem)
+def _terrain_in_memory(dem, entry, say):
+    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem, say)
     if entry.header.crs is not None and not same_place(entry.header.crs, terrain.grid.crs):
         raise GeoreferenceError(
             f"{entry.path} is in {name_of(entry.header.crs)}, but the DTM given is in {name_of(terrain.grid.crs)}; "

@@ -171,6 +171,22 @@ def test_values_that_a_command_refuses_are_refused(site, name, value, words):
     mpmgis.open_results(site / "results", cell_size=np.float32(20), products=["mass"], standoff="auto", bed="plane")
 
 
+def test_a_dtm_in_memory_is_looked_at_as_a_file_is(site):
+    dtm = rioxarray.open_rasterio(site / "dtm.tif").squeeze()
+    frame = mpmgis.read_frame(site / "results" / "frame_000001.h5")
+    own = mpmgis.Frame(frame.particles, dimension=2, origin=frame.origin)
+    for dem, words in (
+        (dtm.rio.reproject("EPSG:4326"), "mpmgis needs metres"),
+        (dtm[:1], "wanted y and x"),
+        (dtm + 20_000.0, "heights reach from"),
+    ):
+        with pytest.raises(mpmgis.MpmgisError, match=words):
+            mpmgis.depth_average(own, dem)
+    holes = dtm.astype("float32").rio.write_nodata(None)
+    holes[:2, :2] = -9999.0  # that nobody declared
+    assert np.isnan(mpmgis.depth_average(own, holes).elevation[:2, :2]).all()
+
+
 def test_what_is_neither_scene_nor_velocity_is_refused(site):
     with pytest.raises(InputError, match="velocity is 3, wanted a tuple of 2, each a number"):
         mpmgis.seed(site / "dtm.tif", site / "release.shp", velocity=3)

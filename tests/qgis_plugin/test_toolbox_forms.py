@@ -142,6 +142,7 @@ def test_the_form_writes_the_scene_that_was_meant(tmp_path):
 
 
 def test_what_is_left_empty_is_left_to_the_command(tmp_path):
+    assert 'law = "Voellmy"' in scene_form.scene_text(filled(XI=0.0))  # which the command refuses
     text = scene_form.scene_text(filled(THICKNESS="", XI=None))
     assert "thickness" not in text and "cell_size" not in text and 'law = "Coulomb"' in text
     assert 'thickness = "d0"' in scene_form.scene_text(filled(THICKNESS="d0"))

@@ -43,7 +43,7 @@ FIELDS = (
 def scene_text(values):
     """The scene file for `values` (name -> value, paths as text), in TOML."""
     friction = {"law": "Coulomb", "mu": values["MU"]}
-    if values.get("XI"):
+    if values.get("XI") is not None:  # 0 is refused by the command, not another law
         friction = {"law": "Voellmy", "mu": values["MU"], "xi": values["XI"]}
     tables = {
         "terrain": {"dem": values["DEM"]},
