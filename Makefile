@@ -5,7 +5,7 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate fuzz bench study plugin lint clean
+.PHONY: help demo test validate fuzz bench study plugin docs lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
@@ -15,6 +15,7 @@ help:
 	@echo "make bench     the benchmark table"
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (AVAFRAME=2.1: beside AvaFrame's)"
 	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
+	@echo "make docs      tutorial, theory, formats and every function as web pages, docs/index.html"
 	@echo "make lint      style"
 	@echo "make clean     remove the environment and what was made"
 
@@ -45,6 +46,10 @@ study: $(ENVIRONMENT)/installed-test $(AVAFRAME_PYTHON)
 
 plugin: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite $(if $(HOMEPAGE),--homepage=$(HOMEPAGE)) $(if $(EMAIL),--email=$(EMAIL))
+
+docs: $(ENVIRONMENT)/installed-docs
+	@$(BIN)/python .ci/docs docs
+	@echo docs/index.html
 
 lint: $(ENVIRONMENT)/installed-test
 	@$(BIN)/ruff check

@@ -1,0 +1,168 @@
+"""The pages of mpmgis/docs against the code: names that exist, words that docstrings say, modules that are shown."""
+
+import importlib
+import inspect
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import geopandas
+import h5py
+import pytest
+import rasterio
+import shapely
+
+import mpmgis
+from mpmgis.fields import BAND, PARTICLE
+from mpmgis.io.foreign.sidecar import KEYS
+from mpmgis.io.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
+from mpmgis.io.sample import sample_folder
+
+PACKAGE = Path(mpmgis.__file__).parent
+DOCS = PACKAGE / "docs"
+THEORY = (DOCS / "theory.md").read_text(encoding="utf-8")
+ROLE = re.compile(r"\{py:(?P<kind>func|class|meth|mod)\}`~?(?P<name>[\w.]+)`(?:: \*(?P<words>(?:\\\*|[^*])+)\*)?")
+PACKAGES = ("scene", "effects", "geo", "seeding", "conversion", "solvers", "kernels", "products", "studies")
+FORMATS = (DOCS / "formats.md").read_text(encoding="utf-8")
+LINKS = list(ROLE.finditer(THEORY))
+
+
+def found(name):
+    """(the thing of a dotted name, its module)."""
+    parts = name.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            module = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        thing = module
+        for part in parts[cut:]:
+            thing = getattr(thing, part)
+        return thing, module
+    raise AssertionError(f"no module of {name}")
+
+
+def plain(words):
+    return " ".join(words.replace("\\*", "*").replace("\\|", "|").split())
+
+
+@pytest.mark.parametrize("link", LINKS, ids=lambda link: link["name"])
+def test_a_function_says_what_the_theory_page_says_that_it_says(link):
+    thing, module = found(link["name"])
+    assert link["words"], f"{link['name']} stands there without its own words"
+    said = plain(f"{inspect.getdoc(thing)} {module.__doc__}")
+    assert plain(link["words"]) in said, f"{link['name']} says: {said}"
+
+
+def test_all_links_of_the_theory_page_are_looked_at():
+    assert len(LINKS) == THEORY.count("{py:") >= 70
+
+
+def test_the_face_is_shown_in_full():
+    text = (DOCS / "api" / "face.md").read_text(encoding="utf-8")
+    members = re.search(r"automodule:: mpmgis.face\n   :members: (.*)$", text, re.MULTILINE)[1].split(", ")
+    assert {*members, "Frame", "Particles", "MpmgisError"} == set(mpmgis.__all__)
+
+
+def test_the_pages_build_without_a_warning(tmp_path):
+    pytest.importorskip("myst_parser", reason="the extra `docs` is not installed")
+    pytest.importorskip("sphinx", reason="the extra `docs` is not installed")
+    script = PACKAGE.parent / ".ci" / "docs"
+    built = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "html")], capture_output=True, text=True, timeout=300
+    )
+    assert built.returncode == 0, built.stderr
+    theory = (tmp_path / "html" / "theory.html").read_text(encoding="utf-8")
+    assert theory.count('<a class="reference internal" href="api/') >= len(LINKS)
+    for package in PACKAGES:
+        page = (tmp_path / "html" / "api" / f"{package}.html").read_text(encoding="utf-8")
+        modules = {path.stem for path in (PACKAGE / package).glob("*.py") if path.stem != "__init__"}
+        assert set(re.findall(rf'id="module-mpmgis\.{package}\.(\w+)"', page)) == modules
+    assert "https://cdn" not in theory and "mathjax" not in theory.lower()
+
+
+def table_rows(heading):
+    """Rows of the tables under a heading of the page of formats: lists of cells."""
+    after = FORMATS.split(f"\n## {heading}", 1)[1].split("\n## ", 1)[0]
+    rows = [line[1:-1].split("|") for line in after.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def names(heading):
+    """What stands in backticks in the first cells under a heading."""
+    return {name for row in table_rows(heading) for name in re.findall(r"`([^`]+)`", row[0])}
+
+
+@pytest.mark.parametrize("heading, quantities", [("A frame", PARTICLE), ("An export", BAND)])
+def test_quantities_stand_on_the_page_as_the_code_has_them(heading, quantities):
+    rows = {row[0]: row for row in table_rows(heading)}
+    for quantity in quantities.values():
+        assert rows[f"`{quantity.name}`"][-2:] == [quantity.unit, quantity.long_name]
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """The sample site for four seconds, exported, with its runout and a profile: the folder."""
+    folder = tmp_path_factory.mktemp("formats")
+    site = sample_folder()
+    scene = tomllib.loads((site / "scene.toml").read_text(encoding="utf-8"))
+    scene["terrain"]["dem"] = str(site / scene["terrain"]["dem"])
+    scene["release"]["source"] = str(site / scene["release"]["source"])
+    scene["output"] |= {"end_time": 4.0, "frame_interval": 2.0}
+    mpmgis.run(scene, folder / "results")
+    mpmgis.export_raster(folder / "results", products=("t_vol",))
+    with rasterio.open(scene["terrain"]["dem"]) as dtm:
+        middle, crs = (dtm.bounds.bottom + dtm.bounds.top) / 2, dtm.crs
+        line = shapely.LineString([(dtm.bounds.left + 100, middle), (dtm.bounds.right - 100, middle)])
+    geopandas.GeoDataFrame(geometry=[line], crs=crs).to_file(folder / "line.gpkg")
+    for words in (["runout"], ["profile", "--line", str(folder / "line.gpkg")]):
+        command = [sys.executable, "-m", "mpmgis", *words, str(folder / "results"), "-q"]
+        subprocess.run(command, check=True, timeout=200)
+    return folder
+
+
+def test_root_attributes_of_a_frame(chain):
+    with h5py.File(chain / "results" / "frame_000001.h5") as file:
+        assert set(file.attrs) <= names("A frame")
+        assert set(file["particles"]) <= names("A frame")
+        assert {"time", "origin", "dem", "digest", "content_sha256", "result_sha256"} <= set(file.attrs)
+
+
+def test_files_and_record_of_a_run(chain):
+    told = names("A run")
+    record = json.loads((chain / "results" / "run.json").read_text(encoding="utf-8"))
+    assert set(record) <= told
+    for path in (chain / "results").iterdir():
+        assert path.name.startswith(".") or any(path.match(name) for name in told), path.name
+    assert {FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE} <= told
+
+
+def test_files_and_tags_of_an_export(chain):
+    told = names("An export")
+    for name in ("0000", "max", "deposit"):
+        with rasterio.open(chain / "results_gis" / "rasters" / f"results_{name}.tif") as raster:
+            assert set(raster.tags(ns="mpmgis")) <= told
+            assert {band.split(" [")[0] for band in raster.descriptions} <= told
+    for name in ("results.qgz", "results.nc", "results.gpkg", "dtm.tif", "results_h.vrt"):
+        assert name in told and (chain / "results_gis" / name).is_file()
+
+
+def test_keys_of_a_sidecar():
+    assert set(KEYS) | {"format", "format_version"} == names("Other codes' particles")
+
+
+def test_columns_of_tables(chain):
+    rows = {}
+    for name, of, columns in table_rows("Tables"):
+        rows[name.strip("`"), of.strip("`")] = re.findall(r"`(\w+)`", columns)
+    for command, name, of in (
+        ("runout", "runout.csv", "mpmgis runout"),
+        ("runout", "mass_over_time.csv", ""),
+        ("runout", "profile.csv", ""),
+        ("profile", "profile.csv", "mpmgis profile"),
+    ):
+        header = (chain / f"results_{command}" / name).read_text(encoding="utf-8").splitlines()[0]
+        assert header.split(",") == rows[name, of]
