@@ -268,6 +268,19 @@ class _Told(NamedTuple):
     given: GivenMaterial | None
     placeholder: str
 
+    def fate(self):
+        """(word, what of the points and their material it is true of)."""
+        files, given = self.files, self.given
+        stress = self.first.vertical_stress is not None
+        kept = ["place", "mass", files.keeps] + (["stress of the weight"] if files.takes_stress and stress else [])
+        lost = [files.loses] if files.loses else []
+        if not (files.takes_stress and stress):
+            lost.append("stress" if stress else "stress, which this frame does not tell")
+        left = list(given.lost) if given is not None else []
+        if files.needs_bed_friction and given.bed_law != "Coulomb":
+            left.append(f"all of {given.bed_law} on the bed but mu")
+        return [("kept", ", ".join(kept)), ("lost", ", ".join(lost)), ("not handed over", ", ".join(left))]
+
 
 def _placeholder(given):
     """(end time [s], words about it where it is none of the user's)."""
@@ -313,13 +326,11 @@ def _account(told):
         f"back from the files; density {first.density:g} kg m-3",
         f"local coordinates begin at E {box.origin[0]:.0f}, N {box.origin[1]:.0f}, H {box.origin[2]:.0f}; "
         f"{files.title} gets {box.size[0]:g} x {box.size[1]:g} m of ground (--window W,S,E,N says otherwise)",
-        f"kept: place, mass, {files.keeps}; lost: {files.loses}",
+        *(f"{word}: {what}" for word, what in told.fate() if what),
     ]
     if box.cell is not None:
         nx, ny, nz = box.cells
         lines.append(f"grid of {nx} x {ny} x {nz} cells of {box.cell:g} m; time step {first.time_step:g} s")
-    if told.given is not None and told.given.lost:
-        lines.append(f"not handed over: {', '.join(told.given.lost)}")
     return lines + ([told.placeholder] if told.placeholder else [])
 
 
@@ -327,7 +338,6 @@ def _readme(told, source, ground):
     """Five lines: what, files, start, what is kept and lost, and how results come back to the map."""
     files, first, (east, north, up) = told.files, told.first, told.first.box.origin
     count = f"{len(told.times)} frames from t = {first.time:g} s" if len(told.times) > 1 else f"t = {first.time:g} s"
-    lost = f" Not handed over: {', '.join(told.given.lost)}." if told.given is not None and told.given.lost else ""
     marked = f" PLACEHOLDER: {told.placeholder}." if told.placeholder else ""
     step = f" Time step {first.time_step:g} s, by the speed of pressure waves." if told.given is not None else ""
     lines = (
@@ -335,7 +345,7 @@ def _readme(told, source, ground):
         f"{Path(source.partition('|')[0]).name}, written for {files.title} by mpmgis {__version__}.",
         f"Files: {files.files}; the ground: {', '.join(ground)}.",
         f"Start: {files.start}.{step}{marked}",
-        f"Kept: place, mass, {files.keeps}. Lost: {files.loses}.{lost}",
+        " ".join(f"{word.capitalize()}: {what}." for word, what in told.fate() if what),
         f"Coordinates are local, x y z = {','.join(files.axes)} from E {east:.0f}, N {north:.0f}, H {up:.0f} "
         f"({SUFFIX}). Back on the map: mpmgis export-raster {files.results} --sidecar {SUFFIX}",
     )

@@ -16,13 +16,12 @@ EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_ang
 
 
 class GivenMaterial(NamedTuple):
-    """A MaterialTable, and where the file says them tan of the friction angle on the bed [1] and when to end [s].
-
-    `lost` are tables of the file that other solvers do not get.
-    """
+    """A MaterialTable; where the file says them tan of the friction angle on the bed [1], the law that it is of, and when
+    to end [s]; `lost`, tables of the file that other solvers do not get."""
 
     table: MaterialTable
     bed_friction: float | None
+    bed_law: str
     end_time: float | None
     lost: tuple
 
@@ -49,6 +48,5 @@ def read_material(path):
     scene = scene_from_tables(filled, path.parent, path.name)
     friction = scene.friction.parameters.get("mu") if scene.friction is not None else None
     lost = tuple(name for name in ("softening", "zones", "barrier") if tables.get(name))
-    if friction is not None and scene.friction.law != "Coulomb":
-        lost += (f"friction of {scene.friction.law} but for mu",)
-    return GivenMaterial(scene.material, friction, scene.output.end_time if "output" in tables else None, lost)
+    law = scene.friction.law if scene.friction is not None else ""
+    return GivenMaterial(scene.material, friction, law, scene.output.end_time if "output" in tables else None, lost)

@@ -111,7 +111,10 @@ def test_columns_and_their_points_give_the_same_case(site, capsys, solver):
     assert {"README.txt", "georef.json", "terrain.stl", "terrain.asc", ".mpmgis"} <= set(names)
     assert (site / "one/terrain.stl").read_bytes() == (site / "two/terrain.stl").read_bytes()
     assert json.loads((site / "one/georef.json").read_text()) == json.loads((site / "two/georef.json").read_text())
-    assert "PLACEHOLDER: the end, 10 s" in (site / "one/README.txt").read_text()
+    text = (site / "one/README.txt").read_text()
+    assert "PLACEHOLDER: the end, 10 s" in text
+    kept, _, lost = text.splitlines()[3].partition(" Lost: ")
+    assert ("stress" in kept, "stress" in lost) == ((True, False) if solver == "cbgeo" else (False, True))
     assert main(["convert", "points.h5", *options, "-o", "two", "--overwrite"]) == 0
 
 
@@ -126,10 +129,28 @@ def test_a_run_becomes_one_series(site, capsys):
     capsys.readouterr()
     assert main(["convert", *(f"results/frame_00000{k}.h5" for k in (2, 0, 1)), "--for", "paraview"]) == 0
     assert capsys.readouterr().out.strip() == "results_paraview"
+    assert "stress, which" not in (site / "results_paraview/README.txt").read_text()
     entries = list_frames([site / "results_paraview/points.pvd"])
     assert [entry.time for entry in entries] == [0, 2, 4]
     east = [entry.read().map_xy()[0].mean() for entry in entries]
     assert np.diff(east) == pytest.approx([10, 10], abs=1e-3)
+
+
+def test_what_a_frame_does_not_tell_and_a_scene_has_besides_is_said(site, capsys):
+    assert main([*SEED, "-o", "seed.h5", "-q"]) == 0
+    assert main(["convert", "seed.h5", "--cell", "4", "-o", "points.h5", "-q"]) == 0
+    frame = read_frame(site / "points.h5")
+    write_frame(site / "later.h5", type(frame)(**{**vars(frame), "state": {}}))
+    softened = "[softening]\nresidual_friction_angle = 20\n" + BED.replace("Coulomb", "Voellmy") + "xi = 1000\n"
+    (site / "soft.toml").write_text(MATERIAL + softened)
+    for solver, left in (("cbgeo", "softening"), ("mpm-geomechanics", "softening, all of Voellmy on the bed but mu")):
+        capsys.readouterr()
+        assert main(["convert", "later.h5", "--for", solver, "--material", "soft.toml"]) == 0
+        lines = capsys.readouterr().err.splitlines()
+        assert f"not handed over: {left}" in lines
+        (lost,) = [line for line in lines if line.startswith("lost: ")]
+        assert lost.endswith("stress, which this frame does not tell")
+        assert f"Not handed over: {left}." in (site / f"later_{solver}/README.txt").read_text()
 
 
 REFUSED = {

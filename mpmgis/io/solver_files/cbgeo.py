@@ -165,7 +165,8 @@ FILES = SolverFiles(
         f"results/{UUID}/particles0...h5 with the full state, from which it resumes"
     ),
     start='mpm -i mpm.json -f "$PWD/" (to start from the text files, at rest and without stress: "resume": false)',
-    keeps="volume, velocity, stress of the weight",
+    keeps="volume, velocity",
+    takes_stress=True,
     loses="friction on the bed (it holds what touches it)",
     laws=("DruckerPrager", "Elastic", "Fluid"),
     needs_grid=True,

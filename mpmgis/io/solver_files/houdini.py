@@ -50,7 +50,6 @@ FILES = SolverFiles(
     files="points_0000.ply and on, y up",
     start="a File node with points_$F4.ply, a second one with terrain.stl",
     keeps="volume, density, velocity (vx, vy, vz), id",
-    loses="stress",
     axes=Y_UP,
     tolerance=3e-7,
     now=True,

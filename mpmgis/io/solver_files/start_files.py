@@ -24,7 +24,8 @@ class SolverFiles(NamedTuple):
     start : str
         How to start the solver with it.
     keeps, loses : str
-        Of a point, besides place and mass.
+        Of a point, besides place, mass and stress.
+    takes_stress : bool
     laws : tuple of str
         Laws of [material] that it has too; empty where it needs no material.
     needs_grid : bool
@@ -51,7 +52,8 @@ class SolverFiles(NamedTuple):
     files: str
     start: str
     keeps: str
-    loses: str
+    loses: str = ""
+    takes_stress: bool = False
     laws: tuple = ()
     needs_grid: bool = False
     needs_bed_friction: bool = False
