@@ -16,7 +16,7 @@ EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_ang
 
 
 class GivenMaterial(NamedTuple):
-    """A MaterialTable; where the file says them tan of the friction angle on the bed [1], the law that it is of, and when
+    """A MaterialTable; where the file says them tan of the friction angle on the bed [1], the law that it is of, when
     to end [s]; `lost`, tables of the file that other solvers do not get."""
 
     table: MaterialTable
