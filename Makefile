@@ -63,6 +63,10 @@ $(ENVIRONMENT)/installed-test: pyproject.toml .ci/environment
 	@PYTHON="$(PYTHON)" .ci/environment $(ENVIRONMENT) test
 	@touch $@ $(ENVIRONMENT)/installed
 
+$(ENVIRONMENT)/installed-docs: pyproject.toml .ci/environment
+	@PYTHON="$(PYTHON)" .ci/environment $(ENVIRONMENT) docs
+	@touch $@ $(ENVIRONMENT)/installed
+
 clean:
-	rm -rf $(ENVIRONMENT) .venv-avaframe-* $(DEMO) study build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(ENVIRONMENT) .venv-avaframe-* $(DEMO) study docs build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -65,6 +66,13 @@ def test_the_face_is_shown_in_full():
     text = (DOCS / "api" / "face.md").read_text(encoding="utf-8")
     members = re.search(r"automodule:: mpmgis.face\n   :members: (.*)$", text, re.MULTILINE)[1].split(", ")
     assert {*members, "Frame", "Particles", "MpmgisError"} == set(mpmgis.__all__)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
+def test_make_knows_how_to_build_the_pages():
+    told = subprocess.run(["make", "-n", "docs"], cwd=PACKAGE.parent, capture_output=True, text=True, timeout=60)
+    assert told.returncode == 0, told.stderr
+    assert ".ci/docs docs" in told.stdout
 
 
 def test_the_pages_build_without_a_warning(tmp_path):
