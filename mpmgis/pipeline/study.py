@@ -205,7 +205,8 @@ def _state_of(thickness):
 
 def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
-    runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
+    once_more = 1 if base.scene.stage else 0  # a run in stages compiles on its way: a whole one goes before the others
+    runs = [*((setting, repeats + once_more) for setting in settings), *([(finer, 1 + once_more)] if finer else [])]
     total = predicted_cost(base, threads)[0] * sum(times * setting.work_over(base.scene) for setting, times in runs)
     say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):

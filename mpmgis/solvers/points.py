@@ -185,7 +185,8 @@ class PointSolver(ParticleStore):
         self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max(initial=0.0))
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
-        self._settings = self._made_settings(particles.mass)
+        self._heaviest = float(particles.mass.max(initial=0.0))
+        self._settings = self._made_settings()
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         self._lay_on_ground(place, particles.mass)
         rows = self._rows[0]
@@ -212,7 +213,11 @@ class PointSolver(ParticleStore):
         place[under, 2] = surface[under]
         self._clock[kernel.LIFTED_MASS] = mass[under].sum()
 
-    def _made_settings(self, mass):
+    def _leak_stop(self):
+        """Share of the mass under the ground in one step at which a run stops itself: never that of a single point."""
+        return max(LEAK_STOP, LEAK_POINTS * self._heaviest / max(self.mass_start, 1e-300))
+
+    def _made_settings(self):
         numerics, material, dx = self.numerics, self.effects.material, self.numerics.cell_size
         viscosity = float(material.viscosity())
         ny, nx = self.grid.inside.shape
@@ -227,7 +232,7 @@ class PointSolver(ParticleStore):
             clearance=float(numerics.clearance * dx),
             cells_x=nx,
             cells_y=ny,
-            leak_stop=max(LEAK_STOP, LEAK_POINTS * float(mass.max(initial=0.0)) / max(self.mass_start, 1e-300)),
+            leak_stop=self._leak_stop(),
             wall=numerics.edges == "wall",
         )
 
@@ -384,6 +389,8 @@ class PointSolver(ParticleStore):
         for entry in (kernel.FASTEST, kernel.SHEAR):
             clock[entry] = max(clock[entry], new._clock[entry])
         self.mass_start += new.mass_start
+        self._heaviest = max(self._heaviest, new._heaviest)
+        self._settings = self._settings._replace(leak_stop=self._leak_stop())
         self.energy_start = tuple(a + b for a, b in zip(self.energy_start, new.energy_start, strict=True))
         self._energy_whole += new._energy_whole
         self._momentum_start = self._momentum_start + new._momentum_start
@@ -403,13 +410,15 @@ class PointSolver(ParticleStore):
         """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
         return {
             "mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist(),
-            "energy_whole": self._energy_whole,
+            "energy_whole": self._energy_whole, "heaviest": self._heaviest,
         }  # fmt: skip
 
     def start_from(self, started):
         """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
         self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
+        self._heaviest = started.get("heaviest", self._heaviest)  # of points that may have left since
+        self._settings = self._settings._replace(leak_stop=self._leak_stop())
 
     def flow(self):
         """The Flow now; as deep as what each cell holds would stand in it."""

@@ -5,6 +5,7 @@ the solver are compiled a precision.
 """
 
 import sys
+from dataclasses import replace
 from functools import partial
 
 import hard_scenes
@@ -20,6 +21,7 @@ from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import softening
 from mpmgis.kernels import points as kernel
+from mpmgis.solvers.points import PointSolver
 
 ROUNDED = {"float64": 1e-9, "float32": 2e-5}  # [m], [m s-1] of hundreds of steps; measured 1e-5 in single precision
 
@@ -99,6 +101,22 @@ def test_a_few_points_on_ground_rougher_than_a_cell_are_no_leak(ground, box, pre
     """
     solver = PointScene(ground, box, 0.0, 0.4, "wall", 1.0, 30.0, 0.0, 0.0, precision).solver()
     Watch(solver).march(1.0)
+    assert solver.balances()["mass_lifted_onto_ground"] > 0.0
+
+
+def test_a_few_points_that_come_onto_empty_rough_ground_are_no_leak(precision):
+    """H4: as they come out of columns into an empty window; and where a run goes on, they are none either."""
+    ground = Ground("noise", 35.0, 2.36, 2.0, 0.57, 209, 40.0, 20.0)
+    box = Box(0.0, 0.83, 0.02, 0.02, 5.0, 2, 20.0, 2.36)
+    whole = PointScene(ground, box, 0.0, 0.4, "wall", 1.0, 30.0, 0.0, 0.0, precision).solver()
+    nobody = replace(whole._start, particles=whole._start.particles.take(slice(0, 0)))
+    solver = PointSolver(nobody, terrain_of(ground, 40.0, 20.0, 1.0), whole.effects, whole.numerics)
+    solver.insert(whole._start)
+    again = PointSolver(nobody, terrain_of(ground, 40.0, 20.0, 1.0), whole.effects, whole.numerics)
+    again.start_from(solver.started())
+    assert solver._settings == again._settings == whole._settings
+    for time in (0.25, 0.5, 0.75, 1.0):
+        assert solver.advance(time, time + 0.25) == kernel.REACHED_TIME
     assert solver.balances()["mass_lifted_onto_ground"] > 0.0
 
 
