@@ -10,7 +10,7 @@ TABLES = ("material", "softening", "friction", "output")
 # what a scene must have and a material has not; never looked at
 _REST = {
     "terrain": {"dem": "dtm.tif"}, "release": {"source": "release.shp", "thickness": 1.0, "density": 1000.0},
-    "numerics": {"cell_size": 1.0}, "output": {"end_time": 1.0, "frame_interval": 1.0},
+    "numerics": {"cell_size": 1.0}, "output": {},
 }  # fmt: skip
 EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_angle [degrees], cohesion [Pa]'
 
@@ -44,9 +44,20 @@ def read_material(path):
         raise SceneError(
             f"{path}: [{alien[0]}] stands in a file without [terrain], which is no scene; wanted {', '.join(TABLES)}"
         )
-    filled = tables if whole else {"solver": "points"} | _REST | tables
+    filled = tables if whole else _filled(tables)
     scene = scene_from_tables(filled, path.parent, path.name)
     friction = scene.friction.parameters.get("mu") if scene.friction is not None else None
     lost = tuple(name for name in ("softening", "zones", "barrier") if tables.get(name))
     law = scene.friction.law if scene.friction is not None else ""
-    return GivenMaterial(scene.material, friction, law, scene.output.end_time if "output" in tables else None, lost)
+    end = scene.output.end_time if "end_time" in tables.get("output", ()) else None
+    return GivenMaterial(scene.material, friction, law, end, lost)
+
+
+def _filled(tables):
+    """The tables of a file without a scene with what a scene must have; of [output] some keys may be there."""
+    filled = {"solver": "points"} | _REST | tables
+    own = filled["output"]
+    if isinstance(own, dict):  # a frame at the end: whatever the one is, the other is possible with it
+        end, interval = own.get("frame_interval", 1.0), own.get("end_time", 1.0)
+        filled["output"] = {"end_time": end, "frame_interval": interval} | own
+    return filled
