@@ -149,7 +149,7 @@ def placed_box(frames, terrain, cell=None, window=None):
     Raises
     ------
     InputError
-        A point outside the window, or the points off the DTM.
+        A point outside the window, the points off the DTM, cells that do not fit.
     """
     low, high = _extent(frames)
     margin = max(*(high - low)[:2], CELLS_AROUND * (cell or 0.0))
@@ -157,6 +157,11 @@ def placed_box(frames, terrain, cell=None, window=None):
     asked = window or (low[0] - margin, low[1] - margin, high[0] + margin, high[1] + margin)
     west, south = max(math.floor(asked[0]), math.ceil(west)), max(math.floor(asked[1]), math.ceil(south))
     east, north = min(asked[2], east), min(asked[3], north)
+    if cell is not None and cell > min(east - west, north - south):
+        raise InputError(
+            f"cells of {cell:g} m do not fit into the ground that there is around the points, {east - west:g} x "
+            f"{north - south:g} m; take a smaller --cell"
+        )
     if cell is not None:
         east, north = west + cell * math.floor((east - west) / cell), south + cell * math.floor((north - south) / cell)
     if low[0] < west or low[1] < south or high[0] > east or high[1] > north:

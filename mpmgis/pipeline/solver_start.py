@@ -13,7 +13,7 @@ from ..conversion.points import columns_to_points
 from ..conversion.solver_start import SolverStart, placed_box, release_density, solver_start, with_material
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
-from ..io.foreign.readers import OWN
+from ..io.foreign.readers import OWN, reader_of
 from ..io.foreign.sidecar import SUFFIX, write_sidecar
 from ..io.foreign.terms import ForeignTerms, axis_matrix
 from ..io.frame_list import list_frames
@@ -29,7 +29,7 @@ from .seed import relative_path, seed_frame
 
 PLACEHOLDER_END = 10.0  # [s]
 README = "README.txt"
-BYTES_PER_POINT = 1500  # at the most, while files are written and read back
+BYTES_PER_POINT = 2500  # at the most, while files are written and read back
 LARGEST_ERROR = 1e-6  # of the sums of mass and volume, read back
 
 
@@ -94,12 +94,11 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
 
 
 def _own_frames(sources):
-    entries = list_frames(sources)
-    if entries[0].reader != OWN:
-        raise InputError(
-            f"{entries[0].path} is of {entries[0].reader}, wanted a frame of mpmgis; export-raster makes maps of it"
-        )
-    return entries
+    """The FrameEntries of some files, by time; refuses other codes' files."""
+    for source in sources:
+        if (reader := reader_of(source)) != OWN:
+            raise InputError(f"{source} is of {reader}, wanted a frame of mpmgis; export-raster makes maps of it")
+    return list_frames(sources)
 
 
 def _refuse_idle(request, files, entries, of_columns):

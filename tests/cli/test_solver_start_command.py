@@ -214,6 +214,17 @@ def test_wrong_input_is_one_line_and_leaves_nothing(with_files, capsys):
         capsys, ["convert", "points.h5", "--for", "houdini", "--cell", "1"]
     )
     assert "--cell belongs to --for" in refusal(capsys, [*SEED, "--cell", "4"])
+    large = [*SEED, "--cell", "4000", "--for", "cbgeo", "--material", "soil.toml"]
+    assert "cells of 4000 m do not fit into the ground" in refusal(capsys, large)
+    (with_files / "theirs.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\n"
+        + "".join(f"property float {name}\n" for name in ("x", "y", "z", "vx", "vy", "vz"))
+        + "end_header\n1 2 3 0 0 0\n"
+    )
+    assert "theirs.ply is of ply, wanted a frame of mpmgis" in refusal(
+        capsys, ["convert", "theirs.ply", "--for", "paraview"]
+    )
+    (with_files / "theirs.ply").unlink()
     assert "--cell M" in refusal(capsys, [*SEED, "--for", "cbgeo", "--material", "soil.toml"])
     assert sorted(path.name for path in with_files.iterdir()) == before
 
