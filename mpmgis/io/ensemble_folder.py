@@ -42,7 +42,7 @@ class EnsembleFolder:
         self.path, self.digest = Path(path), digest
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, wanted a folder; give another -o")
-        record = self._record()
+        record = read_ensemble_record(self.path)
         if record is None:
             self._refuse_filled()
         elif record.get("digest") != digest and not overwrite:
@@ -55,17 +55,6 @@ class EnsembleFolder:
         if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
             return
         refuse_existing(self.path, overwrite=False)
-
-    def _record(self):
-        """What the last start wrote of itself; None where there was none."""
-        file = self.path / RECORD_FILE
-        if not file.is_file():
-            return None
-        try:
-            record = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another -o") from error
-        return record if isinstance(record, dict) else {}
 
     @property
     def members(self):
@@ -122,6 +111,24 @@ class EnsembleFolder:
         """`members.csv`."""
         write_records(self.path / TABLE_FILE, names, rows)
         return self.path / TABLE_FILE
+
+
+def read_ensemble_record(folder):
+    """What the last start in `folder` wrote of itself; None where there was none.
+
+    Raises
+    ------
+    FormatError
+        It cannot be read.
+    """
+    file = Path(folder) / RECORD_FILE
+    if not file.is_file():
+        return None
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another folder") from error
+    return record if isinstance(record, dict) else {}
 
 
 def plan_text(tables, note):

@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..geo.georeference import name_of
 from ..scene import read_scene
+from .ensemble_folder import MAPS, read_ensemble_record
 from .foreign.readers import OWN, reader_of
 from .foreign.sidecar import FORMAT as SIDECAR_FORMAT
 from .foreign.sidecar import find_sidecar, read_sidecar
@@ -82,7 +83,11 @@ def _refuse_idle(path, terms):
 
 
 def _folder_facts(path, terms):
-    """A folder of frames, ours or another code's, or one that `export-raster` wrote."""
+    """A folder of frames, ours or another code's, one that `export-raster` wrote, or one of an ensemble."""
+    ensemble = read_ensemble_record(path)
+    if ensemble is not None:
+        _refuse_idle(path, terms)
+        return _ensemble_facts(path, ensemble)
     frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
     if any(reader_of(frame) == OWN for frame in frames):
         _refuse_idle(path, terms)
@@ -96,6 +101,16 @@ def _folder_facts(path, terms):
     if projects or rasters:
         return _export_facts(path, projects, rasters)
     raise FormatError(f"{path} holds neither frames (*.h5) nor an export (rasters/, *.qgz); name a file in it")
+
+
+def _ensemble_facts(path, record):
+    """What varies in an ensemble, how far it is, and where its maps are."""
+    asked = record.get("plan") if isinstance(record.get("plan"), dict) else {}
+    told = {key: asked.get(key) for key in ("sampling", "samples", "seed", "vary", "exceed", "percentiles")}
+    maps = sorted(file.name for file in (path / MAPS).glob("rasters/*.tif"))
+    told |= {"members": record.get("members"), "maps": maps, "plan_digest": record.get("digest")}
+    known = {key: value for key, value in told.items() if value not in (None, [], {})}
+    return {"kind": "ensemble", "state": str(record.get("state", "unknown")), **known}
 
 
 def _results_facts(path, frames):

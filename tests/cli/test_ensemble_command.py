@@ -164,6 +164,16 @@ def test_the_plan_that_was_kept_makes_the_same_members(done, site, tmp_path):
     assert [row["digest"] for row in table(tmp_path / "again")] == [row["digest"] for row in table(done)]
 
 
+def test_info_tells_what_varies_and_how_far_it_is(done, capsys):
+    assert main(["info", "--json", str(done)]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["kind"], facts["state"], facts["members"]) == ("ensemble", "finished", {"finished": 5})
+    assert set(facts["vary"]) == {text.partition("=")[0] for text in VARY} and facts["sampling"] == "lhs"
+    assert facts["maps"] == sorted(path.name for path in (done / "maps" / "rasters").glob("*.tif"))
+    assert main(["info", str(done)]) == 0
+    assert "finished" in capsys.readouterr().out
+
+
 def test_another_plan_is_refused_and_with_overwrite_keeps_what_both_have(site, tmp_path, capsys):
     out, sobol = tmp_path / "out", ("--sampling", "sobol")
     assert command(site, out, *sobol, "-q", samples=2) == 0
