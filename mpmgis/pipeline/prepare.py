@@ -157,7 +157,7 @@ def _terrain(scene, say):
     table = scene.terrain
     file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say), table.window
     if window is None:
-        _tell_of_size(file, say)
+        _tell_of_size(file.path, file.grid.shape, say)
         return file.whole()
     west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
@@ -165,17 +165,19 @@ def _terrain(scene, say):
             f"[terrain] window = {list(window)} does not meet the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
             f"{north:.0f}; correct it"
         )
+    rows, columns = file.grid.window(window, 0)
+    _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start), say)
     return file.cropped(window, 0)
 
 
-def _tell_of_size(file, say):
-    """What a very large DTM will take up of memory, before it is read; refused where that is not there."""
-    if file.pixels <= READ_WHOLE:
+def _tell_of_size(name, shape, say):
+    """What very many cells of a DTM will take up of memory, before they are read; refused where that is not there."""
+    rows, columns = shape
+    if rows * columns <= READ_WHOLE:
         return
-    rows, columns = file.grid.shape
-    needed, free = file.pixels * BYTES_PER_PIXEL, available_memory()
-    what = f"{file.path} has {rows} x {columns} cells, which take up to {needed / 1e9:.2g} GB"
-    cure = "[terrain] window = [west, south, east, north] reads only a part"
+    needed, free = rows * columns * BYTES_PER_PIXEL, available_memory()
+    what = f"{name} has {rows} x {columns} cells, which take up to {needed / 1e9:.2g} GB"
+    cure = "[terrain] window = [west, south, east, north] reads only as much as that"
     if needed > MEMORY_SHARE * free:
         raise SceneError(f"{what}; {free / 1e9:.2g} GB are free; {cure}")
     say(f"{what}; {cure}")

@@ -147,6 +147,10 @@ def test_a_run_says_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, 
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "10000 x 10000 cells, which take up to 14 GB; 8 GB are free; [terrain] window = [west" in line
+    with monkeypatch.context() as patch:  # a window as large as all of it saves nothing
+        patch.setattr(TerrainFile, "part", lambda file, rows, columns: pytest.fail("it was read"))
+        with pytest.raises(SceneError, match=r"window of .* has 10000 x 10000 cells, .* 8 GB are free"):
+            prepare.prepare(scene_on(huge, tmp_path, "window = [0, 0, 9e6, 9e6]"))
     x, y = MIDDLE
     window = f"window = [{x - 500}, {y - 500}, {x + 500}, {y + 500}]"
     prepared = prepare.prepare(scene_on(huge, tmp_path, window))
