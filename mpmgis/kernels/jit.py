@@ -50,9 +50,23 @@ def cache_folder(own_laws=()):
 # instead of 1.7 where others use the cores too (measured 2026-11-21). Read by GCC's OpenMP runtime at its start.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
-GIVEN_CACHE_DIR = os.environ.get("NUMBA_CACHE_DIR")
+_CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # beside numba's own variable, so that a child knows that no user gave that one
+
+
+def given_cache_folder():
+    """The folder that the user gave numba; None where there is none, or only what a parent process chose for itself."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return None if given == os.environ.get(_CHOSEN) else given
+
+
+def _choose_cache_folder(folder):
+    """Let numba keep compiled kernels in `folder`: by the environment too, which it may read again at any time."""
+    os.environ["NUMBA_CACHE_DIR"] = os.environ[_CHOSEN] = str(folder)
+
+
+GIVEN_CACHE_DIR = given_cache_folder()
 if GIVEN_CACHE_DIR is None:
-    os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())
+    _choose_cache_folder(cache_folder())
 
 import numba  # noqa: E402  (the cache folder must be known before numba is imported)
 import numpy as np  # noqa: E402
@@ -87,7 +101,8 @@ def include_own_laws(sha256):
     if GIVEN_CACHE_DIR is not None:
         folder = Path(GIVEN_CACHE_DIR) / folder.name
         folder.mkdir(parents=True, exist_ok=True)
-    numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    _choose_cache_folder(folder)
+    numba.config.CACHE_DIR = str(folder)
     for kernel in _kernels:
         kernel.enable_caching()
 

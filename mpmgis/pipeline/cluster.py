@@ -7,7 +7,6 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
 from ..errors import InputError, one_line
-from ..kernels import jit
 
 RETRIES = 2  # of a piece of work whose worker died, before it is given up
 START_SECONDS = 120.0  # for the workers of this machine to be there
@@ -56,7 +55,7 @@ def started(workers):
         "distributed.worker.memory.terminate": False,
         "distributed.worker.profile.enabled": False,  # a look at every stack a hundred times a second
     }
-    with dask.config.set(settings), _workers_choose_their_cache():
+    with dask.config.set(settings):
         cluster = LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", memory_limit=0,
             silence_logs=logging.CRITICAL, worker_dashboard_address=None,
@@ -149,20 +148,6 @@ def _hush():
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == distributed.__name__]
     for name in ("tornado", *names):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-
-
-@contextmanager
-def _workers_choose_their_cache():
-    """Within this block new processes look for compiled kernels where this one does.
-
-    The compiler's door leaves its choice of a folder in the environment, where a child would take it for the user's.
-    """
-    chosen = None if jit.GIVEN_CACHE_DIR is not None else os.environ.pop("NUMBA_CACHE_DIR", None)
-    try:
-        yield
-    finally:
-        if chosen is not None:
-            os.environ["NUMBA_CACHE_DIR"] = chosen
 
 
 def _deaf_to_ctrl_c():
