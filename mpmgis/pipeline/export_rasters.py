@@ -253,7 +253,7 @@ def run_tags(plan):
         "version": __version__,
         "digest": first.header.digest,
         "dem": Path(plan.terrain.path).name,
-        "cs_e": averaging.grid.cell_size,
+        "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # the root of a pixel's area, without its rounding
         "dt_e": "every frame" if plan.time_step is None else plan.time_step,
         "percentile": averaging.percentile,
         "min_depth": averaging.min_depth,

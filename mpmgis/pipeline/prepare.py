@@ -17,7 +17,7 @@ from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.cost import MEMORY_SHARE, available_memory
 from ..solvers.events import Events
-from ..solvers.grid import ColumnGrid
+from ..solvers.grid import ColumnGrid, require_ground
 from ..solvers.identity import start_digest
 from ..solvers.placing import levelled
 from ..solvers.points import PointNumerics
@@ -200,6 +200,7 @@ def _start_of_points(scene, terrain, grid, say):
 
 def _stage(scene, terrain, grid, start, later, say):
     """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins."""
+    require_ground(grid, scene.solver, scene.numerics.edges)
     at_start = start.frame if start.frame.dimension == 2 else start.seen
     known = read_places(scene, terrain, grid, at_start, start.seen, say)
     facts, deciding = _facts(scene, terrain, start.seen, known)

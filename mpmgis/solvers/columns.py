@@ -13,7 +13,7 @@ from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
 from .flow import Flow
-from .grid import ColumnGrid
+from .grid import ColumnGrid, require_ground
 from .particle_store import ParticleStore, named_sums
 from .places import Places
 
@@ -80,10 +80,7 @@ class ColumnSolver(ParticleStore):
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
         self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
-        if numerics.edges == "wall" and not self.grid.inside.all():
-            raise SceneError(
-                "[numerics] edges = 'wall' wants a DTM without nodata, north-up or south-up; fill it, or edges = 'open'"
-            )
+        require_ground(self.grid, "columns", numerics.edges)
         if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
             raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
         self._load(frame, gradient)

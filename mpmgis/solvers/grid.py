@@ -159,6 +159,22 @@ class ColumnGrid:
         return np.column_stack([along, (along * gradient).sum(axis=1)])
 
 
+def require_ground(grid, solver, edges):
+    """Refuse a ColumnGrid with cells that the DTM does not cover where `solver`, or its `edges`, wants them all.
+
+    Raises
+    ------
+    SceneError
+    """
+    if grid.inside.all() or (solver == "columns" and edges == "open"):
+        return
+    who, cure = ("the 3D solver", "") if solver == "points" else ("[numerics] edges = 'wall'", ", or edges = 'open'")
+    raise SceneError(
+        f"{who} wants a DTM without nodata, north-up or south-up; give a [terrain] window = [west, south, east, north] "
+        f"within it, or fill it{cure}"
+    )
+
+
 def bed_at_nodes(grid):
     """float64[ny + 3, nx + 3] [m]: elevation of the spline bed at the nodes; the outermost ones continue their line."""
     x, y = grid.node_axes()

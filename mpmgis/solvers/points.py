@@ -15,7 +15,7 @@ from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
 from .flow import Flow
-from .grid import ColumnGrid, bed_at_nodes
+from .grid import ColumnGrid, bed_at_nodes, require_ground
 from .ground_folds import folded_ground
 from .particle_store import ParticleStore, named_sums
 
@@ -105,8 +105,7 @@ class PointSolver(ParticleStore):
         self._effects = effects._replace(material=self._in_precision(effects.material),
                                          softening=self._in_precision(effects.softening))  # fmt: skip
         grid = ColumnGrid.on(terrain, numerics.cell_size)
-        if not grid.inside.all():
-            raise SceneError("the 3D solver wants a DTM without nodata, north-up or south-up; fill it or clip it")
+        require_ground(grid, "points", numerics.edges)
         self.grid = grid
         self._set_ground(frame)
         self._zone_values = NO_PLACES if zone_values is None else self._padded(zone_values)

@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import CHILD, WEST, contents, record, refused, run, slide, write_shapes, write_site
+from slope_site import (
+    CHILD,
+    WEST,
+    contents,
+    distances,
+    record,
+    refused,
+    run,
+    slide,
+    write_raster,
+    write_shapes,
+    write_site,
+)
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
@@ -363,6 +375,17 @@ def test_what_is_wrong_is_refused_before_anything_is_written(site, tmp_path, cap
     (tmp_path / "inflow.csv").write_text("time,discharge\n0,5\n3,5\n")
     text, words = REFUSED[name]
     assert words in refused(tmp_path, capsys, text)
+
+
+def test_a_hole_that_a_later_stage_cannot_have_is_refused_before_the_first(site, tmp_path, capsys):
+    for path in site.glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    x, y = distances()
+    write_raster(
+        tmp_path / "dtm.tif", np.where((x > 380) & (x < 390) & (y < 120), np.nan, 0.5 * np.maximum(400 - x, 0))
+    )
+    line = refused(tmp_path, capsys, ALL)
+    assert "the 3D solver wants a DTM without nodata" in line and "[terrain] window" in line
 
 
 def test_inflow_may_come_before_a_stage_of_points(site, tmp_path):
