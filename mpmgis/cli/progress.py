@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import threading
 import time
 from contextlib import contextmanager
 
@@ -11,6 +12,7 @@ STOPPING = "stopping at the end of this step; once more stops at once"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 REPEAT_SECONDS = 1.0  # `timeout` and shells send a signal to a process and to its group: the same wish twice
 LINE_SECONDS = 10.0  # without a terminal: a line this often
+COMPILING = "before the first step: a first run of its kind is compiled, half a minute or more, once"
 
 
 class Interrupted(KeyboardInterrupt):
@@ -100,7 +102,7 @@ def run_progress():
     elif sys.stderr.isatty():
         yield from _bar()
     else:
-        yield _lines()
+        yield from _lines()
 
 
 def _bar():
@@ -108,20 +110,48 @@ def _bar():
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("t = {task.completed:.1f} of {task.total:.0f} s"),
+        TextColumn("{task.description}"),  # before the first step there is no end to format
         BarColumn(),
         TextColumn("{task.fields[speed]}"),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("run", total=None, speed="compiling")
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress, _drawn(progress):
+        task = progress.add_task(COMPILING, total=None, speed="")
 
         def watch(solver, end_time):
-            speed = solver.speed_max
-            progress.update(task, total=end_time, completed=solver.time, speed=f"fastest {speed:.1f} m/s")
+            progress.update(
+                task,
+                description=f"t = {solver.time:.1f} of {end_time:g} s",
+                total=end_time,
+                completed=solver.time,
+                speed=f"fastest {solver.speed_max:.1f} m/s",
+            )
 
         yield watch
+
+
+_bars = []  # that are on the terminal now
+
+
+@contextmanager
+def _drawn(bar):
+    _bars.append(bar)
+    try:
+        yield
+    finally:
+        _bars.remove(bar)
+
+
+@contextmanager
+def without_bar():
+    """Within this block no bar is drawn over a question, or keeps it back until its line is ended."""
+    bars = tuple(_bars)
+    for bar in bars:
+        bar.stop()
+    yield
+    for bar in bars:
+        bar.start()
 
 
 class _NowAndThen:
@@ -144,15 +174,22 @@ _export_lines = _NowAndThen()
 
 
 def _lines():
-    """A line now and then, for logs."""
+    """A line now and then, for logs; a first one where the first step is long in coming."""
     lines = _NowAndThen()
     lines.is_due()
+    waiting = threading.Timer(LINE_SECONDS, talk.say, (COMPILING,))
+    waiting.daemon = True
+    waiting.start()
 
     def watch(solver, end_time):
+        waiting.cancel()
         if lines.is_due():
             talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
-    return watch
+    try:
+        yield watch
+    finally:
+        waiting.cancel()
 
 
 def frame_progress(done, total):

@@ -4,7 +4,7 @@ import sys
 
 from ..products.run_account import account
 from . import talk
-from .progress import interruptible, run_progress
+from .progress import interruptible, run_progress, without_bar
 
 COMPILING = 3.0, 5.0  # times the predicted seconds, and seconds more, beyond which compiling is the likely reason
 EXAMPLE = """
@@ -72,8 +72,9 @@ def asked(question):
     """Ask on a terminal; elsewhere nobody can answer, so it is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    print(f"{question}; go on? [y/N] ", end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
+    with without_bar():
+        print(f"{question}; go on? [y/N] ", end="", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def tell(summary):
