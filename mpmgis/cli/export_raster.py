@@ -164,6 +164,8 @@ def run(arguments):
         talk.say(note)
     for path in paths:
         print(path)
+    if arguments.qgis:
+        talk.say(f"open {paths[0]} in QGIS (double-click), then press play in the Temporal Controller")
     return 0
 
 

@@ -122,6 +122,8 @@ def _rows(items, units, depth=0):
             yield from _table(label, value, units, depth)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             yield from _tables(label, value, units, depth)
+        elif key == "as_terrain":  # a cure is there to be copied
+            yield label, value
         elif key in RANGES and not depth and isinstance(value, list) and len(value) == 2:
             yield label, _range(*value, units[key])
         else:

@@ -15,8 +15,8 @@ DESCRIPTION = "Landslides, debris flows, snow and ice avalanches on real terrain
 # verb -> (module, one line of help); a module offers EXAMPLE, add_arguments(parser) and run(arguments) -> exit code
 VERBS = {
     "demo": ("demo", "the whole chain on the shipped sample site, in under two minutes"),
-    "seed": ("seed", "Algorithm 1: particles from a DTM and release areas"),
-    "convert": ("convert", "Algorithm 2: columns to 3D points, and back"),
+    "seed": ("seed", "particles from a DTM and release areas (Algorithm 1 of MOX report 15/2025)"),
+    "convert": ("convert", "columns to 3D points, and back (Algorithm 2 of that report)"),
     "run": ("run", "simulate a scene"),
     "export-raster": ("export_raster", "frames of particles to GeoTIFF bands and a QGIS project"),
     "study": ("study", "what accuracy costs in time: work-precision table and plot"),

@@ -128,8 +128,8 @@ def _refuse_unknown(files):
         head = head_of(path)
         if head and not head.startswith(HDF5_MAGIC):
             raise FormatError(
-                f"{path} is neither a frame of mpmgis (HDF5) nor known as particles of another code; --reader takes it "
-                f"for one of {', '.join(FOREIGN)}"
+                f"{path} is neither a frame of mpmgis (HDF5) nor known as particles of another code; name the folder "
+                f"of a run, its frame_*.h5, or with --reader one of {', '.join(FOREIGN)}"
             )
 
 

@@ -269,8 +269,8 @@ def _thickness_column(table, path, asked, say):
         found = next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
         if found is None:
             raise InputError(
-                f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness a "
-                f"number of metres, a column or a raster"
+                f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
+                f"or thickness in the scene's table, as a number of metres, a column or a raster"
             )
         say(f"{path}: thickness is taken from column {found!r}")
         return found
@@ -321,8 +321,9 @@ def to_terrain(shapes, crs, terrain, path, say):
     before = shapely.get_coordinates(shapes)
     after = np.column_stack(transformer.transform(*before.T))
     if not np.isfinite(after).all():
+        unnamed = "; without a CRS inside, GeoJSON is in degrees" if Path(path).suffix in (".json", ".geojson") else ""
         raise GeoreferenceError(
-            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(target)}; check its CRS"
+            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(target)}; check its CRS{unnamed}"
         )
     if np.abs(after - before).max() > _SAME_METRES:
         say(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
@@ -409,7 +410,8 @@ def _raster_features(path, terrain, wanted, say):
     elif wanted.raster is None:
         if set(np.unique(values[inside]).tolist()) == {1.0}:
             raise InputError(
-                f"{path} holds only 0 and 1, which is a mask; give --thickness a number of metres or a raster"
+                f"{path} holds only 0 and 1, which is a mask; give --thickness, or thickness in the scene's table, as "
+                f"a number of metres or a raster"
             )
         own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
         say(f"{path}: its values are taken as thickness in metres")

@@ -167,6 +167,13 @@ def _terrain(scene, say):
         )
     rows, columns = file.grid.window(window, 0)
     _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start), say)
+    given = zip(("west", "south", "east", "north"), window, (west, south, east, north), (-1, -1, 1, 1), strict=True)
+    beyond = [side for side, asked, edge, out in given if out * (asked - edge) > file.grid.cell_size]
+    if beyond:
+        say(
+            f"[terrain] window = [west, south, east, north] reaches beyond the DTM to the {', '.join(beyond)}; it is "
+            f"cut there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
+        )
     return file.cropped(window, 0)
 
 

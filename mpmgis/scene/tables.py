@@ -523,6 +523,8 @@ def read_toml(path):
         text = _decoded(path.read_bytes())
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise SceneError(f"{path} is no readable text file but a folder; name the file in it") from error
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path} is no readable text file ({one_line(error)[:80]})") from error
     try:
@@ -548,6 +550,8 @@ def _cure(text, error):
         return "; numbers take a point, not a comma"
     if "\\" in line:
         return "; write paths with / or in 'single quotes'"
+    if re.search(r"=\s*(?!(?:true|false|inf|nan)\b)[A-Za-z]", line):
+        return '; words stand in "quotes"'
     return ""
 
 

@@ -1,0 +1,78 @@
+"""Wrong turns of a first hour with mpmgis, each answered with the cure of the place where it was taken."""
+
+import json
+
+import pytest
+import shapely
+from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
+
+from mpmgis.cli.main import main
+
+EAST, NORTH = WEST + PIXEL * COLUMNS, SOUTH + PIXEL * ROWS
+SHORT = SCENE.replace("end_time = 30", "end_time = 1").replace("frame_interval = 5", "frame_interval = 1")
+
+
+@pytest.fixture
+def site(tmp_path):
+    return write_site(tmp_path)
+
+
+def with_window(*window):
+    return SHORT.replace('"dtm.tif"', f'"dtm.tif"\nwindow = {list(window)}')
+
+
+def test_a_scene_without_thickness_is_cured_in_the_scene(site, capsys):
+    assert "or thickness in the scene's table" in refused(site, capsys, SCENE.replace("thickness = 2.0\n", ""))
+
+
+def test_a_mask_without_thickness_is_cured_in_the_scene(site, capsys):
+    inside = [[float(10 < row < 20 and 8 < column < 16) for column in range(COLUMNS)] for row in range(ROWS)]
+    write_raster(site / "mask.tif", inside)
+    scene = SCENE.replace("release.geojson", "mask.tif").replace("thickness = 2.0\n", "")
+    assert "or thickness in the scene's table" in refused(site, capsys, scene)
+
+
+def test_words_without_quotes(site, capsys):
+    assert 'words stand in "quotes"' in refused(site, capsys, SCENE.replace('"Voellmy"', "Voellmy"))
+    assert "words stand" not in refused(site, capsys, SCENE.replace("mu = 0.2", "mu = 0.2.1"))
+
+
+def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
+    table = json.loads((site / "release.geojson").read_text())
+    del table["crs"]
+    (site / "release.geojson").write_text(json.dumps(table))
+    assert "without a CRS inside, GeoJSON is in degrees" in refused(site, capsys, SCENE)
+    write_shapes(site / "release.geojson", [shapely.box(60, 150, 160, 250)], crs="EPSG:4326")
+    assert run(site, SHORT) == 0
+
+
+def test_a_window_in_the_order_of_qgis(site, capsys):
+    """xmin, xmax, ymin, ymax takes the whole DTM in: nothing else would tell."""
+    assert run(site, with_window(WEST, EAST, SOUTH, NORTH)) == 0
+    assert "window = [west, south, east, north] reaches beyond the DTM to the south, east" in capsys.readouterr().err
+    assert run(site, with_window(WEST, SOUTH, EAST - 5 * PIXEL, NORTH)) == 0
+    assert "beyond the DTM" not in capsys.readouterr().err
+
+
+def test_the_wrong_file_is_told_what_the_right_one_is(site, capsys):
+    assert main(["run", str(site)]) == 2
+    assert "a folder; name the file in it" in capsys.readouterr().err
+    assert main(["runout", str(site / "dtm.tif")]) == 2
+    assert "name the folder of a run, its frame_*.h5" in capsys.readouterr().err
+
+
+def test_an_export_says_what_to_open(site, capsys):
+    assert run(site, SHORT) == 0
+    assert main(["export-raster", str(site / "results")]) == 0
+    out, err = capsys.readouterr()
+    assert err.splitlines()[-1].startswith(f"open {site / 'results_gis' / 'results.qgz'} in QGIS")
+    assert "open " not in out
+    assert main(["export-raster", str(site / "results"), "--no-qgis", "--overwrite"]) == 0
+    assert "in QGIS" not in capsys.readouterr().err
+
+
+def test_the_cure_for_degrees_is_shown_whole(tmp_path, capsys):
+    write_raster(tmp_path / "degrees.tif", [[0.0] * COLUMNS] * ROWS, crs="EPSG:4326")
+    assert main(["info", str(tmp_path / "degrees.tif")]) == 0
+    shown = next(line for line in capsys.readouterr().out.splitlines() if "as terrain" in line)
+    assert not shown.endswith("...")
