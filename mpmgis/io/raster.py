@@ -323,7 +323,8 @@ def _terrain_crs(source, path, asked, say):
     if own is None:
         if asked is None:
             raise GeoreferenceError(
-                f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place"
+                f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place (in "
+                f"a scene: crs in [terrain])"
             )
         return horizontal(given)
     if asked is not None and (given is None or not same_place(own, given)):

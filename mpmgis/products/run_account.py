@@ -1,6 +1,7 @@
 """The balances of a run in plain words: what `mpmgis run` says at its end and a report keeps."""
 
 AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
+LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
 
 
 def account(balances, solver, mass=None):
@@ -41,7 +42,7 @@ def _of_columns(b):
     later = b["mass_released"] - b["mass_start"]
     came = f", {later:.6g} kg came in later" if later > 1e-9 * b["mass_released"] else ""
     mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
-    lines.append(f"{mass}, error {b['mass_error_relative']:.1e}")
+    lines += [f"{mass}, error {b['mass_error_relative']:.1e}", *_lost_to_sight(out)]
     lines.append(
         f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J"
     )
@@ -67,12 +68,20 @@ def _of_columns(b):
     return lines
 
 
+def _lost_to_sight(share):
+    """What it means that this `share` of the mass left the terrain, where it is more than a rim."""
+    if share <= LEFT_SHARE:
+        return []
+    return ["runout, maps and deposit end at the edge that it left by; take a larger DTM or [terrain] window"]
+
+
 def _of_points(b):
     """Balances of a 3D run."""
     lines = []
     out = b["mass_out"] / max(b["mass_start"], 1e-300)
     mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
-    lines.append(f"{mass}, error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}")
+    errors = f"error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}"
+    lines += [f"{mass}, {errors}", *_lost_to_sight(out)]
     takers = {"the bed": "ground", "barriers": "barriers", "yielding": "yielding"}
     taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
     to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules > 1e-6 * b["energy_lost"])

@@ -76,3 +76,17 @@ def test_the_cure_for_degrees_is_shown_whole(tmp_path, capsys):
     assert main(["info", str(tmp_path / "degrees.tif")]) == 0
     shown = next(line for line in capsys.readouterr().out.splitlines() if "as terrain" in line)
     assert not shown.endswith("...")
+
+
+def test_a_scene_over_a_dtm_without_a_crs_is_cured_in_the_scene(site, capsys):
+    write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
+    assert "in a scene: crs in [terrain]" in refused(site, capsys, SCENE.replace("dtm.tif", "bare.tif"))
+
+
+def test_a_flow_that_leaves_the_terrain_says_what_that_means(site, capsys):
+    words = "take a larger DTM or [terrain] window"
+    small = SCENE.replace('"dtm.tif"', f'"dtm.tif"\nwindow = [{WEST}, {SOUTH}, {WEST + 200}, {NORTH}]')
+    assert run(site, small) == 0
+    assert words in capsys.readouterr().err
+    assert run(site, SHORT) == 0
+    assert words not in capsys.readouterr().err
