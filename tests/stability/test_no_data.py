@@ -24,7 +24,7 @@ def test_no_heights_under_the_release_are_refused_and_the_cure_works(value, tmp_
     site = holed(tmp_path, value)
     line = refused(site, capsys, SHORT)
     assert "no elevation under release" in line and "(19, 8), (19, 9), (19, 10) and 3 more" in line
-    assert "fill the DTM (gdal_fillnodata) or clip the release" in line
+    assert "fill the DTM (QGIS: Raster, Analysis, Fill nodata) or clip the release" in line
     with rasterio.open(site / "dtm.tif", "r+") as file:
         heights = file.read(1)
         known = np.isfinite(heights) & (heights != -9999.0)
