@@ -9,7 +9,7 @@ from .arrays import require_whole
 
 
 def text_numbers(text, count, path, what, more=False):
-    """float64[count] of `text` (bytes); with `more` other things may follow.
+    """float64[count] of `text` (bytes); with `more` further numbers may follow.
 
     Raises
     ------
@@ -21,8 +21,9 @@ def text_numbers(text, count, path, what, more=False):
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # how NumPy says that it came upon something else
         try:
-            values = np.fromstring(text, np.float64, count if more else -1, sep=" ")
+            values = np.fromstring(text, np.float64, sep=" ")  # given a count it hands out memory that it never filled
         except (DeprecationWarning, ValueError):
             raise FormatError(f"{path}: {what} holds something else than numbers; it is damaged") from None
+    values = values[:count] if more else values
     require_whole(path, what, len(values), count)
     return values
