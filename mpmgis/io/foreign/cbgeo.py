@@ -17,7 +17,7 @@ from ...errors import FormatError, one_line
 from .file import (
     ForeignFrame,
     ForeignReader,
-    joined,
+    frames_of_pieces,
     number_of,
     read_settings,
     require_readable,
@@ -69,11 +69,7 @@ def _table(path):
 
 def frames(paths, terms):
     """The ForeignFrames in some files; those of a parallel run bring in the pieces beside them."""
-    groups = {}
-    for path in map(Path, paths):
-        pieces = _pieces(path)
-        groups.setdefault(pieces[0], pieces)
-    return [joined([open_file(piece) for piece in pieces]) for pieces in groups.values()]
+    return frames_of_pieces(paths, _pieces, open_file)
 
 
 def _pieces(path):

@@ -77,6 +77,15 @@ class ForeignReader(NamedTuple):
     fits: Callable | None = None
 
 
+def frames_of_pieces(paths, pieces_of, open_file):
+    """The ForeignFrames in files of parallel runs: `pieces_of(path)` are all that make one frame, each named or not."""
+    groups = {}
+    for path in map(Path, paths):
+        pieces = pieces_of(path)
+        groups.setdefault(pieces[0], pieces)
+    return [joined([open_file(piece) for piece in pieces]) for pieces in groups.values()]
+
+
 def joined(frames):
     """One ForeignFrame of the pieces that the processes of a parallel run wrote: all rows, the columns of all."""
     if len(frames) == 1:

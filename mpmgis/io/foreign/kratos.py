@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...errors import FormatError
 from .arrays import column_names
-from .file import ForeignReader, joined, read_settings, same_density, setting, setting_above_zero
+from .file import ForeignReader, frames_of_pieces, read_settings, same_density, setting, setting_above_zero
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
 MEANT = {
@@ -34,11 +34,7 @@ def recognises(path, head):
 
 def frames(paths, terms):
     """The ForeignFrames in some files; the files of all ranks make one."""
-    groups = {}
-    for path in map(Path, paths):
-        pieces = _pieces(path)
-        groups.setdefault(pieces[0], pieces)
-    return [joined([open_file(piece) for piece in pieces]) for pieces in groups.values()]
+    return frames_of_pieces(paths, _pieces, open_file)
 
 
 def _pieces(path):
