@@ -365,17 +365,22 @@ def whole_case_of(number, seed):
 
 
 def run_whole(number, seed, sound, work, baseline):
-    """Run one case as a user does, in a process of its own that may take `baseline` bytes and MEMORY; its result."""
+    """Run one case as a user does, in a process of its own that may take `baseline` bytes and MEMORY; its result.
+
+    Compiled kernels stay where they are, outside of the case's home, in which nothing may be written.
+    """
+    from mpmgis.kernels.jit import cache_folder
+
     case, random = whole_case_of(number, seed)
     folder = work / f"whole_{number}"
     done = prepared(case, random, sound, folder)
     before = everything(folder)
     began, used = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     limit = baseline + MEMORY
-    environment = os.environ | {"HOME": str(folder), "TMPDIR": str(folder)}
+    homes = {"HOME": str(folder), "TMPDIR": str(folder), "MPMGIS_CACHE_DIR": str(cache_folder().parents[1])}
     try:
         ended = subprocess.run(
-            [sys.executable, "-m", "mpmgis", *case.words], cwd=folder, env=environment, capture_output=True,
+            [sys.executable, "-m", "mpmgis", *case.words], cwd=folder, env=os.environ | homes, capture_output=True,
             timeout=3 * WALL_SECONDS, check=False,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
         )  # fmt: skip
