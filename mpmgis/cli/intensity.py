@@ -49,4 +49,4 @@ def screen(found):
     width = max(len(entry.name) for entry in guideline.classes) + 2
     for entry, area in zip(guideline.classes, found.areas, strict=True):
         lines.append(f"{entry.name:<{width}}{area / SQUARE_METRES_PER_HECTARE:>10.2f} ha   {entry.words()}")
-    return lines
+    return lines + [f"{entry.name}: {entry.origin()}" for entry in guideline.classes if entry.read_in]

@@ -14,7 +14,7 @@ from .outlines import POLYGONS, mask_outline
 from .styles import style_document
 from .symbols import class_renderer, vector_style_document
 
-HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source")
+HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source", "read_in")
 
 
 def write_class_raster(path, grid, numbers, guideline, tags):
@@ -84,4 +84,5 @@ def write_class_table(path, guideline, areas):
 
 
 def _record(number, entry, area, guideline):
-    return number, entry.name, entry.words(), float(np.round(area, 6)), guideline.name, guideline.source
+    area = float(np.round(area, 6))
+    return number, entry.name, entry.words(), area, guideline.name, guideline.source, entry.read_in

@@ -14,19 +14,26 @@ QUANTITIES = {
     "v": ("m/s", "Ut_max", 1.0),
     "p": ("kPa", "p_max", 1e-3),
     "vh": ("m2/s", None, 1.0),  # h times v
+    "vvh": ("m3/s2", None, 1.0),  # h times the square of v
     "deposit": ("m", "deposit_h", 1.0),
 }
+UNREAD = "not read"
+PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 MOST_CLASSES = 250  # a byte's values, with room
 
 
 @dataclass(frozen=True)
 class IntensityClass:
-    """A class: its `name`, its `colour` (#rrggbb), and conditions, any of which will do: dicts quantity -> least."""
+    """A class: its `name`, its `colour` (#rrggbb), and conditions, any of which will do: dicts quantity -> least.
+
+    `read_in` tells where its numbers were read; "" where nobody says, UNREAD where they were not.
+    """
 
     name: str
     colour: str
     when: tuple
+    read_in: str = ""
 
     def words(self):
         """The conditions in words."""
@@ -37,6 +44,12 @@ class IntensityClass:
             for condition in self.when
         )
         return " or ".join(parts)
+
+    def origin(self):
+        """Where its numbers were read, in words."""
+        if self.read_in == UNREAD:
+            return "number as commonly cited, not read in the document; check it there"
+        return f"number read in {self.read_in}"
 
 
 @dataclass(frozen=True)
@@ -53,7 +66,7 @@ class Guideline:
     def bands(self):
         """Names of the bands that its conditions need."""
         named = {name for entry in self.classes for condition in entry.when for name in condition}
-        named |= {"h", "v"} if "vh" in named else set()
+        named |= {"h", "v"} if named & set(PRODUCTS) else set()
         return tuple(band for name, (_, band, _) in QUANTITIES.items() if name in named and band is not None)
 
 
@@ -79,7 +92,7 @@ def _guideline(name, table, where):
 
 
 def _class(table, where):
-    _require_table(table, where, ("name", "colour", "when"), ("name", "colour", "when"))
+    _require_table(table, where, ("name", "colour", "when", "read_in"), ("name", "colour", "when"))
     colour = _text(table["colour"], where, "colour")
     if not _COLOUR.fullmatch(colour):
         raise InputError(f"{where}: colour is {colour!r}, wanted #rrggbb, for example #c1272d")
@@ -92,7 +105,8 @@ def _class(table, where):
                 raise InputError(f"{where}: there is no quantity {name!r}; choose from {', '.join(QUANTITIES)}")
             if isinstance(least, bool) or not isinstance(least, int | float) or not math.isfinite(least) or least <= 0:
                 raise InputError(f"{where}: {name} is {least!r}, wanted a number above 0")
-    return IntensityClass(_text(table["name"], where, "name"), colour, tuple(map(dict, conditions)))
+    read_in = _text(table.get("read_in", ""), where, "read_in")
+    return IntensityClass(_text(table["name"], where, "name"), colour, tuple(map(dict, conditions)), read_in)
 
 
 def _require_table(table, where, known, needed):
@@ -138,8 +152,8 @@ def classify(guideline, bands, reached):
 
 
 def _at_least(bands, name, least):
-    if name == "vh":
-        values = bands["h_max"] * bands["Ut_max"]
+    if name in PRODUCTS:
+        values = bands["h_max"] * bands["Ut_max"] ** PRODUCTS[name]
     else:
         _, band, factor = QUANTITIES[name]
         values = bands[band] * factor

@@ -5,7 +5,7 @@ import pytest
 
 from mpmgis.errors import InputError
 from mpmgis.io.guideline_tables import choose_guideline, read_guidelines
-from mpmgis.products.guidelines import class_areas, classify, parse_guidelines
+from mpmgis.products.guidelines import UNREAD, class_areas, classify, parse_guidelines
 
 
 def classes(name, h=0.2, v=0.1, p=0.0, deposit=0.0):
@@ -42,6 +42,24 @@ def test_cells_have_the_class_that_the_document_gives_them(name, values, wanted)
 def test_every_shipped_guideline_names_its_document():
     for guideline in read_guidelines().values():
         assert guideline.source and guideline.title and guideline.bands is not None
+
+
+def test_every_shipped_number_tells_where_it_was_read_or_that_it_was_not():
+    entries = [(name, entry) for name, guideline in read_guidelines().items() for entry in guideline.classes]
+    for name, entry in entries:
+        assert bool(entry.read_in) == any(entry.when), (name, entry.name)
+    unread = {(name, entry.name) for name, entry in entries if entry.read_in == UNREAD}
+    assert ("swiss-avalanche", "medium") in unread and ("swiss-avalanche", "strong") not in unread
+    said = dict(entries)["swiss-avalanche"].origin(), dict(entries)["italian-avalanche-100"].origin()
+    assert "DORA" in said[0] and "check it there" in said[1]
+
+
+def test_depth_times_speed_squared_is_a_quantity_of_ones_own_guidelines():
+    table = {"mine": {"source": "s", "class": [{"name": "a", "colour": "#000000", "when": [{"vvh": 10}]}]}}
+    guideline = parse_guidelines(table, "mine.toml")["mine"]
+    bands = {"h_max": np.array([[2.0, 2.0]]), "Ut_max": np.array([[2.2, 2.3]])}
+    assert guideline.bands == ("h_max", "Ut_max") and guideline.classes[0].words() == "vvh >= 10 m3/s2"
+    assert classify(guideline, bands, np.ones((1, 2), bool)).tolist() == [[0, 1]]  # 9.68 and 10.58 m3 s-2
 
 
 def test_nodata_meets_no_condition_and_unreached_cells_have_no_class():
