@@ -1,7 +1,6 @@
 """What `auto` leaves out: nothing in the compiled step, and less than 5 % of the result (design notes 8)."""
 
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -57,17 +56,15 @@ def solver(tmp_path):
 
 
 def outcome(marching, end=90.0):
-    """(distance within which 99 % of the mass lies [m], area that the flow covered [m2], wall seconds)."""
+    """(distance within which 99 % of the mass lies [m], area that the flow covered [m2])."""
     start = marching.frame()
     centre = np.average(np.column_stack(start.map_xy()), axis=0, weights=start.particles.mass)
-    began = time.perf_counter()
     marching.advance(end)
-    wall = time.perf_counter() - began
     frame = marching.frame()
     away = np.hypot(*(np.column_stack(frame.map_xy()) - centre).T)
     order = np.argsort(away)
     share = np.cumsum(frame.particles.mass[order]) / frame.particles.mass.sum()
-    return away[order][np.searchsorted(share, 0.99)], marching.balances()["footprint_area"], wall
+    return away[order][np.searchsorted(share, 0.99)], marching.balances()["footprint_area"]
 
 
 @pytest.mark.slow
@@ -78,8 +75,8 @@ def test_effects_that_auto_leaves_out_change_less_than_five_percent(solver):
     for name in ("cohesion", "earth_pressure", "viscosity"):
         assert (decisions[name].state, others[name].state) == ("off", "on")
         assert decisions[name].indicator > 0.7 * decisions[name].threshold, "too weak to tell anything"
-    runout, area, _ = outcome(auto)
-    runout_forced, area_forced, _ = outcome(forced)
+    runout, area = outcome(auto)
+    runout_forced, area_forced = outcome(forced)
     assert runout_forced == pytest.approx(runout, rel=0.05)
     assert area_forced == pytest.approx(area, rel=0.05)
 
@@ -89,21 +86,20 @@ def test_drag_that_auto_leaves_out_changes_less_than_five_percent(solver):
     auto, decisions = solver(SCENE.format(xi=300_000, use=""))
     forced, _ = solver(SCENE.format(xi=300_000, use='use = "on"'))
     assert decisions["turbulent_drag"].state == "off" and decisions["turbulent_drag"].indicator > 0.04
-    runout, area, _ = outcome(auto)
-    runout_forced, area_forced, _ = outcome(forced)
+    runout, area = outcome(auto)
+    runout_forced, area_forced = outcome(forced)
     assert runout_forced == pytest.approx(runout, rel=0.05)
     assert area_forced == pytest.approx(area, rel=0.05)
 
 
 @pytest.mark.slow
 def test_what_is_left_out_costs_nothing_and_changes_no_bit(solver):
+    """The same laws make the same compiled step, for kernels are compiled for the types of laws; rows are as wide."""
     voellmy = SCENE.format(xi=1000, use="")
-    walls = {"bare": [], "auto": []}
-    for _ in range(4):
-        for name, text in (("bare", voellmy), ("auto", voellmy + WEAK.format(use=""))):
-            marching, _ = solver(text)
-            width = marching.state()["rows"].shape[1]
-            *_, wall = outcome(marching)
-            walls[name].append((wall, width, marching.state()["rows"].tobytes(), tuple(map(type, marching.effects))))
-    assert {entry[1:] for entries in walls.values() for entry in entries} == {walls["bare"][0][1:]}
-    assert min(walls["auto"])[0] <= 1.5 * min(walls["bare"])[0]
+    runs = set()
+    for text in (voellmy, voellmy + WEAK.format(use="")):
+        marching, _ = solver(text)
+        width = marching.state()["rows"].shape[1]
+        outcome(marching)
+        runs.add((width, marching.state()["rows"].tobytes(), tuple(map(type, marching.effects))))
+    assert len(runs) == 1
