@@ -1,4 +1,4 @@
-"""What this machine has: memory that is free."""
+"""What this machine has: memory that is free, and whether it is enough."""
 
 import os
 import re
@@ -20,3 +20,14 @@ def available_memory():
     with suppress(OSError, ValueError, AttributeError):
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return float("inf")
+
+
+def memory_lack(needed, share=1.0):
+    """In words what is wrong with `needed` [bytes]; "" where they are at most a `share` of the memory that is free.
+
+    For a refusal before the work: what is refused, and what helps, only the caller knows.
+    """
+    free = available_memory()
+    if needed <= share * free:
+        return ""
+    return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"

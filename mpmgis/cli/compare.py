@@ -62,7 +62,7 @@ def add_arguments(parser):
         "--output",
         type=Path,
         metavar="PATH",
-        help="write a map (.png), a table (.csv), or a folder with both and classes.tif (1 only A, 2 only B, 3 both)",
+        help="write a map (.png), a table (.csv), classes (.tif: 1 only A, 2 only B, 3 both), or a folder of all",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier comparison of that name")
 

@@ -43,12 +43,33 @@ def answer_output(request, word, files):
         folder = path if path.is_dir() else path.parent
         folder = folder if folder.name not in ("", "..") else folder.resolve()
         output = folder.parent / f"{result_name(request.results)}_{word}"
+    return checked_output(output, files, request.overwrite, (*frames, *_files_asked_with(request)))
+
+
+def checked_output(output, files, overwrite, read):
+    """`output` as a Path, checked before any work.
+
+    Parameters
+    ----------
+    output : path
+        A folder for all `files`, or one file with the suffix of one of them.
+    files : sequence of str
+        Names of the files that the answer is made of.
+    overwrite : bool
+    read : iterable of path
+        What the answer is made from.
+
+    Raises
+    ------
+    InputError, OutputError
+        A suffix that none of the files has; it exists; it holds something of what is read.
+    """
     output = Path(output)
     suffixes = list(dict.fromkeys(Path(name).suffix for name in files))
     if output.suffix.lower() not in suffixes and FILE_SUFFIX.fullmatch(output.suffix):
         raise InputError(f"-o {output}: wanted {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
-    refuse_existing(output, request.overwrite)
-    for path in (*frames, *_files_asked_with(request)):
+    refuse_existing(output, overwrite)
+    for path in read:
         if Path(path).resolve().is_relative_to(output.resolve()):
             raise OutputError(f"{output} holds {path}, which is asked about, and would be replaced; give another -o")
     return output
@@ -65,9 +86,9 @@ def write_answer(request, output, writers):
 
     Parameters
     ----------
-    request : AnswerRequest
+    request : AnswerRequest or another that says `overwrite`
     output : Path
-        As `answer_output` gives it.
+        As `answer_output` or `checked_output` gives it.
     writers : dict of str to callable
         File name -> function of the path to write; where `output` is one file, the first of its suffix is written.
 

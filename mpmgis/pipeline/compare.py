@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from ..errors import GeoreferenceError, InputError, OutputError
+from ..errors import GeoreferenceError, InputError
 from ..fields import Quantity
 from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
-from ..io.atomic import refuse_existing, whole_folder
 from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
 from ..io.exported_steps import is_export
@@ -25,12 +24,12 @@ from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
 from ..products.outline_distance import outline_distances
-from .answer_files import FILE_SUFFIX
+from .answer_files import checked_output, write_answer
 from .export import ExportRequest
 from .given_line import given_line
 from .opened_results import exported_peaks
 
-MAP_FILE, TABLE_FILE, CLASSES_FILE = "map.png", "table.csv", "classes.tif"
+FILES = ("map.png", "table.csv", "classes.tif")
 OUTLINE = "outline"
 
 
@@ -345,35 +344,23 @@ def _output(request):
     """The path to write to, checked before any work; None where nothing is to be written."""
     if request.output is None:
         return None
-    output = Path(request.output)
-    if output.suffix.lower() not in (".png", ".csv") and FILE_SUFFIX.fullmatch(output.suffix):
-        raise InputError(f"-o {output}: wanted .png (the map), .csv (the table) or a folder for both and a GeoTIFF")
-    refuse_existing(output, request.overwrite)
-    for path in (request.first, request.second):
-        if Path(path).resolve().is_relative_to(output.resolve()):
-            raise OutputError(f"{output} holds {path}, which is compared, and would be replaced; give another -o")
-    return output
+    read = [path for path in (request.first, request.second, request.line, request.dem) if path is not None]
+    return checked_output(request.output, FILES, request.overwrite, read)
 
 
 def _write(output, request, found, footprints, joint, terrain):
     """Write what `output` names; answers the files."""
     if output is None:
         return ()
-    suffix = output.suffix.lower()
-    if suffix == ".png":
-        _write_map(output, found, footprints, joint, terrain)
-        return (output,)
-    if suffix == ".csv":
-        write_table(output, found)
-        return (output,)
-    with whole_folder(output, request.overwrite) as folder:
-        _write_map(folder / MAP_FILE, found, footprints, joint, terrain)
-        write_table(folder / TABLE_FILE, found)
-        values = [None if footprint.band is None else footprint.weight for footprint in footprints]
-        name = next(footprint.band for footprint in footprints if footprint.band is not None)
-        band = Quantity(name, found.unit, "")
-        write_classes(folder / CLASSES_FILE, joint, *(footprint.on_joint for footprint in footprints), values, band)
-    return tuple(output / name for name in (MAP_FILE, TABLE_FILE, CLASSES_FILE))
+    values = [None if footprint.band is None else footprint.weight for footprint in footprints]
+    name = next(footprint.band for footprint in footprints if footprint.band is not None)
+    band, masks = Quantity(name, found.unit, ""), [footprint.on_joint for footprint in footprints]
+    writers = (
+        lambda path: _write_map(path, found, footprints, joint, terrain),
+        lambda path: write_table(path, found),
+        lambda path: write_classes(path, joint, *masks, values, band),
+    )
+    return write_answer(request, output, dict(zip(FILES, writers, strict=True)))
 
 
 def _write_map(path, found, footprints, joint, terrain):

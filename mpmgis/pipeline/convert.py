@@ -14,7 +14,7 @@ from ..io.atomic import refuse_existing
 from ..io.frame_list import FrameEntry
 from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
-from ..machine import available_memory
+from ..machine import memory_lack
 from .export_inputs import run_terrain
 from .seed import relative_path
 
@@ -145,11 +145,9 @@ def _refuse_replacing(path, request, terrain):
 
 def require_point_memory(count, spacing):
     """Refuse before the work what this machine cannot hold (H25)."""
-    needed, free = count * BYTES_PER_POINT, available_memory()
-    if needed > free:
+    if lack := memory_lack(count * BYTES_PER_POINT):
         raise InputError(
-            f"{count:.3g} points at a spacing of {spacing:g} m need about {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB "
-            "are free; take a wider --spacing, or larger cells"
+            f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; take a wider --spacing, or larger cells"
         )
 
 

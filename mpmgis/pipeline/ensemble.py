@@ -15,8 +15,9 @@ from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..io.ensemble_maps import EnsembleMaps, write_maps
 from ..kernels.jit import source_digest
+from ..machine import available_memory
 from ..scene.tables import meant, read_toml
-from ..solvers.cost import MEMORY_SHARE, available_memory
+from ..solvers.cost import MEMORY_SHARE
 from ..studies.knobs import COST_POWER
 from ..studies.plan import Plan, with_values
 from ..studies.statistics import MEMBER_BANDS, Products, exceedances

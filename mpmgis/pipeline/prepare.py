@@ -12,10 +12,11 @@ from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
 from ..io.raster import READ_WHOLE, TerrainFile
 from ..kernels.own_laws import require_compiled, use_own_laws
+from ..machine import memory_lack
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
-from ..solvers.cost import MEMORY_SHARE, available_memory
+from ..solvers.cost import MEMORY_SHARE
 from ..solvers.events import Events
 from ..solvers.grid import ColumnGrid, require_ground
 from ..solvers.identity import start_digest
@@ -182,12 +183,11 @@ def _tell_of_size(name, shape, say):
     rows, columns = shape
     if rows * columns <= READ_WHOLE:
         return
-    needed, free = rows * columns * BYTES_PER_PIXEL, available_memory()
-    what = f"{name} has {rows} x {columns} cells, which take up to {needed / 1e9:.2g} GB"
+    needed, cells = rows * columns * BYTES_PER_PIXEL, f"{name} has {rows} x {columns} cells"
     cure = "[terrain] window = [west, south, east, north] reads only as much as that"
-    if needed > MEMORY_SHARE * free:
-        raise SceneError(f"{what}; {free / 1e9:.2g} GB are free; {cure}")
-    say(f"{what}; {cure}")
+    if lack := memory_lack(needed, MEMORY_SHARE):
+        raise SceneError(f"{cells}, which need {lack}; {cure}")
+    say(f"{cells}, which take up to {needed / 1e9:.2g} GB; {cure}")
 
 
 def _start_of_columns(scene, terrain, grid, say):

@@ -21,8 +21,8 @@ from ..io.frames import read_frame
 from ..io.solver_files.solvers import SOLVER_FILES
 from ..io.solver_files.start_files import SolverFiles
 from ..io.solver_files.terrain_files import write_terrain
+from ..machine import memory_lack
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
-from ..solvers.cost import available_memory
 from .convert import require_point_memory
 from .export_inputs import refuse_within, run_terrain
 from .seed import relative_path, seed_frame
@@ -250,12 +250,8 @@ def _write(request, files, given, frames, terrain, source, folder, say):
 def _require_memory(frames):
     """Refuse before the work what this machine cannot hold (H25)."""
     count = max(len(frame.particles) for frame in frames)
-    needed, free = count * BYTES_PER_POINT, available_memory()
-    if needed > free:
-        raise InputError(
-            f"files of {count} points need about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; take "
-            "fewer points"
-        )
+    if lack := memory_lack(count * BYTES_PER_POINT):
+        raise InputError(f"files of {count} points need {lack}; take fewer points")
 
 
 class _Told(NamedTuple):

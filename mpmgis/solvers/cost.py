@@ -6,7 +6,7 @@ from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.columns import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
-from ..machine import available_memory
+from ..machine import memory_lack
 from .points import courant_number
 
 BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
@@ -62,9 +62,7 @@ def require_memory_for_points(count, cell_size):
     ------
     SceneError
     """
-    needed, free = count * BYTES_PER_START, available_memory()
-    if needed > MEMORY_SHARE * free:
+    if lack := memory_lack(count * BYTES_PER_START, MEMORY_SHARE):
         raise SceneError(
-            f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need about {needed / 1e9:.3g} GB; "
-            f"{free / 1e9:.3g} GB are free; take larger cells"
+            f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need {lack}; take larger cells"
         )

@@ -51,9 +51,13 @@ class Guard:
         """
         solver = self._solver
         self._first = self._first or f"step {solver.step}, t = {solver.time:.3f} s, {trouble}"
-        if self._kept is None or self._halvings == HALVINGS:
-            tried = f"; steps of down to 1/{2**HALVINGS} from t = {self._kept.time:.3f} s on did not help"
-            raise UnphysicalError(f"the run became unphysical at {self._first}{tried if self._kept else ''}")
+        if self._kept is None:
+            raise UnphysicalError(f"the run became unphysical at {self._first}, before there was a frame to go back to")
+        if self._halvings == HALVINGS:
+            raise UnphysicalError(
+                f"the run became unphysical at {self._first}; steps of down to 1/{2**HALVINGS} from "
+                f"t = {self._kept.time:.3f} s on did not help"
+            )
         self._halvings += 1
         solver.restore(self._kept)
         self._events.restore(self._kept)

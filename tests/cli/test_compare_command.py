@@ -285,7 +285,7 @@ def test_the_map_shows_three_classes_in_their_places(discs, capsys, tmp_path):
 
 
 def test_nothing_is_replaced_unasked(discs, capsys, tmp_path):
-    for name in ("table.csv", "map.png", "folder"):
+    for name in ("table.csv", "map.png", "who.tif", "folder"):
         target = tmp_path / name
         compared(capsys, *discs, "-o", target)
         assert main(["compare", *map(str, discs), "-o", str(target)]) == 2
@@ -295,7 +295,13 @@ def test_nothing_is_replaced_unasked(discs, capsys, tmp_path):
     folder = tmp_path / "folder"  # carries the mark of what mpmgis may replace
     arguments = ["compare", str(folder / "classes.tif"), str(discs[0]), "--overwrite", "-o"]
     assert main([*arguments, str(folder)]) == 2 and (folder / "classes.tif").is_file()
-    assert "which is compared, and would be replaced" in capsys.readouterr().err
+    assert "which is asked about, and would be replaced" in capsys.readouterr().err
+    (folder / "way.csv").write_text("a line of the user's, kept beside the comparison")
+    assert main(["compare", *map(str, discs), "--line", str(folder / "way.csv"), "--overwrite", "-o", str(folder)]) == 2
+    assert "way.csv, which is asked about" in capsys.readouterr().err and (folder / "way.csv").is_file()
+    assert {band.name for band in folder.iterdir()} >= {"map.png", "table.csv", "classes.tif"}
+    with rasterio.open(tmp_path / "who.tif") as one, rasterio.open(folder / "classes.tif") as other:
+        assert np.array_equal(one.read(), other.read(), equal_nan=True)
 
 
 # ------------------------------------------------------------------------------------------------------------ refusals

@@ -86,6 +86,17 @@ def test_what_no_step_helps_ends_the_run_with_place_and_cause():
     assert error.value.exit_code == 3 and march.troubles == []
 
 
+def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
+    """Nothing was on the terrain at the start: what flowed in since broke before its first frame."""
+    solver = Recorder()
+    guard = Guard(solver, None, Recorder(), solver)
+    with pytest.raises(
+        UnphysicalError, match=r"step 7, t = 0\.500 s, E 1\.0 N 2\.0: too fast, before there was a frame"
+    ):
+        guard.go_back("E 1.0 N 2.0: too fast")
+    assert solver.asked == []
+
+
 def test_the_command_tells_what_was_got_over_and_so_does_the_record(tmp_path, monkeypatch, capsys):
     """One made-up trouble at the second frame: exit code 0, a line, and the same line in run.json."""
     site, troubles = write_site(tmp_path), ["", "E 400100.0 N 5100200.0: made up"]

@@ -10,6 +10,7 @@ import rasterio
 import shapely
 from affine import Affine
 
+from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
 from mpmgis.io.frames import read_frame
@@ -142,11 +143,11 @@ def scene_on(dem, folder, window=""):
 
 def test_a_run_says_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, monkeypatch, capsys):
     """14 GB where 8 are free: refused in one line that tells of the window, with which it runs."""
-    monkeypatch.setattr(prepare, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(machine, "available_memory", lambda: 8e9)
     monkeypatch.setattr(TerrainFile, "whole", lambda file: pytest.fail("it was read"))
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "10000 x 10000 cells, which take up to 14 GB; 8 GB are free; [terrain] window = [west" in line
+    assert "10000 x 10000 cells, which need about 14 GB of memory, 8 GB are free; [terrain] window = [west" in line
     with monkeypatch.context() as patch:  # a window as large as all of it saves nothing
         patch.setattr(TerrainFile, "part", lambda file, rows, columns: pytest.fail("it was read"))
         with pytest.raises(SceneError, match=r"window of .* has 10000 x 10000 cells, .* 8 GB are free"):
@@ -163,6 +164,6 @@ def test_a_run_that_has_the_memory_is_told_what_it_takes(tmp_path, monkeypatch):
     monkeypatch.setattr(prepare, "READ_WHOLE", 10_000)
     prepare.prepare(scene, said.append)
     assert any("200 x 200 cells, which take up to 0.0056 GB; [terrain] window" in text for text in said)
-    monkeypatch.setattr(prepare, "available_memory", lambda: 5e6)
+    monkeypatch.setattr(machine, "available_memory", lambda: 5e6)
     with pytest.raises(SceneError, match=r"0\.005 GB are free"):
         prepare.prepare(scene)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import FormatError, one_line
-from ...machine import available_memory
+from ...machine import memory_lack
 
 MOST_DIGITS = 15  # of a number in a file's name that is taken as one
 _NUMBERED = re.compile(rf".*?(\d{{1,{MOST_DIGITS}}})", re.DOTALL)
@@ -165,12 +165,8 @@ def require_room(path, count, bytes_each):
     ------
     FormatError
     """
-    needed, free = count * bytes_each, available_memory()
-    if needed > free:
-        raise FormatError(
-            f"{path}: {count:.6g} particles need about {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB are free; it "
-            "is damaged, or for a larger machine"
-        )
+    if lack := memory_lack(count * bytes_each):
+        raise FormatError(f"{path}: {count:.6g} particles need {lack}; it is damaged, or for a larger machine")
 
 
 def read_settings(path):
