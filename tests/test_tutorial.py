@@ -72,7 +72,7 @@ def type_all(blocks, tmp_path):
         said = ""
         for command in text.splitlines():
             done = subprocess.run(
-                command, shell=True, cwd=folder, env=environment, capture_output=True, text=True, timeout=500
+                command, shell=True, cwd=folder, env=environment, capture_output=True, text=True, timeout=1500
             )
             assert done.returncode == (2 if refused else 0), f"{command}\n{done.stdout}{done.stderr}"
             said += done.stdout + done.stderr
