@@ -10,15 +10,15 @@ import numpy as np
 
 from ...errors import FormatError
 from .arrays import plainly_named
-from .file import ForeignFrame, ForeignReader, number_of
+from .file import ForeignReader
 from .mapped import mapped
 from .rows_of_text import BLANK, Form, read_rows
+from .tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 DELIMITERS = (",", ";", "\t")
 LONGEST_HEADER = 1 << 16  # [bytes]
 AT_ONCE = 1 << 24  # [bytes]
-MOST_TIMES = 100_000
 OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
 
 
@@ -92,11 +92,6 @@ def recognises(path, head):
     return {"x", "y", "z", "vx", "vy", "vz"} <= set(plainly_named(dict.fromkeys(names, 1)))
 
 
-def frames(paths, terms):
-    """The ForeignFrames in some tables."""
-    return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
-
-
 def open_file(path, time_column=None):
     """The ForeignFrames in one table, by the times in `time_column`, or else in one that is called so.
 
@@ -114,23 +109,14 @@ def open_file(path, time_column=None):
     columns, meant = form.columns, plainly_named(dict.fromkeys(form.columns, 1))
     if set(columns) >= OWN_COLUMNS:
         raise FormatError(f"{path} is a seed of columns that mpmgis wrote; its frame (.h5) can be exported")
-    time_column = time_column or meant.get("time")
-    if time_column is not None and time_column not in columns:
-        raise FormatError(f"{path}: no column {time_column!r} of times, only {', '.join(columns)[:300]}")
+    time_column = time_column_of(path, columns, meant, time_column)
     parts = _whole(path, form) if time_column is None else _parts(path, form, time_column)
     if not parts or parts[0][1] == 0:
         raise FormatError(f"{path}: no particle in it")
+    reads = (partial(_read, path, first, last, form, time_column, time, count) for time, count, first, last in parts)
     return [
-        ForeignFrame(
-            path=path,
-            count=count,
-            columns=columns,
-            read=partial(_read, path, first, last, form, time_column, time, count),
-            meant=meant,
-            number=number_of(path) if time is None else None,
-            time=time,
-        )
-        for time, count, first, last in parts
+        frame_of_rows(path, columns, meant, time, count, read)
+        for (time, count, *_), read in zip(parts, reads, strict=True)
     ]
 
 
@@ -151,10 +137,7 @@ def _parts(path, form, time_column):
     if not np.isfinite(times).all():
         raise FormatError(f"{path}: a time in row {int(np.flatnonzero(~np.isfinite(times))[0])} is missing or infinite")
     found, first, counts = np.unique(times, return_index=True, return_counts=True)
-    if len(found) > MOST_TIMES:
-        raise FormatError(
-            f"{path} holds {len(found)} times, wanted at most {MOST_TIMES}; is its column of times right?"
-        )
+    require_few_times(path, found)
     last = len(times) - 1 - np.unique(times[::-1], return_index=True)[1]
     rows = np.concatenate([first, last + 1])
     with mapped(path) as content:
@@ -183,12 +166,7 @@ def _bytes_of_rows(content, start, count, rows):
 def _read(path, start, stop, form, time_column, time, count, names):
     wanted = tuple(dict.fromkeys((*names, *([time_column] if time is not None else []))))
     found = read_rows(path, start, stop, form, wanted)
-    if time is not None:
-        of_time = found[time_column] == time
-        found = found if of_time.all() else {name: values[of_time] for name, values in found.items()}
-    if names and len(found[names[0]]) != count:
-        raise FormatError(f"{path} holds {len(found[names[0]])} rows, wanted {count}; it is damaged or has changed")
-    return {name: found[name] for name in names}
+    return require_rows(path, rows_of_time(found, time_column, time), names, count)
 
 
-READER = ForeignReader("csv", recognises, frames, fits)
+READER = ForeignReader("csv", recognises, frames_of_tables(open_file), fits)

@@ -77,6 +77,15 @@ class ForeignReader(NamedTuple):
     fits: Callable | None = None
 
 
+def frame_of_each(open_file):
+    """`frames` of a ForeignReader whose files hold a frame each, as `open_file(path)` gives it."""
+    return partial(_each_opened, open_file)
+
+
+def _each_opened(open_file, paths, terms):
+    return [open_file(path) for path in paths]
+
+
 def frames_of_pieces(paths, pieces_of, open_file):
     """The ForeignFrames in files of parallel runs: `pieces_of(path)` are all that make one frame, each named or not."""
     groups = {}

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ...errors import FormatError
 from .arrays import column_names
-from .file import ForeignReader
+from .file import ForeignReader, frame_of_each
 from .npz import fits, open_file, read_members
 
 MEANT = {
@@ -43,4 +43,4 @@ def frame_of(path):
     return replace(frame, density_word="; its volumes are those of now, which do not tell it")
 
 
-READER = ForeignReader("geotaichi", recognises, lambda paths, terms: [frame_of(path) for path in paths])
+READER = ForeignReader("geotaichi", recognises, frame_of_each(frame_of))

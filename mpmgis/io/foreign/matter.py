@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FormatError
-from .file import ForeignFrame, ForeignReader, number_of
+from .file import ForeignFrame, ForeignReader, frame_of_each, number_of
 from .ply import fits, read_ply_columns, read_ply_header
 
 SIGNATURE = {"x", "y", "vx", "vy", "p", "q", "Je"}  # of its particles; its grid has a mass and none of the last three
@@ -75,4 +75,4 @@ def _read_info(path, count):
     return values
 
 
-READER = ForeignReader("matter", recognises, lambda paths, terms: [open_file(path) for path in paths])
+READER = ForeignReader("matter", recognises, frame_of_each(open_file))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from .arrays import columns_of, picked, plainly_named
-from .file import ForeignFrame, ForeignReader, number_of, require_readable
+from .file import ForeignFrame, ForeignReader, frame_of_each, number_of, require_readable
 
 MAGIC = b"PK\x03\x04"
 MOST_COMPONENTS = 100
@@ -167,4 +167,4 @@ def open_file(path, meant=None, count=None):
     )
 
 
-READER = ForeignReader("npz", recognises, lambda paths, terms: [open_file(path) for path in paths], fits)
+READER = ForeignReader("npz", recognises, frame_of_each(open_file), fits)

@@ -2,14 +2,13 @@
 
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from ...errors import FormatError, one_line
 from .arrays import plainly_named
-from .delimited import MOST_TIMES
-from .file import ForeignFrame, ForeignReader, number_of, require_readable, require_room
+from .file import ForeignReader, require_readable, require_room
+from .tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 MAGIC = b"PAR1"
 OWN_NOTE = b"mpmgis"  # key of the schema's metadata that a seed of mpmgis has
@@ -52,11 +51,6 @@ def _columns(file):
     return tuple(field.name for field in file.schema_arrow if any(is_kind(field.type) for is_kind in numbers))
 
 
-def frames(paths, terms):
-    """The ForeignFrames in some tables."""
-    return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
-
-
 def open_file(path, time_column=None):
     """The ForeignFrames in one table, by the times in `time_column`, or else in one that is called so.
 
@@ -72,20 +66,10 @@ def open_file(path, time_column=None):
     if count <= 0 or not columns:
         raise FormatError(f"{path}: no particle in it")
     meant = plainly_named(dict.fromkeys(columns, 1))
-    time_column = time_column or meant.get("time")
-    if time_column is not None and time_column not in columns:
-        raise FormatError(f"{path}: no column {time_column!r} of times, only {', '.join(columns)[:300]}")
+    time_column = time_column_of(path, columns, meant, time_column)
     parts = [(None, count)] if time_column is None else _parts(path, time_column, count)
     return [
-        ForeignFrame(
-            path=path,
-            count=rows,
-            columns=columns,
-            read=partial(_read, path, time_column, time, rows),
-            meant=meant,
-            number=number_of(path) if time is None else None,
-            time=time,
-        )
+        frame_of_rows(path, columns, meant, time, rows, partial(_read, path, time_column, time, rows))
         for time, rows in parts
     ]
 
@@ -104,10 +88,7 @@ def _parts(path, time_column, count):
     if len(times) != count or not np.isfinite(times).all():
         raise FormatError(f"{path}: a time in its column {time_column!r} is missing or infinite")
     found, counts = np.unique(times, return_counts=True)
-    if len(found) > MOST_TIMES:
-        raise FormatError(
-            f"{path} holds {len(found)} times, wanted at most {MOST_TIMES}; is its column of times right?"
-        )
+    require_few_times(path, found)
     return list(zip(found.tolist(), counts.tolist(), strict=True))
 
 
@@ -129,11 +110,7 @@ def _read(path, time_column, time, count, names):
         found = _values(path, names)
     else:
         found = _values(path, dict.fromkeys((*names, time_column)), _groups_of(path, time_column, time))
-        of_time = found[time_column] == time
-        found = {name: values[of_time] for name, values in found.items()}
-    if names and len(found[names[0]]) != count:
-        raise FormatError(f"{path} holds {len(found[names[0]])} rows, wanted {count}; it is damaged or has changed")
-    return {name: found[name] for name in names}
+    return require_rows(path, rows_of_time(found, time_column, time), names, count)
 
 
-READER = ForeignReader("parquet", recognises, frames, fits)
+READER = ForeignReader("parquet", recognises, frames_of_tables(open_file), fits)

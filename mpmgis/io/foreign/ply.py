@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import FormatError
 from .arrays import plainly_named
-from .file import MOST_DIGITS, ForeignFrame, ForeignReader, number_of, require_readable
+from .file import MOST_DIGITS, ForeignFrame, ForeignReader, frame_of_each, number_of, require_readable
 from .text_numbers import text_numbers
 
 LONGEST_HEADER = 65536  # bytes
@@ -138,4 +138,4 @@ def open_file(path):
     )
 
 
-READER = ForeignReader("ply", recognises, lambda paths, terms: [open_file(path) for path in paths], fits)
+READER = ForeignReader("ply", recognises, frame_of_each(open_file), fits)
