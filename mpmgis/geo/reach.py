@@ -130,36 +130,60 @@ def steepest_profile(terrain, start_xy, mu, most_points=200):
     start = _cell(terrain.grid, start_xy, step, elevation.shape)
     if not np.isfinite(elevation[start]):
         return ()
-    parent, length = {start: None}, {start: 0.0}
-    waiting, visited = [(float(elevation[start]), 0.0, start)], []  # the lowest first, of these the nearest
-    top = float(elevation[start])
-    while waiting and len(visited) < MOST_VISITED:
-        z, _, cell = heapq.heappop(waiting)
-        visited.append((z, cell))
-        for i, j, apart in _NEIGHBOURS:
-            beside = (cell[0] + i, cell[1] + j)
-            if not (0 <= beside[0] < elevation.shape[0] and 0 <= beside[1] < elevation.shape[1]) or beside in parent:
-                continue
-            there, way = float(elevation[beside]), length[cell] + apart * spacing
-            if there < top - mu * way + spacing:  # below the line, or the first cell above; NaN is not
-                parent[beside], length[beside] = cell, way
-                heapq.heappush(waiting, (there, way, beside))
-    cell = _farthest_at_the_bottom(visited, length, top)
-    path = []
+    visited, parent = _way_down(elevation, start, mu, spacing)
+    reached = {cell: (way, z) for z, way, cell in visited}
+    cell, path = _farthest_at_the_bottom(visited), []
     while cell is not None:
-        path.append((length[cell], float(elevation[cell])))
+        path.append(reached[cell])
         cell = parent[cell]
     path.reverse()
     thinned = path[: -1 : max(1, -(-len(path) // (most_points - 1)))]
     return (*thinned, path[-1])
 
 
-def _farthest_at_the_bottom(visited, length, top):
+def _way_down(elevation, start, mu, spacing):
+    """Cells under the line of `mu` from `start`, the lowest beside those before first: water that rises and overflows.
+
+    Cells are numbered row by row in the raster with a rim of one cell around it. Plain numbers are compared and looked
+    up several times faster than arrays are indexed by pairs, and a cell as high as the sky needs no other mark.
+
+    Returns
+    -------
+    (list of (elevation [m], way to it [m], cell), dict)
+        The cells as they were visited; where from each was come to.
+    """
+    walled = np.pad(np.asarray(elevation, float), 1, constant_values=np.inf)
+    height, width = walled.ravel().tolist(), walled.shape[1]
+    around = [(i * width + j, apart * spacing) for i, j, apart in _NEIGHBOURS]
+    first = (start[0] + 1) * width + start[1] + 1
+    top, seen = height[first], np.inf
+    highest = top + spacing
+    parent, height[first] = {first: None}, seen
+    waiting, visited = [(top, 0.0, first)], []  # the lowest first, of these the nearest
+    push, pop = heapq.heappush, heapq.heappop
+    for _ in range(MOST_VISITED):
+        if not waiting:
+            break
+        lowest = pop(waiting)
+        visited.append(lowest)
+        _, before, cell = lowest
+        for apart, further in around:
+            beside = cell + apart
+            there = height[beside]
+            if there < highest:  # what was seen is not, nor is NaN
+                way = before + further
+                if there < top - mu * way + spacing:  # below the line, or the first cell above
+                    parent[beside], height[beside] = cell, seen
+                    push(waiting, (there, way, beside))
+    return visited, parent
+
+
+def _farthest_at_the_bottom(visited):
     """Of the cells at the lowest elevation the one with the longest way; what is flooded from there upwards is none."""
     lowest = min(range(len(visited)), key=lambda k: visited[k][0])
-    shore = visited[lowest][0] + 0.02 * (top - visited[lowest][0])
+    shore = visited[lowest][0] + 0.02 * (visited[0][0] - visited[lowest][0])
     bottom = itertools.takewhile(lambda entry: entry[0] <= shore, visited[lowest:])
-    return max((cell for _, cell in bottom), key=length.get)
+    return max(bottom, key=lambda entry: entry[1])[2]
 
 
 def _cell(grid, xy, step, shape):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -126,9 +127,9 @@ def prepare_scene(scene, say=lambda text: None):
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
     require_inflow_over(scene.stage, start.events)
-    stages = []
+    stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
-        stage = _stage(one, terrain, grid, start, number > 0, say)
+        stage = _stage(one, terrain, grid, start, reached, number > 0, say)
         stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
@@ -205,12 +206,15 @@ def _start_of_points(scene, terrain, grid, say):
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
-def _stage(scene, terrain, grid, start, later, say):
-    """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins."""
+def _stage(scene, terrain, grid, start, reached, later, say):
+    """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins.
+
+    `reached` (mu) answers as `_reached`.
+    """
     require_ground(grid, scene.solver, scene.numerics.edges)
     at_start = start.frame if start.frame.dimension == 2 else start.seen
     known = read_places(scene, terrain, grid, at_start, start.seen, say)
-    facts, deciding = _facts(scene, terrain, start.seen, known)
+    facts, deciding = _facts(terrain, start.seen, reached, known)
     facts = facts._replace(**start.facts)
     effects, decisions = resolve(deciding, facts)
     if scene.solver == "points":
@@ -280,20 +284,21 @@ def scene_to_prepare(given, laws=None):
     return scene
 
 
-def _facts(scene, terrain, frame, known):
+def _facts(terrain, frame, reached, known):
     """(the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
+    reach, facts = reached(known.mu_least())
+    of_places = known.facts(terrain, reach, frame, facts["release_thickness"])
+    return TerrainFacts(**facts, **of_places, density=frame.header["density"]), known.completed(reach, terrain)
+
+
+def _reached(terrain, frame, mu):
+    """(the Reach of the columns of `frame` by a line of `mu`, what the ground and the release tell of themselves)."""
     some = slice(None, None, max(1, len(frame.particles) // 10_000))
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
-    reach = reach_of(terrain, xy, terrain.sample(*xy.T), known.mu_least())
-    release = release_facts(terrain, xy, mass, thickness)
-    return TerrainFacts(
-        **reach_facts(terrain, reach),
-        **release,
-        **known.facts(terrain, reach, frame, release["release_thickness"]),
-        density=frame.header["density"],
-        profile=steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu),
-    ), known.completed(reach, terrain)  # fmt: skip
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu)
+    facts = reach_facts(terrain, reach) | release_facts(terrain, xy, mass, thickness)
+    return reach, facts | {"profile": steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu)}
 
 
 def _tell_of_release(particles, header, scene, say):

@@ -1,5 +1,7 @@
 """What decides effects: the energy line's reach and the steepest way down, on ground where both are known."""
 
+import itertools
+
 import numpy as np
 import pytest
 from affine import Affine
@@ -73,6 +75,54 @@ def test_the_steepest_way_goes_down_the_ramp_and_out_of_a_pit():
 
     through = np.array(steepest_profile(terrain_of(pitted), (105.0, 305.0), 0.2))
     assert through[-1, 1] < 1.0
+
+
+def plain_way_down(terrain, start_xy, mu):
+    """The same search written as one says it, cell by cell: (way [m], elevation [m]) of all cells of the way."""
+    elevation, spacing = terrain.elevation, terrain.grid.cell_size
+    start = tuple(int(round(float(v))) for v in terrain.grid.rowcol(*start_xy))
+    top, parent, way = float(elevation[start]), {start: None}, {start: 0.0}
+    waiting, visited = {start}, []
+    while waiting:
+        cell = min(waiting, key=lambda c: (elevation[c], way[c], c))
+        waiting.remove(cell)
+        visited.append(cell)
+        for i, j in itertools.product((-1, 0, 1), repeat=2):
+            beside = (cell[0] + i, cell[1] + j)
+            inside = 0 <= beside[0] < elevation.shape[0] and 0 <= beside[1] < elevation.shape[1]
+            if not inside or beside in parent:
+                continue
+            length = way[cell] + float(np.hypot(i, j)) * spacing
+            if elevation[beside] < top - mu * length + spacing:
+                parent[beside], way[beside] = cell, length
+                waiting.add(beside)
+    depth = [float(elevation[cell]) for cell in visited]
+    lowest = int(np.argmin(depth))
+    shore = depth[lowest] + 0.02 * (top - depth[lowest])
+    bottom = itertools.takewhile(lambda cell: elevation[cell] <= shore, visited[lowest:])
+    cell, path = max(bottom, key=way.get), []
+    while cell is not None:
+        path.insert(0, (way[cell], float(elevation[cell])))
+        cell = parent[cell]
+    return path
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_way_down_random_ground_is_that_of_a_plain_search(seed):
+    """On rough, stepped (equal heights), smooth and holed ground: the very numbers, thinned to what was asked for."""
+    rng = np.random.default_rng(seed)
+    rows, columns = rng.integers(5, 40, 2)
+    height = rng.normal(size=(rows, columns)) * rng.choice([1.0, 20.0]) - 4.0 * np.arange(columns)
+    height = np.round(height) if seed % 3 == 0 else height
+    height[rng.random(height.shape) < (0.1 if seed % 2 else 0.0)] = np.nan
+    grid = Grid(None, Affine(10, 0, 0.0, 0, -10, 10.0 * rows), (int(rows), int(columns)))
+    start = tuple(float(v) for v in grid.xy(rows // 2, columns // 3))
+    height[rows // 2, columns // 3] = np.nanmax(height)
+    terrain, mu = Terrain(grid, height), float(rng.uniform(0.02, 0.3))
+    plain = plain_way_down(terrain, start, mu)
+    assert list(steepest_profile(terrain, start, mu, most_points=10_000)) == plain
+    thinned = steepest_profile(terrain, start, mu, most_points=5)
+    assert len(thinned) <= 5 and set(thinned) <= set(plain) and thinned[-1] == plain[-1]
 
 
 def test_a_start_without_ground_has_no_profile():
