@@ -80,7 +80,7 @@ def test_the_steepest_way_goes_down_the_ramp_and_out_of_a_pit():
 def plain_way_down(terrain, start_xy, mu):
     """The same search written as one says it, cell by cell: (way [m], elevation [m]) of all cells of the way."""
     elevation, spacing = terrain.elevation, terrain.grid.cell_size
-    start = tuple(int(round(float(v))) for v in terrain.grid.rowcol(*start_xy))
+    start = tuple(round(float(v)) for v in terrain.grid.rowcol(*start_xy))
     top, parent, way = float(elevation[start]), {start: None}, {start: 0.0}
     waiting, visited = {start}, []
     while waiting:
