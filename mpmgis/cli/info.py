@@ -23,7 +23,7 @@ UNITS = {
     **dict.fromkeys(("elevation", "thickness", "thickness_so_far", "thickness_max", "thickness_max_now", "drop"), "m"),
     **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
     **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
-    **dict.fromkeys(("kinetic_energy", "potential_energy", "energy_lost"), "J"),
+    **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
     **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),
     **dict.fromkeys(("bbox", "cell_size"), "m"),
     "density": "kg m-3",

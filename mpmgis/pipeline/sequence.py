@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FormatError, InputError
+from ..products.run_account import stood_still
 from ..solvers.coupled import parts_of
 from ..solvers.march import March
 
@@ -35,7 +36,7 @@ class Sequence:
         Why the run ended.
     particle_steps : int
     troubles : list of str
-        What went wrong and was got over with shorter steps.
+        What went wrong and was got over with shorter steps; that nothing ever moved.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
@@ -68,6 +69,9 @@ class Sequence:
             self.particle_steps += march.particle_steps
             if not march.switch:
                 self.reason = march.reason
+                still = stood_still(self._balances())
+                if still:
+                    self._tell_of([still])
                 return
             self._switch(march.switch)
 
@@ -182,9 +186,13 @@ class Sequence:
         start = replace(rest, time=frame.time, step=0)
         return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
 
+    def _balances(self):
+        """Of each stage at its end, or now."""
+        return [*(stage["balances"] for stage in self.past), self.solver.balances()]
+
     def mass_account(self):
         """Where all mass is [kg]: what was ever in the run is on the terrain, left it, or was left out at a switch."""
-        told = [stage["balances"] for stage in self.past] + [self.solver.balances()]
+        told = self._balances()
         switches = [stage["switch"] for stage in self.past]
         released = told[0].get("mass_released", told[0]["mass_start"])
         released += sum(balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]

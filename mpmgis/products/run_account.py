@@ -1,7 +1,41 @@
 """The balances of a run in plain words: what `mpmgis run` says at its end and a report keeps."""
 
+from math import inf, sqrt
+
+from ..fields import GRAVITY
+
 AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
+STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1], of the mass as a whole; solids swing as they settle
+STILL_FALL = 0.05  # [m] that the mass as a whole may have come down for all that
+
+
+def stood_still(stages):
+    """What to say of a run in which nothing ever moved; '' of any other.
+
+    By energy: that of motion was never that of the mass at STILL_SPEED, and what was lost lets it come down by less
+    than STILL_FALL, so that neither creep nor a slide between two frames is taken for rest.
+
+    Parameters
+    ----------
+    stages : list of dict
+        The balances at the end of each stage of the run.
+    """
+    fastest = 0.0
+    for balances in stages:
+        parts = [balances, *(part for part in [balances.get("outside_columns")] if part is not None)]
+        mass = balances.get("mass_released", balances["mass_start"]) + balances.get("mass_entrained", 0.0)
+        peak, lost = (sum(part.get(name, inf) for part in parts) for name in ("kinetic_energy_peak", "energy_lost"))
+        if not (mass > 0.0 and lost < mass * GRAVITY * STILL_FALL):
+            return ""
+        speed = sqrt(2.0 * peak / mass)
+        if not speed < STILL_SPEED["points" if "elastic_energy" in balances else "columns"]:
+            return ""
+        fastest = max(fastest, speed)
+    return (
+        f"nothing ever moved: the mass as a whole was never faster than {fastest:.2g} m/s, for what resists holds it "
+        "where it lies; if that is not meant, look at [friction] and [material], and at the slope under the release"
+    )
 
 
 def account(balances, solver, mass=None):

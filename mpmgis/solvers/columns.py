@@ -460,6 +460,7 @@ class ColumnSolver(ParticleStore):
             "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / (clock[kernel.TOTAL_MASS] or 1.0),
             "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
             "kinetic_energy": kinetic,
+            "kinetic_energy_peak": max(kinetic, float(clock[kernel.KINETIC_PEAK])),
             "potential_energy": potential,
             "energy_lost": sum(self.energy_start) + energy_in - kinetic - potential - energy_out,
             "speed_max_now": float(clock[kernel.SPEED]),

@@ -211,7 +211,8 @@ class CoupledSolver:
         both["mass_released"] = points["mass_start"] + columns["mass_released"]
         both["mass_entrained"] = columns["mass_entrained"]
         found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
-        kept = ("mass_now", "mass_out", "outflow", "kinetic_energy", "potential_energy", "energy_lost", "barriers")
+        energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost")
+        kept = ("mass_now", "mass_out", "outflow", *energies, "barriers")
         outside = {name: columns[name] for name in kept}
         outside |= {"exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns}
         return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}

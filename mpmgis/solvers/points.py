@@ -465,6 +465,7 @@ class PointSolver(ParticleStore):
                 edge: sums for edge, sums in named_sums(EDGE_NAMES, ledger, LEDGER).items() if sums["particles"] > 0
             },
             "kinetic_energy": kinetic,
+            "kinetic_energy_peak": max(kinetic, self.kinetic_peak),
             "potential_energy": potential,
             "elastic_energy": stored,
             "energy_lost": sum(self.energy_start) - kinetic - potential - stored - float(ledger[:, 4:6].sum()),
