@@ -24,7 +24,7 @@ def add_arguments(parser):
 
     shipped = "\n".join(f"  {name:<30}{entry.title}" for name, entry in read_guidelines().items())
     parser.description = f"{DESCRIPTION.strip()}\n\nguidelines:\n{shipped}"
-    results_options.add_arguments(parser)
+    results_options.add_arguments(parser, rasters=True)
     parser.add_argument("--guideline", required=True, metavar="NAME", help="one of the above, or of --guidelines")
     parser.add_argument("--guidelines", type=Path, metavar="FILE", help="your own guidelines, as TOML (README)")
     results_options.add_output(parser, "intensity", "raster (.tif), style (.qml), polygons (.gpkg) and table (.csv)")

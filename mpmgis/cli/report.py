@@ -13,14 +13,14 @@ DESCRIPTION = """
 One HTML file with maps of the largest depth, speed and pressure and of the last depth, figures of the runout with a
 longitudinal profile, balances, warnings, effects and why they are on or off, parameters, versions and digests. Pictures
 are inside; it needs no network and no scripts. Print it from any browser to have a PDF. Of other codes' frames it tells
-what the frames tell.
+what the frames tell, of an export or rasters called <name>_pft, <name>_pfv [m/s], <name>_ppr [kPa] what these tell.
 """
 
 
 def add_arguments(parser):
     """Declare the verb's options."""
     parser.description = DESCRIPTION.strip()
-    results_options.add_arguments(parser, exports=False)
+    results_options.add_arguments(parser, rasters=True)
     parser.add_argument("--title", metavar="TEXT", help="heading of the report")
     parser.add_argument("--line", type=Path, metavar="FILE", help="line that the flow took, as of mpmgis runout")
     parser.add_argument(

@@ -7,13 +7,16 @@ from .export_raster import add_terrain_options
 from .values import number, positive
 
 
-def add_arguments(parser, exports=True, cells=True):
+def add_arguments(parser, exports=True, cells=True, rasters=False):
     """Declare RESULTS, --overwrite and the groups of options.
 
-    `exports`: an exported folder will do; `cells`: their size can be chosen.
+    `exports`: an exported folder will do, `rasters`: other codes' rasters of largest values too.
+    `cells`: their size can be chosen.
     """
+    also = ", or an export" if exports else ""
+    also += ", or (the beginning of the names of) rasters called *_pft, *_pfv, *_ppr" if rasters else ""
     frames = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
-    parser.add_argument("frames", nargs="+", metavar="RESULTS", help=frames + (", or an export" if exports else ""))
+    parser.add_argument("frames", nargs="+", metavar="RESULTS", help=frames + also)
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier answer of that name")
     add_terrain_options(parser.add_argument_group("terrain"))
     group = parser.add_argument_group("cells, averaged as export-raster does")

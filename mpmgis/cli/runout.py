@@ -26,7 +26,7 @@ known.
 def add_arguments(parser):
     """Declare the verb's options."""
     parser.description = DESCRIPTION.strip()
-    results_options.add_arguments(parser)
+    results_options.add_arguments(parser, rasters=True)
     parser.add_argument("--line", type=Path, metavar="FILE", help="line that the flow took, from the top")
     parser.add_argument(
         "--threshold", type=positive, metavar="M", default=0.1, help="cells deeper than this were reached (default 0.1)"

@@ -1,5 +1,7 @@
 """Intensity classes as files: GeoTIFF with a colour table, QGIS style, polygons, table of areas."""
 
+import warnings
+
 import geopandas
 import numpy as np
 import rasterio
@@ -69,7 +71,8 @@ def write_class_polygons(path, grid, numbers, guideline, areas):
         (k, f"{entry.name}: {entry.words()}", entry.colour) for k, entry in enumerate(guideline.classes, start=1)
     ]
     style = vector_style_document(class_renderer("class", classes), POLYGONS)
-    with whole_file(path) as part:
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local CRS is meant
         table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
         write_layer_styles(part, {"intensity": style})
 

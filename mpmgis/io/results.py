@@ -1,12 +1,13 @@
 """Results on disk as bands by name: an exported folder, rasters named as in ISeeSnow and AvaFrame, one raster."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..fields import Quantity
 from ..geo.georeference import name_of, require_metric, same_place, warp_command
+from ..products.comparison import SAME_QUANTITY
 from .raster import open_raster, read_raster
 
 PEAK_KINDS = {  # ending of the file's name -> quantity, and what its values are multiplied by
@@ -73,6 +74,21 @@ class Result:
                 f"{warp_command(path, f'EPSG:{code}', 'nearest')}"
             )
         return values, grid
+
+    def with_our_names(self):
+        """The Result whose peaks have the names that an export gives them, besides their own."""
+        ours = {own: self.bands[other] for other, own in SAME_QUANTITY if other in self.bands}
+        return replace(self, bands=ours | self.bands)
+
+
+def names_rasters(path):
+    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, the beginning of their names, or one of them."""
+    path = Path(path)
+    if path.is_file():
+        return _PEAK_NAME.fullmatch(path.name) is not None
+    if path.is_dir():
+        return bool(_peak_files(path))
+    return path.parent.is_dir() and bool(_peak_files(path.parent, path.name))
 
 
 def open_result(path):

@@ -10,15 +10,13 @@ import shapely
 
 from ..errors import GeoreferenceError, InputError
 from ..fields import Quantity
-from ..geo.georeference import LOCAL, name_of, same_place, warp_command
+from ..geo.georeference import name_of
 from ..geo.grid import Grid
-from ..geo.terrain import Terrain
 from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
 from ..io.exported_steps import is_export
 from ..io.observed import cells_within, read_outline
 from ..io.outlines import mask_outline
-from ..io.raster import open_raster, read_terrain
 from ..io.results import open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
@@ -26,6 +24,7 @@ from ..products.comparison_report import BandFacts, Comparison, Side
 from ..products.outline_distance import outline_distances
 from .answer_files import checked_output, write_answer
 from .export import ExportRequest
+from .export_inputs import terrain_of_rasters
 from .given_line import given_line
 from .opened_results import exported_peaks
 
@@ -300,16 +299,7 @@ def _terrain(request, sources, joint, say):
     path = request.dem or next((source.terrain for source in sources if source.terrain is not None), None)
     if path is None:
         return None
-    with open_raster(path) as source:
-        crs = LOCAL if source.crs is None else None
-    terrain = read_terrain(path, crs, say=say)
-    if None not in (terrain.grid.crs, joint.crs) and not same_place(terrain.grid.crs, joint.crs):
-        code = joint.crs.to_epsg() or "n"
-        raise GeoreferenceError(
-            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(joint.crs)}; reproject it: "
-            f"{warp_command(path, f'EPSG:{code}')}"
-        )
-    return Terrain(replace(terrain.grid, crs=joint.crs), terrain.elevation, terrain.path)
+    return terrain_of_rasters(path, joint.crs, say=say)
 
 
 def _line(request, footprints, terrain, joint, say):

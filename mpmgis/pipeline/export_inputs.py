@@ -1,12 +1,13 @@
 """What an export starts from: where it goes, the DTM, the density of the release. Every refusal before any work."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
-from ..geo.georeference import name_of, same_place, warp_command
+from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..io.atomic import refuse_existing
 from ..io.raster import open_raster, read_terrain
 from ..products.solver_maxima import SolverPeaks
@@ -73,6 +74,24 @@ def run_terrain(request, entries, output, say):
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         say(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
     return terrain
+
+
+def terrain_of_rasters(path, crs, band=None, say=lambda text: None):
+    """The DTM at `path` under rasters in `crs`, which it takes where it carries none.
+
+    Raises
+    ------
+    GeoreferenceError
+        It lies in another CRS.
+    """
+    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band, say)
+    if None not in (terrain.grid.crs, crs) and not same_place(terrain.grid.crs, crs):
+        code = crs.to_epsg() or "n"
+        raise GeoreferenceError(
+            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(crs)}; reproject it: "
+            f"{warp_command(path, f'EPSG:{code}')}"
+        )
+    return replace(terrain, grid=replace(terrain.grid, crs=crs))
 
 
 def _reprojection(path, crs):

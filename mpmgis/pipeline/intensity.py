@@ -13,7 +13,7 @@ from ..io.intensity_files import write_class_polygons, write_class_raster, write
 from ..products.comparison import upright
 from ..products.guidelines import Guideline, class_areas, classify
 from .answer_files import AnswerRequest, answer_output, write_answer
-from .opened_results import exported_peaks
+from .opened_results import exported_peaks, read_peaks
 
 RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
 POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
@@ -54,8 +54,9 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
     guideline = choose_guideline(request.guideline, request.guidelines)
     output = answer_output(request, WORD, FILES)
     with ExitStack() as stack:
-        result = exported_peaks(request.results, stack, say, progress, used=("min_depth",))
-        bands, grid = _bands(result, guideline)
+        of_rasters = ("density",) if "p_max" in guideline.bands else ()
+        result = exported_peaks(request.results, stack, say, progress, ("min_depth",), of_rasters)
+        bands, grid = _bands(result, guideline, request.results.density, say)
     reached = np.nan_to_num(bands["h_max"]) >= request.results.min_depth
     if not reached.any():
         least = request.results.min_depth
@@ -72,11 +73,21 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
-def _bands(result, guideline):
+def _bands(result, guideline, density, say):
     """(band -> float[rows, columns], their Grid) of depth and of all that the guideline asks for."""
-    names = dict.fromkeys(("h_max", *guideline.bands))
-    missing = [name for name in names if name not in result.bands]
+    names = tuple(dict.fromkeys(("h_max", *guideline.bands)))
+    bands, grid = read_peaks(result, names, density, say)
+    missing = [name for name in names if name not in bands]
     if missing:
-        raise InputError(f"{result.name} has no {', '.join(missing)}, which {guideline.name} asks for; export it anew")
-    bands = {name: result.read(name) for name in names}
-    return {name: values for name, (values, _) in bands.items()}, upright(bands["h_max"][1])
+        raise InputError(
+            f"{result.name} has no {', '.join(missing)}, which {guideline.name} asks for; {_CURES[missing[0]]}"
+        )
+    return bands, upright(grid)
+
+
+_CURES = {  # band that is missing: what to do
+    "h_max": "wanted an export, or rasters called <name>_pft",
+    "Ut_max": "wanted an export, or rasters called <name>_pft and <name>_pfv, given by the beginning of their names",
+    "p_max": "wanted an export, rasters called <name>_ppr [kPa], or --density and <name>_pfv",
+    "deposit_h": "wanted an export with its last step",
+}

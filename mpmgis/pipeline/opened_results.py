@@ -7,19 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geo.georeference import LOCAL
+from ..geo.grid import Grid
 from ..geo.terrain import Terrain
 from ..io.exported_steps import ExportedSteps, is_export, open_steps
 from ..io.frame_list import list_frames
-from ..io.raster import open_raster, read_terrain
-from ..io.results import open_result
+from ..io.results import names_rasters, open_result
 from ..products.bed import Bed
 from ..products.cell_series import cells_of, frame_at_cells
 from ..products.frame_values import Averaging
 from ..products.sampling import export_grid
 from ..products.table import PRODUCTS
 from .export import ExportRequest, export_raster
-from .export_inputs import release_density, run_terrain
+from .export_inputs import release_density, run_terrain, terrain_of_rasters
 from .frame_pool import frame_pool
 
 EXPORTED_FOLDER = "gis"
@@ -43,6 +42,16 @@ class FrameFlow:
     def grid(self):
         """Grid of the cells."""
         return self.averaging.grid
+
+    @property
+    def density(self):
+        """Of the release [kg m-3]."""
+        return self.averaging.density
+
+    @property
+    def min_depth(self):
+        """Depth [m] from which there are velocities."""
+        return self.averaging.min_depth
 
     def at_cells(self, cells, names, steps, progress=lambda done, total: None):
         """Values of the flat `cells` of the grid at the numbered `steps`.
@@ -74,6 +83,7 @@ class ExportFlow:
     name: str
     steps: ExportedSteps
     terrain: Terrain
+    entries = ()
 
     @property
     def times(self):
@@ -84,6 +94,22 @@ class ExportFlow:
     def grid(self):
         """Grid of the cells."""
         return self.steps.grid
+
+    @property
+    def density(self):
+        """Of the release [kg m-3]; None where the export does not say it."""
+        return self._said("density")
+
+    @property
+    def min_depth(self):
+        """Depth [m] from which there are velocities."""
+        return self._said("min_depth") or 0.0
+
+    def _said(self, tag):
+        try:
+            return float(self.steps.tags.get(tag))
+        except (TypeError, ValueError):
+            return None
 
     def at_cells(self, cells, names, steps, progress=lambda done, total: None):
         """As `FrameFlow.at_cells`, from the rasters."""
@@ -100,14 +126,28 @@ class ExportFlow:
         return {name: np.array([values[name] for values in found]) for name in names}
 
 
-def open_flow(request, output, say=lambda text: None):
-    """The flow that `request` (ExportRequest) names: frames, or one exported folder.
+@dataclass(frozen=True)
+class RasterFlow:
+    """A flow of which only rasters of its largest values are known, as other codes leave them, on a `terrain`."""
 
-    `output` is where the answers go: a DTM in there is refused.
+    name: str
+    terrain: Terrain
+    grid: Grid
+    density: float | None
+    min_depth: float
+    entries = ()
+    times = np.empty(0)
+
+
+def open_flow(request, output, say=lambda text: None, peaks_do=False, used=()):
+    """The flow that `request` (ExportRequest) names: frames, one exported folder, or rasters of its largest values.
+
+    `output` is where the answers go: a DTM in there is refused. `peaks_do`: largest values are enough.
+    `used`: options of frames that the question has a use for with rasters of these, too.
 
     Returns
     -------
-    FrameFlow or ExportFlow
+    FrameFlow, ExportFlow or RasterFlow
 
     Raises
     ------
@@ -115,14 +155,18 @@ def open_flow(request, output, say=lambda text: None):
     """
     if any(is_export(path) for path in request.frames):
         return _open_export(request, say)
+    if any(names_rasters(path) for path in request.frames):
+        return _open_rasters(request, say, peaks_do, used)
     return open_frames(request, output, say)
 
 
 def open_frames(request, output, say=lambda text: None, why=""):
-    """As `open_flow`, of frames only; `why` an export will not do is said in its refusal."""
+    """As `open_flow`, of frames only; `why` rasters will not do is said in their refusal."""
     for path in request.frames:
         if is_export(path):
             raise InputError(f"{path} is an export; {why}; give the folder of the frames it was made from")
+        if names_rasters(path):
+            raise InputError(f"{path} names rasters; {why}; give the code's frames of particles")
     entries = list_frames(request.frames, request.terms())
     terrain = run_terrain(request, entries, output, say)
     density = release_density(request, entries, say)
@@ -138,26 +182,48 @@ def open_frames(request, output, say=lambda text: None, why=""):
 
 
 def result_name(request):
-    """Name of a result: that of the folder that holds the frames, or of the export."""
+    """Name of a result: that of the folder of its frames or of the export, or how its rasters' names begin."""
     path = Path(str(request.frames[0])).absolute()
+    if not path.is_dir() and names_rasters(path):
+        return path.stem
     folder = path if path.is_dir() else path.parent
     return folder.resolve().name or "frames"
 
 
 def _open_export(request, say):
-    if len(request.frames) > 1:
-        raise InputError(f"{request.frames[0]} is an export; give one at a time, and no frames beside it")
+    _require_alone(request)
     _refuse_options_of_frames(request)
     steps = open_steps(request.frames[0])
     path = request.dem or steps.terrain
-    with open_raster(path) as source:
-        crs = LOCAL if source.crs is None else None
-    terrain = read_terrain(path, crs, request.dem_band, say)
-    return ExportFlow(steps.name, steps, replace(terrain, grid=replace(terrain.grid, crs=steps.grid.crs)))
+    return ExportFlow(steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.dem_band, say))
+
+
+def _open_rasters(request, say, peaks_do, used):
+    """The RasterFlow of rasters named for what they hold."""
+    path = request.frames[0]
+    if not peaks_do:
+        raise InputError(f"{path} names largest values, which tell nothing over time; give frames, or an export")
+    _require_alone(request)
+    _refuse_options_of_frames(request, used)
+    result = open_result(path)
+    dem = request.dem or result.terrain
+    if dem is None:
+        raise InputError(f"{path}: no DTM lies beside these rasters; give it with --dem")
+    _, grid = next(iter(result.bands.values())).read()
+    terrain = terrain_of_rasters(dem, grid.crs, request.dem_band, say)
+    return RasterFlow(result_name(request), terrain, grid, request.density, request.min_depth)
+
+
+def _require_alone(request):
+    if len(request.frames) > 1:
+        raise InputError(
+            f"{request.frames[0]} and {request.frames[1]}: of exports and rasters give one at a time, and no frames "
+            "beside it"
+        )
 
 
 def _refuse_options_of_frames(request, used=()):
-    """An export's cells are made: options that say how frames are read and averaged would change nothing.
+    """A raster's cells are made: options that say how frames are read and averaged would change nothing.
 
     `used` are those that the question itself has a use for.
     """
@@ -169,28 +235,49 @@ def _refuse_options_of_frames(request, used=()):
     ]
     if told:
         raise InputError(
-            f"{request.frames[0]} is an export, whose cells are averaged already; the option for "
+            f"{request.frames[0]} holds rasters, whose cells are averaged already; the option for "
             f"{', '.join(name.replace('_', ' ') for name in told)} is for frames"
         )
 
 
-def exported_peaks(request, stack, say=lambda text: None, progress=lambda done, total: None, used=()):
-    """The Result (maxima, deposit, terrain) of an export, or of frames, which are exported for it.
+def exported_peaks(
+    request, stack, say=lambda text: None, progress=lambda done, total: None, used=(), used_of_rasters=()
+):
+    """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, which are exported for it.
 
     `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it. `used` are names of options of
-    frames that the question has a use for with an export, too; others are refused with one.
+    frames that the question has a use for with an export, too, `used_of_rasters` with other rasters.
     """
     import tempfile
 
-    if any(is_export(path) for path in request.frames):
-        if len(request.frames) > 1:
-            raise InputError(f"{request.frames[0]} is an export; give one at a time, and no frames beside it")
-        _refuse_options_of_frames(request, used)
-        return open_result(request.frames[0])
+    exported = any(is_export(path) for path in request.frames)
+    if exported or any(names_rasters(path) for path in request.frames):
+        _require_alone(request)
+        _refuse_options_of_frames(request, used if exported else (*used, *used_of_rasters))
+        return replace(open_result(request.frames[0]).with_our_names(), name=result_name(request))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
     asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
     export_raster(asked, say, progress)
     return replace(open_result(folder), name=result_name(request), kind="run")
+
+
+def read_peaks(result, names, density=None, say=lambda text: None):
+    """(Band -> float[rows, columns] of those of `names` that a Result has, their Grid).
+
+    A pressure that it lacks is made of its largest speed and the `density` [kg m-3].
+    """
+    bands, grid = {}, None
+    for name in names:
+        if name in result.bands:
+            bands[name], grid = result.read(name, grid)
+    if density is None or result.kind in ("export", "run") or "p_max" not in names:
+        return bands, grid
+    if "p_max" in bands:
+        say(f"{result.name} holds the pressure itself; --density {density:g} is not used")
+    elif "Ut_max" in result.bands:
+        speed, grid = result.read("Ut_max", grid)
+        bands["p_max"] = density * speed**2
+    return bands, grid
 
 
 def require_on_grid(flow, x, y, names, what):

@@ -18,7 +18,7 @@ from ..products.report_content import Lines, Picture, Source, Table, figure_rows
 from ..products.run_account import account
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .export_inputs import release_outlines
-from .opened_results import exported_peaks, open_frames
+from .opened_results import exported_peaks, open_flow, read_peaks
 from .runout import RunoutRequest, found_runout
 
 REPORT_FILE = "report.html"
@@ -29,6 +29,7 @@ MAPS = (  # band of the result, of the looks, title
     ("p_max", "p_max", "Largest impact pressure"),
     ("deposit_h", "h", "Depth in the last frame"),
 )
+USED_OF_RASTERS = ("density", "min_depth")  # options of frames: for the pressure, for what maps show
 PASCAL_PER_KILOPASCAL = 1000.0
 SQUARE_METRES_PER_HECTARE = 1e4
 
@@ -74,13 +75,13 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
             section("Result", _key_figures(request, gathered)),
             section("Maps", *_maps(gathered, Path(folder))),
             section("Runout", *_runout(gathered, Path(folder))),
-            section("Balances", _balances(gathered.record)),
+            section("Balances", _balances(gathered.record, gathered.flow)),
             section("Warnings", _warnings(gathered)),
             section("Effects, and why", *_effects(gathered.record)),
             section("Parameters", Source(gathered.scene) if gathered.scene else None),
             section("Origin", _origin(gathered)),
         )
-    under = f"made by mpmgis {__version__} from {len(gathered.flow.entries)} frames"
+    under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
     writers = {REPORT_FILE: lambda path: write_report(path, title, under, sections)}
     return write_answer(request, output, writers)
 
@@ -92,65 +93,81 @@ def _gather(request, output, say, progress):
         notes.append(text)
         say(text)
 
-    flow = open_frames(request.results, output, note, "a report tells of the run as well")
+    flow = open_flow(request.results, output, note, peaks_do=True, used=USED_OF_RASTERS)
     with ExitStack() as stack:
-        result = exported_peaks(request.results, stack, note, progress)
-        peaks = {band: result.read(band) for band, *_ in MAPS}
-    values = {band: layer[0] for band, layer in peaks.items()}
-    grid = peaks["h_max"][1]
-    folder = flow.entries[0].path.parent
-    scene = folder / SCENE_FILE
+        result = exported_peaks(request.results, stack, note, progress, used_of_rasters=USED_OF_RASTERS)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.density, note)
     asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
     try:
-        runout = found_runout(asked, flow, values["h_max"], values["deposit_h"], grid, note)
+        runout = found_runout(asked, flow, values, grid, note)
     except MpmgisError as error:  # a flow that does not run out has a report all the same
         if request.line is not None:
             raise
         note(f"no runout: {error}")
         runout = None
-    text = scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
-    return _Gathered(flow, values, grid, read_record(folder), text, runout, tuple(dict.fromkeys(notes)))
+    return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+
+
+def _of_the_run(flow):
+    """(run.json, text of the scene) beside the frames; ({}, "") where they are not there, or nothing is but rasters."""
+    if not flow.entries:
+        return {}, ""
+    folder = flow.entries[0].path.parent
+    scene = folder / SCENE_FILE
+    return read_record(folder), scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
+
+
+def _made_from(flow):
+    """What a flow is known from, in words."""
+    if flow.entries:
+        return f"{len(flow.entries)} frames"
+    return f"an export of {len(flow.times)} steps" if len(flow.times) else "rasters of its largest values"
 
 
 def _key_figures(request, gathered):
     flow, peaks, record = gathered.flow, gathered.peaks, gathered.record
-    reached = footprint(peaks["h_max"], request.threshold)
     first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
-    area = float(np.count_nonzero(reached) * gathered.grid.cell_area) / SQUARE_METRES_PER_HECTARE
     facts = [
-        (
-            "solver",
-            (record.get("scene") or {}).get("solver", flow.entries[0].header.solver or flow.entries[0].reader),
-            "",
-        ),
+        ("solver", _solver(flow, record), ""),
         ("mass of the first frame", first, "kg"),
-        ("volume of the first frame at the density of the release", first / flow.averaging.density, "m3"),
-        ("density of the release", flow.averaging.density, "kg m-3"),
-        ("last frame at", float(flow.times[-1]), "s"),
-        (f"area deeper than {request.threshold:g} m", area, "ha"),
+        ("volume of the first frame at the density of the release", first / (flow.density or np.nan), "m3"),
+        ("density of the release", flow.density, "kg m-3"),
+        ("last frame at", float(flow.times[-1]) if len(flow.times) else None, "s"),
     ]
+    if "h_max" in peaks:
+        reached = np.count_nonzero(footprint(peaks["h_max"], request.threshold)) * gathered.grid.cell_area
+        facts.append((f"area deeper than {request.threshold:g} m", float(reached) / SQUARE_METRES_PER_HECTARE, "ha"))
     for band, unit, factor, words in (
         ("h_max", "m", 1.0, "flow depth"),
         ("Ut_max", "m/s", 1.0, "speed along the slope"),
         ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
         ("deposit_h", "m", 1.0, "depth in the last frame"),
     ):
-        facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
-        facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
+        if band in peaks:
+            facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
+            facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
     ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
     return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
 
 
+def _solver(flow, record):
+    """Name of the solver; None where only rasters are known."""
+    if not flow.entries:
+        return None
+    first = flow.entries[0]
+    return (record.get("scene") or {}).get("solver", first.header.solver or first.reader)
+
+
 def _maps(gathered, folder):
     """Pictures of the bands that the flow has."""
-    release = release_outlines(gathered.flow.entries, gathered.flow.terrain)
+    flow = gathered.flow
+    release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
     release = None if release is None else list(release)
     for band, look, title in MAPS:
-        values = gathered.peaks[band]
-        if np.isfinite(values).any():
+        values = gathered.peaks.get(band)
+        if values is not None and np.isfinite(values).any():
             path = folder / f"{band}.png"
-            min_depth = gathered.flow.averaging.min_depth
-            write_band_map(path, gathered.flow.terrain, gathered.grid, values, look, title, release, min_depth)
+            write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
             yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
 
 
@@ -165,11 +182,12 @@ def _runout(gathered, folder):
     yield Table(("figure", "value", "unit"), figure_rows(rows))
 
 
-def _balances(record):
-    """What the run itself said at its end; None where there is no record."""
+def _balances(record, flow):
+    """What the run itself said at its end."""
     balances = record.get("balances")
     if not balances:
-        return Lines(("no run.json beside the frames: balances are not known",))
+        why = "no run.json beside the frames" if flow.entries else "rasters keep none"
+        return Lines((f"{why}: balances are not known",))
     solver = "points" if "momentum_error_relative" in balances else "columns"
     try:
         return Lines(tuple(account(balances, solver, record.get("mass"))))
@@ -183,7 +201,7 @@ def _warnings(gathered):
     record = gathered.record
     lines = [*(record.get("troubles") or ()), *gathered.notes]
     lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
-    lines += [line for line in _balances(record).texts if line.startswith("beyond the model")]
+    lines += [line for line in _balances(record, gathered.flow).texts if line.startswith("beyond the model")]
     return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
 
 
@@ -233,19 +251,34 @@ def _word(value):
 
 def _origin(gathered):
     flow, record = gathered.flow, gathered.record
-    header, wall = flow.entries[0].header, record.get("wall_seconds")
+    wall = record.get("wall_seconds")
     rows = [
-        (
-            "frames",
-            f"{len(flow.entries)} in {flow.entries[0].path.resolve().parent.name}, read as {flow.entries[0].reader}",
-        ),
+        *_source_rows(flow),
         ("terrain", Path(flow.terrain.path).name),
         ("sha256 of the terrain", flow.terrain.sha256),
         ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
-        ("digest of the scene", header.digest),
         ("digest of the result", record.get("result_digest") or ""),
         *((f"computed with {name}", version) for name, version in (record.get("versions") or {}).items()),
         *((f"reported with {name}", version) for name, version in versions().items()),
         ("wall time", f"{wall:.3g} s" if isinstance(wall, int | float) else ""),
     ]
     return Table(("what", "is"), tuple((what, value) for what, value in rows if value))
+
+
+def _source_rows(flow):
+    """Rows of a table: what was read."""
+    if flow.entries:
+        first = flow.entries[0]
+        folder = first.path.resolve().parent.name
+        return (
+            ("frames", f"{len(flow.entries)} in {folder}, read as {first.reader}"),
+            ("digest of the scene", first.header.digest),
+        )
+    if len(flow.times):
+        tags = flow.steps.tags
+        return (
+            ("export", f"{flow.name}, {len(flow.times)} steps, of frames {tags.get('frames', '')}"),
+            ("digest of the scene", tags.get("digest", "")),
+            ("exported with mpmgis", tags.get("version", "")),
+        )
+    return (("rasters", flow.name),)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..io.exported_steps import is_export
 from ..io.runout_files import write_figures, write_over_time, write_profile, write_runout_plot
 from ..products.cell_series import cells_of
 from ..products.comparison import footprint
@@ -24,7 +23,7 @@ from ..products.runout_report import RunoutFound
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .frame_pool import frame_pool
 from .given_line import given_line
-from .opened_results import exported_peaks, open_flow
+from .opened_results import exported_peaks, open_flow, read_peaks
 
 PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
@@ -55,17 +54,19 @@ def runout(request, say=lambda text: None, progress=lambda done, total: None):
         What cannot be read, or a flow that reached nothing; nothing is written then.
     """
     output = answer_output(request, WORD, FILES)
-    flow = open_flow(request.results, output, say)
+    flow = open_flow(request.results, output, say, peaks_do=True)
     with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
         peaks = exported_peaks(request.results, stack, say, progress)
-        depth, grid = peaks.read("h_max")
-        deposit = peaks.read("deposit_h")[0] if "deposit_h" in peaks.bands else np.full(depth.shape, np.nan)
-    found = found_runout(request, flow, depth, deposit, grid, say)
+        bands, grid = read_peaks(peaks, ("h_max", "deposit_h"))
+    found = found_runout(request, flow, bands, grid, say)
     return replace(found, files=_write(request, output, found))
 
 
-def found_runout(request, flow, depth, deposit, grid, say):
-    """The RunoutFound of a flow whose largest and last depths [m] on `grid` are known; no files."""
+def found_runout(request, flow, bands, grid, say):
+    """The RunoutFound of a flow whose largest depth and maybe last depth [m] are the `bands` on `grid`; no files."""
+    if "h_max" not in bands:
+        raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), from which a runout is read")
+    depth, deposit = bands["h_max"], bands.get("deposit_h", np.full(grid.shape, np.nan))
     mask = footprint(depth, request.threshold)
     if not mask.any():
         raise InputError(
@@ -73,6 +74,8 @@ def found_runout(request, flow, depth, deposit, grid, say):
         )
     elevation = np.full(grid.shape, np.nan)
     elevation[mask] = flow.terrain.sample(*grid.xy(*np.nonzero(mask)))
+    if not np.isfinite(elevation).any():
+        raise InputError(f"{flow.terrain.path} has no heights under the flow; give with --dem the DTM of the results")
     line, source = _line(request, flow, mask, depth, elevation, grid, say)
     top = highest_place(mask, elevation, grid, line)
     toe = farthest_place(mask, elevation, grid, line)
@@ -88,7 +91,7 @@ def found_runout(request, flow, depth, deposit, grid, say):
             f"{source}: the flow's toe lies {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
             "along the line, which does not follow the flow; give another --line"
         )
-    states = _states(request, flow, line)
+    states = _states(flow, line)
     return RunoutFound(
         name=flow.name,
         threshold=request.threshold,
@@ -114,9 +117,9 @@ def _line(request, flow, mask, depth, elevation, grid, say):
     return line, CENTRE_LINE
 
 
-def _states(request, flow, line):
-    """MassState of every frame; () of an export."""
-    if any(is_export(path) for path in request.results.frames):
+def _states(flow, line):
+    """MassState of every frame; () of rasters."""
+    if not flow.entries:
         return ()
     with frame_pool() as pool:
         return tuple(state for state in pool.map(_entry_state, flow.entries, flow.averaging, line) if state is not None)

@@ -108,7 +108,7 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
     other = write_block_run(broken)
     (other / "run.json").write_text("{ not json")
     for arguments, words in (
-        ((tmp_path / "run_gis",), "is an export"),
+        ((tmp_path / "run_gis", "--cs-e", 5), "the option for cell size is for frames"),
         ((other,), "run.json cannot be read"),
         ((folder, "-o", tmp_path / "r.pdf"), "wanted .html"),
         ((folder, "--line", tmp_path / "none.gpkg"), "no such file"),
