@@ -197,13 +197,8 @@ def _read(path, file, with_state, with_particles, density, memory):
     dimension = _number(path, attrs, "dimension", 3)
     if dimension not in (2, 3):
         raise FormatError(f"{path}: dimension {dimension}, wanted 2 or 3")
+    origin = _origin(path, attrs)
     time = float(_number(path, attrs, "time", 0.0))
-    origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)))
-    if origin.dtype.kind not in "fiu":
-        raise FormatError(f"{path}: origin holds {origin.dtype}, wanted three numbers (E, N, H)")
-    origin = origin.astype(float)
-    if origin.shape != (3,) or not np.isfinite(origin).all():
-        raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
     if not np.isfinite(time):
         raise FormatError(f"{path}: time {time}, wanted a finite number of seconds")
     if not isinstance(file.get("particles"), h5py.Group):
@@ -222,7 +217,7 @@ def _read(path, file, with_state, with_particles, density, memory):
         dimension=dimension,
         solver=str(attrs.get("solver", "")),
         crs=_crs(path, attrs.get("crs", "")),
-        origin=tuple(origin.tolist()),
+        origin=origin,
         dem=str(attrs.get("dem", "")),
         dem_sha256=str(attrs.get("dem_sha256", "")),
         digest=str(attrs.get("digest", "")),
@@ -240,6 +235,16 @@ def _number(path, attrs, name, default):
     return value.item()
 
 
+def _origin(path, attrs):
+    """(E, N, H) [m] that positions are counted from."""
+    origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)))
+    if origin.dtype.kind not in "fiu":
+        raise FormatError(f"{path}: origin holds {origin.dtype}, wanted three numbers (E, N, H)")
+    if origin.shape != (3,) or not np.isfinite(origin).all():
+        raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
+    return tuple(origin.astype(float).tolist())
+
+
 def _crs(path, text):
     if not text:
         return None
@@ -255,51 +260,70 @@ def _count(group):
 
 
 def _read_particles(path, group, dimension, header, density, memory):
-    arrays, memory = {}, {} if memory is None else memory
+    arrays = {}
     for name in PARTICLE:
-        if name not in group:
-            continue
-        values = group[name]
-        if not isinstance(values, h5py.Dataset):
-            raise FormatError(f"{path}: particles/{name} is no dataset")
-        shape, kind = np.shape(values), values.dtype.kind
-        n = arrays["position"].shape[0] if "position" in arrays else shape[0] if shape else 0
-        wanted = (n, _WIDTH[name]) if name in _WIDTH else (n,)
-        if shape != wanted or kind not in "fiu":
-            raise FormatError(
-                f"{path}: particles/{name} has shape {shape} of {values.dtype}, wanted numbers of shape {wanted}"
-            )
-        if name in _IDENTITY:
-            values = values[()]
-            if kind == "f" or values.min(initial=0) < 0:
-                raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
-            values = values.astype(np.uint64, copy=False)
-        else:
-            values = _filled(values, name, memory)
-            _require_possible(path, name, values)
-        arrays[name] = values
+        if name in group:
+            count = len(arrays["position"]) if "position" in arrays else None
+            _require_shape(path, name, group[name], count)
+            arrays[name] = _array(path, name, group[name], memory)
     for name in ("position", "velocity"):
         if name not in arrays:
             raise FormatError(f"{path}: no particles/{name}")
     if len(arrays["position"]) == 0:
         raise FormatError(f"{path}: no particle in it")
+    _complete_mass(path, arrays, header, density)
+    if dimension == 2:
+        _complete_columns(path, arrays)
+    return Particles(**arrays)
+
+
+def _require_shape(path, name, dataset, count):
+    """Refuse what is no array of numbers of the quantity's width for `count` particles; None: as many as it holds."""
+    if not isinstance(dataset, h5py.Dataset):
+        raise FormatError(f"{path}: particles/{name} is no dataset")
+    shape = np.shape(dataset)
+    count = (shape[0] if shape else 0) if count is None else count
+    wanted = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    if shape != wanted or dataset.dtype.kind not in "fiu":
+        raise FormatError(
+            f"{path}: particles/{name} has shape {shape} of {dataset.dtype}, wanted numbers of shape {wanted}"
+        )
+
+
+def _array(path, name, dataset, memory):
+    """The values of a dataset: an identity as uint64, all else as float64 that is finite and possible."""
+    if name not in _IDENTITY:
+        values = _filled(dataset, name, memory)
+        _require_possible(path, name, values)
+        return values
+    values = dataset[()]
+    if values.dtype.kind == "f" or values.min(initial=0) < 0:
+        raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
+    return values.astype(np.uint64, copy=False)
+
+
+def _complete_mass(path, arrays, header, density):
+    """Mass from volume, or volume from mass, by a `density` [kg m-3] that the `header` then tells."""
+    if "mass" in arrays and "volume" in arrays:
+        return
     if "mass" not in arrays and "volume" not in arrays:
         raise FormatError(f"{path}: neither particles/mass nor particles/volume; one of them is needed")
-    if "mass" not in arrays or "volume" not in arrays:
-        header["assumed_density"] = density
-        arrays.setdefault("mass", arrays.get("volume", 0.0) * density)
-        arrays.setdefault("volume", arrays["mass"] / density)
-    if dimension == 2:
-        if "thickness" not in arrays and "area" not in arrays:
-            raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
-        if "area" not in arrays:
-            _require_above_zero(path, "thickness", arrays["thickness"])
-            arrays["area"] = arrays["volume"] / arrays["thickness"]
-        if "thickness" not in arrays:
-            with np.errstate(over="ignore"):
-                arrays["thickness"] = arrays["volume"] / arrays["area"]
-            _require_possible(path, "thickness", arrays["thickness"])
-    return Particles(**arrays)
+    header["assumed_density"] = density
+    arrays.setdefault("mass", arrays.get("volume", 0.0) * density)
+    arrays.setdefault("volume", arrays["mass"] / density)
+
+
+def _complete_columns(path, arrays):
+    """Area from thickness, or thickness from area, by the columns' volume."""
+    if "thickness" not in arrays and "area" not in arrays:
+        raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
+    if "area" not in arrays:
+        _require_above_zero(path, "thickness", arrays["thickness"])
+        arrays["area"] = arrays["volume"] / arrays["thickness"]
+    if "thickness" not in arrays:
+        with np.errstate(over="ignore"):
+            arrays["thickness"] = arrays["volume"] / arrays["area"]
+        _require_possible(path, "thickness", arrays["thickness"])
 
 
 def _filled(dataset, name, memory):

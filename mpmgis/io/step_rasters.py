@@ -13,11 +13,6 @@ from ..fields import NODATA
 from .atomic import output_error
 from .geotiff import BandStack, tag, write_rows
 
-LAYOUTS = {
-    "steps": "one file per step with a band per variable: a step can be copied or mailed alone",
-    "stacks": "one file per variable with a band per step, and a small .vrt for each step: few files to move",
-}
-
 
 class SparseBands:
     """Bands that are known in some cells of a grid, given out by rows as the raster writer asks for them.

@@ -8,11 +8,6 @@ import numpy as np
 from ..geo.grid import Grid
 from ..kernels import binning
 
-BEDS = {
-    "bilinear": "elevation between pixel centres, slopes limited at cliff edges",
-    "plane": "tangent plane of the pixel, central differences: the paper to the letter",
-}
-
 
 @dataclass(frozen=True)
 class Bed:
@@ -24,7 +19,8 @@ class Bed:
     elevation : float64[rows, columns] [m], NaN where there is no data
     gradient : float64[rows, columns, 2] [1], (db/dE, db/dN)
     kind : str
-        One of `BEDS` (design note X3).
+        "bilinear": elevation between pixel centres, slopes limited at cliff edges; "plane": tangent plane of the
+        pixel, central differences, the paper to the letter (design note X3).
     standoff : float [m]
         Height, along the normal, at which the code that made the particles lets them rest; taken off distances.
     """
@@ -37,7 +33,7 @@ class Bed:
 
     @classmethod
     def of(cls, terrain, kind="bilinear", standoff=0.0):
-        """The bed of `terrain`; `kind` is one of `BEDS`."""
+        """The bed of `terrain`; `kind` as of the class."""
         gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
         return cls(
             terrain.grid, np.ascontiguousarray(terrain.elevation), np.ascontiguousarray(gradient), kind, standoff
