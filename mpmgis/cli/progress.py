@@ -2,7 +2,6 @@
 
 import signal
 import sys
-import threading
 import time
 from contextlib import contextmanager
 
@@ -174,22 +173,15 @@ _export_lines = _NowAndThen()
 
 
 def _lines():
-    """A line now and then, for logs; a first one where the first step is long in coming."""
+    """A line now and then, for logs."""
     lines = _NowAndThen()
     lines.is_due()
-    waiting = threading.Timer(LINE_SECONDS, talk.say, (COMPILING,))
-    waiting.daemon = True
-    waiting.start()
 
     def watch(solver, end_time):
-        waiting.cancel()
         if lines.is_due():
             talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
-    try:
-        yield watch
-    finally:
-        waiting.cancel()
+    yield watch
 
 
 def frame_progress(done, total):

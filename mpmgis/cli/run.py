@@ -6,7 +6,6 @@ from ..products.run_account import account
 from . import talk
 from .progress import interruptible, run_progress, without_bar
 
-COMPILING = 3.0, 5.0  # times the predicted seconds, and seconds more, beyond which compiling is the likely reason
 EXAMPLE = """
 mpmgis run --template > scene.toml
 mpmgis run scene.toml -o results
@@ -59,15 +58,6 @@ def run(arguments):
     return 0
 
 
-def _foreseen(seconds, predicted):
-    """What was predicted, in brackets; with the likely reason where it took far longer."""
-    if predicted is None:
-        return ""
-    longer = seconds > COMPILING[0] * predicted + COMPILING[1]
-    compiling = "; the first run of a kind of scene also compiles" if longer else ""
-    return f" (predicted {predicted:.2g} s{compiling})"
-
-
 def asked(question):
     """Ask on a terminal; elsewhere nobody can answer, so it is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
@@ -88,5 +78,6 @@ def tell(summary):
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6
-    foreseen = _foreseen(summary.wall_seconds, summary.predicted_seconds)
+    predicted = summary.predicted_seconds
+    foreseen = "" if predicted is None else f" (predicted {predicted:.2g} s)"
     talk.say(f"wall time {summary.wall_seconds:.1f} s{foreseen}, {rate:.1f} million particle-steps a second")

@@ -1,7 +1,7 @@
 """One member of an ensemble: a scene run, its peaks as a raster, what it came to as a record."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..scene import scene_from_tables
 from ..studies.states import centre_of
 from ..studies.statistics import MEMBER_BANDS
 from .prepare import prepare_scene
+from .rehearsal import rehearse
 from .run import march_into, use_threads
 from .sequence import Sequence
 
@@ -205,12 +206,10 @@ def _runout(prepared, grid, row, column):
 
 
 def warmed(task, prepared):
-    """Compile what a member needs, so that workers find it in the disk cache and do not all compile it."""
-    solver = prepared.solver()
-    solver.advance(np.inf, max_steps=2)
-    frame = solver.frame()
-    if len(frame.particles):
-        average_frame(replace(frame, maxima={}), task.averaging(prepared))
+    """Compile what a member needs in all its stages, so that workers find it in the disk cache and do not compile."""
+    averaging = task.averaging(prepared)
+    for frame in rehearse(prepared):
+        average_frame(frame, averaging)
 
 
 def warm_worker(tasks):

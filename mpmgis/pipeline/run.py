@@ -20,6 +20,7 @@ from ..solvers.cost import MEMORY_SHARE, predicted, predicted_in_3d, slower_than
 from ..solvers.pace import measured_pace
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from .prepare import prepare
+from .rehearsal import rehearse
 from .sequence import Sequence
 
 ANEW, RESUMED, FINISHED = range(3)  # where a run starts
@@ -142,6 +143,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     prepared = prepare(scene, say, laws)
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     expected = require_affordable(prepared, used, confirm, say)
+    rehearse(prepared, say)
     sequence = Sequence(prepared, _telling_mach(watch, say), say)
     _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"

@@ -21,6 +21,7 @@ from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
 from ..studies.states import State, StudyCells, centre_of, outcome
 from .prepare import prepare, prepare_scene
+from .rehearsal import rehearse
 from .run import predicted_cost, use_threads
 from .sequence import Sequence
 
@@ -112,8 +113,8 @@ def _study(request, confirm, say, watch):
 
     def run(setting, repeats):
         return outcome(
-            setting, lambda s: prepare_scene(s.scene), partial(_Flow, interval=times[0], watch=watch), cells, times,
-            repeats, lambda p: predicted_cost(p, threads)[0],
+            setting, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
+            times, repeats, lambda p: predicted_cost(p, threads)[0],
         )  # fmt: skip
 
     truth = None
@@ -205,8 +206,7 @@ def _state_of(thickness):
 
 def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
-    once_more = 1 if base.scene.stage else 0  # a run in stages compiles on its way: a whole one goes before the others
-    runs = [*((setting, repeats + once_more) for setting in settings), *([(finer, 1 + once_more)] if finer else [])]
+    runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
     total = predicted_cost(base, threads)[0] * sum(times * setting.work_over(base.scene) for setting, times in runs)
     say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):

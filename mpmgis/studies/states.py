@@ -58,13 +58,15 @@ class Outcome:
         return float(np.median(self.seconds))
 
 
-def outcome(setting, prepare, begin, cells, times, repeats, predict):
-    """Run a setting `repeats` times, and before that as far as it takes so that compiling is apart.
+def outcome(setting, prepare, rehearse, begin, cells, times, repeats, predict):
+    """Run a setting `repeats` times, rehearsed before so that compiling is apart.
 
     Parameters
     ----------
     prepare : callable
         Setting -> a prepared run, anew at each call.
+    rehearse : callable
+        Compiles, or loads from the disk cache, what a prepared run needs.
     begin : callable
         prepared -> an iterator of its frames every `times[0]` to `times[-1]`, with `solver`, `steps`, `particle_steps`
         and `mass_error`.
@@ -75,7 +77,9 @@ def outcome(setting, prepare, begin, cells, times, repeats, predict):
         prepared -> seconds.
     """
     prepared = prepare(setting)
-    predicted, compile_seconds = predict(prepared), _compiled(prepared, begin)
+    began = perf_counter()
+    rehearse(prepared)
+    compile_seconds, predicted = perf_counter() - began, predict(prepared)
     seconds, states = [], ()
     for _ in range(repeats):
         flow = begin(prepare(setting))
@@ -85,20 +89,6 @@ def outcome(setting, prepare, begin, cells, times, repeats, predict):
         setting, prepared.particles, flow.steps, flow.particle_steps, tuple(seconds), compile_seconds, predicted,
         states, float(flow.mass_error),
     )  # fmt: skip
-
-
-def _compiled(prepared, begin):
-    """Wall time [s] of the first two steps of this kind of run: compiling, or reading what was compiled before.
-
-    A run in stages compiles for each of them on its way; what all of it takes is told then.
-    """
-    began = perf_counter()
-    if len(prepared.stages) > 1:
-        for _ in begin(prepared):
-            pass
-    else:
-        prepared.solver().advance(np.inf, max_steps=2)
-    return perf_counter() - began
 
 
 def _marched(flow, cells, times):

@@ -1,0 +1,97 @@
+"""Before a run a few particles go through all its stages: what is compiled is compiled then, and said."""
+
+import subprocess
+import sys
+
+import pytest
+import shapely
+from slope_site import slide, write_shapes, write_site
+
+from mpmgis.errors import InputError
+from mpmgis.pipeline import ensemble_member, rehearsal
+from mpmgis.pipeline.ensemble_member import MemberTask, warmed
+from mpmgis.pipeline.prepare import prepare
+from mpmgis.pipeline.rehearsal import FEW, rehearse
+from mpmgis.pipeline.stage import Stage
+from mpmgis.scene.tables import read_toml
+
+STAGES = """
+[[stage]]
+solver = "columns"
+until = {time = 0.5}
+[[stage]]
+solver = "points"
+until = {calm = 1, time = 1}
+[[stage]]
+solver = "columns"
+"""
+CHILD = """
+import sys
+from mpmgis.kernels import jit
+from mpmgis.pipeline.prepare import prepare
+from mpmgis.pipeline.rehearsal import rehearse
+from mpmgis.pipeline.sequence import Sequence
+def compiled():
+    return sum(len(kernel.signatures) for kernel in jit._kernels)
+prepared = prepare(sys.argv[1])
+before = compiled()
+rehearse(prepared)
+ready = compiled()
+frames = list(Sequence(prepared))
+print(before < ready, compiled() - ready, [frame.dimension for frame in frames])
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    folder = write_site(tmp_path)
+    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    (folder / "scene.toml").write_text(slide(8.0, 1.5, 0.5, head="", more="particles_per_cell = 4") + STAGES)
+    return folder / "scene.toml"
+
+
+def test_a_run_compiles_nothing_after_its_rehearsal(scene):
+    """In a process of its own, where nothing is loaded: all kernels of all stages are there before the first step."""
+    done = subprocess.run([sys.executable, "-c", CHILD, scene], capture_output=True, text=True, check=False)
+    assert done.stdout.split(maxsplit=2) == ["True", "0", "[2, 3, 2, 2]\n"], done.stdout + done.stderr
+
+
+def test_a_few_particles_go_through_every_stage(scene):
+    frames = rehearse(prepare(scene))
+    assert [frame.dimension for frame in frames] == [2, 3, 2]
+    assert len(frames[0].particles) == FEW and all(len(frame.particles) for frame in frames)
+
+
+def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
+    """A timer that has run out as soon as it starts."""
+
+    class Over:
+        def __init__(self, seconds, function, arguments):
+            self.start = lambda: function(*arguments)
+
+        def cancel(self):
+            pass
+
+    monkeypatch.setattr(rehearsal.threading, "Timer", Over)
+    said = []
+    rehearse(prepare(scene), said.append, first=1)
+    assert [line.split(" ready")[0] for line in said] == [
+        "getting stage 2 of 3, of points,", "getting stage 3 of 3, of columns,"
+    ]  # fmt: skip
+    assert all("compiled" in line for line in said)
+
+
+def test_what_cannot_be_handed_on_is_left_for_the_run_to_say(scene, monkeypatch):
+    def refuse(*_):
+        raise InputError("no")
+
+    monkeypatch.setattr(Stage, "switched_from", refuse)
+    assert [frame.dimension for frame in rehearse(prepare(scene))] == [2]
+
+
+def test_workers_of_an_ensemble_are_warmed_for_all_stages(scene, monkeypatch):
+    seen = []
+    monkeypatch.setattr(ensemble_member, "average_frame", lambda frame, averaging: seen.append(frame.dimension))
+    task = MemberTask(0, "", read_toml(scene), str(scene.parent), "scene.toml", None, "", None, 0.05)
+    warmed(task, task.prepared())
+    assert seen == [2, 3, 2]
