@@ -143,22 +143,25 @@ class SolverPeaks:
 
     def _cells(self, nodes, grid, bed, first, last, columns):
         """(flat index, product -> float64) of all cells in the rows from `first` to `last` and in `columns`."""
-        t, rows, width = grid.transform, last - first, columns.stop - columns.start
-        down, across = self._samples(-t.e), self._samples(t.a)
-        x = t.c + t.a * (columns.start + (np.arange(width * across) + 0.5) / across)
-        y = t.f + t.e * (first + (np.arange(rows * down) + 0.5) / down)
+        t = grid.transform
+        west, south, east, north = self._beyond()
+        down = _line(t.f, t.e, first, last, self._samples(-t.e), north, south)
+        across = _line(t.c, t.a, columns.start, columns.stop, self._samples(t.a), west, east)
         shape = nodes["thickness"].shape
-        place = _beside(y, self.south, self.spacing, shape[0]), _beside(x, self.west, self.spacing, shape[1])
+        place = (
+            _beside(down.places, self.south, self.spacing, shape[0]),
+            _beside(across.places, self.west, self.spacing, shape[1]),
+        )
 
-        def samples(values):
-            return values.reshape(rows, down, width, across)
+        def by_cell(reduced, values):
+            return reduced.reduceat(reduced.reduceat(values, down.starts, axis=0), across.starts, axis=1).ravel()
 
         def total(name):
-            return samples(_between(nodes[name], *place)).sum(axis=(1, 3)).ravel()
+            return by_cell(np.add, _between(nodes[name], *place))
 
-        normal = samples(np.nan_to_num(_between(nodes["thickness"], *place) * _cosine(bed, x, y)))
-        depth = normal.max(axis=(1, 3)).ravel()
-        values = {"h": depth, "t": depth, "t_vol": normal.mean(axis=(1, 3)).ravel()}
+        normal = np.nan_to_num(_between(nodes["thickness"], *place) * _cosine(bed, across.places, down.places))
+        depth = by_cell(np.maximum, normal)
+        values = {"h": depth, "t": depth, "t_vol": by_cell(np.add, normal) / (down.in_a_cell * across.in_a_cell)}
         if "weight" in nodes:
             weight = total("weight")
             values["Ut"] = _ratio(total("moved"), weight)
@@ -167,12 +170,16 @@ class SolverPeaks:
         index = np.arange(first, last)[:, None] * grid.shape[1] + np.arange(columns.start, columns.stop)
         return index.ravel(), values
 
+    def _beyond(self):
+        """(west, south, east, north) [m] where bilinear values end: one node beyond the last."""
+        rows, columns = self.thickness.shape
+        south, west = self.south - self.spacing, self.west - self.spacing
+        return west, south, self.west + columns * self.spacing, self.south + rows * self.spacing
+
     def _strips(self, grid):
         """(first row, last row, slice of columns) of the parts of `grid` that nodes reach, small enough for memory."""
-        rows, columns = self.thickness.shape
-        t, beyond = grid.transform, self.spacing  # bilinear values end one node beyond the last
-        west, east = self.west - beyond, self.west + columns * beyond
-        south, north = self.south - beyond, self.south + rows * beyond
+        t = grid.transform
+        west, south, east, north = self._beyond()
         j0, j1 = _within((west - t.c) / t.a, (east - t.c) / t.a, grid.shape[1])
         i0, i1 = _within((north - t.f) / t.e, (south - t.f) / t.e, grid.shape[0])
         a_row = (j1 - j0) * self._samples(t.a) * self._samples(-t.e)
@@ -182,6 +189,28 @@ class SolverPeaks:
     def _samples(self, cell):
         """How many samples a cell that is `cell` [m] wide takes along that side."""
         return max(1, int(np.ceil(cell / self.spacing - 1e-9)))
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Places [m] of samples along a row or column of cells, where each cell's begin, how many a whole cell has."""
+
+    places: np.ndarray
+    starts: np.ndarray
+    in_a_cell: int
+
+
+def _line(origin, cell, first, last, in_a_cell, begin, end):
+    """Samples of the cells from `first` to `last` that lie between `begin` and `end` [m], at least one of each cell.
+
+    Beyond is nothing that would add to a sum: a cell may be any number of times as wide as what the flow reached.
+    """
+    step = cell / in_a_cell
+    low, high = first * in_a_cell, last * in_a_cell
+    low = min(max(low, int(np.floor((begin - origin) / step))), low + in_a_cell - 1)
+    high = max(min(high, int(np.ceil((end - origin) / step))), high - in_a_cell + 1)
+    starts = np.maximum(np.arange(first, last) * in_a_cell, low) - low
+    return _Line(origin + step * (np.arange(low, high) + 0.5), starts, in_a_cell)
 
 
 def _within(low, high, count):

@@ -98,6 +98,21 @@ def test_a_coarse_cell_takes_the_largest_thickness_and_the_means_that_the_bands_
     np.testing.assert_allclose(found["p"][4], DENSITY * found["Ut"][4] ** 2, rtol=1e-5)
 
 
+@pytest.mark.parametrize("cell_size", [700.0, 1e6])
+def test_a_cell_far_larger_than_the_flow_is_sampled_where_the_flow_was(cell_size):
+    """Samples of a whole cell of 1000 km, a node apart, would be 4e10."""
+    thickness = np.zeros((21, 21))
+    thickness[4:8, 5:11] = 2.0
+    thickness[9, 12] = 3.0
+    peaks = peaks_of(thickness, arrival=4.0)
+    found = resampled(peaks, plane(), cell_size)
+    finest = resampled(peaks, plane(), 5.0)
+    assert found["h"].shape == (1, 1) and found["h"][0, 0] == pytest.approx(np.nanmax(finest["h"]), rel=0.1)
+    volume = np.nansum(finest["t_vol"]) * 5.0**2
+    assert found["t_vol"][0, 0] * cell_size**2 == pytest.approx(volume, rel=1e-3)
+    assert found["Ut"][0, 0] == pytest.approx(8.0, rel=1e-6) and found["t_arrival"][0, 0] == pytest.approx(4.0)
+
+
 def test_speed_and_arrival_do_not_fade_towards_the_rim():
     """Half the cells beside the last wet node are dry at three corners: thickness fades, speed does not."""
     thickness = np.zeros((21, 21))
