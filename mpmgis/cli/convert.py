@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from . import solver_options
-from .values import count, positive
+from . import foreign_options, solver_options
+from .values import count, number, positive
 
 EXAMPLE = """
 mpmgis convert area_particles.h5 --cell 1
@@ -11,6 +11,7 @@ mpmgis convert results/frame_000015.h5 --spacing 0.5 -o impact.h5
 mpmgis convert impact.h5 --to columns --cell 5
 mpmgis convert area_particles.h5 --for kratos --cell 1 --material slide.toml
 mpmgis convert results/*.h5 --for paraview
+mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 _POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
 _COLUMNS_ONLY = ("by", "detached")
@@ -19,7 +20,11 @@ _COLUMNS_ONLY = ("by", "detached")
 def add_arguments(parser):
     """Declare the verb's options."""
     parser.add_argument(
-        "source", type=Path, nargs="+", metavar="FRAME", help="frame of columns or points (.h5); several with --for"
+        "source",
+        type=Path,
+        nargs="+",
+        metavar="FRAME",
+        help="frame of columns or points (.h5), or another code's particle file; several with --for",
     )
     parser.add_argument(
         "--to", choices=("points", "columns"), help="what to make of it (default: points of columns and the reverse)"
@@ -41,10 +46,16 @@ def add_arguments(parser):
         "(default: never split). To columns: side of the cells that points are binned on where they do not know their "
         "column (default: the DTM's cells)",
     )
+    parser.add_argument(
+        "--at-time", type=number, metavar="S", help="frame of this time [s], where the file or folder holds several"
+    )
     _add_point_options(parser.add_argument_group("to points"))
     _add_column_options(parser.add_argument_group("to columns"))
     _add_terrain_options(parser.add_argument_group("terrain"))
     solver_options.add_arguments(parser)
+    group = parser.add_argument_group("another code's particle files")
+    foreign_options.add_arguments(group)
+    group.add_argument("--density", type=positive, metavar="R", help="of the release [kg m-3]")
 
 
 def _add_point_options(group):
@@ -89,7 +100,7 @@ def _add_terrain_options(group):
     group.add_argument("--dem", type=Path, metavar="FILE", help="DTM (default: the one that the frame names)")
     group.add_argument("--dem-band", type=count, metavar="N", help="band of the DTM, where it has several")
     group.add_argument(
-        "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
+        "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none, and of another code's files"
     )
 
 
@@ -98,8 +109,9 @@ def run(arguments):
     from ..pipeline.convert import ConvertRequest
 
     sources = arguments.source
-    asked = {name: getattr(arguments, name) for name in ConvertRequest.__dataclass_fields__ if name != "source"}
-    request = ConvertRequest(sources[0], **asked)
+    named = set(ConvertRequest.__dataclass_fields__) - {"source", "terms"}
+    asked = {name: getattr(arguments, name) for name in named}
+    request = ConvertRequest(sources[0], terms=foreign_options.terms(arguments), **asked)
     say, flush = solver_options.told_at_the_end()
     if arguments.solver is not None:
         paths = _run_for_solver(arguments, request, say)
@@ -127,7 +139,7 @@ def _run(arguments, request, say):
     """Paths of the frames written."""
     from ..pipeline.convert import convert_to_columns, convert_to_points, dimension_of
 
-    to = arguments.to or ("points" if dimension_of(request.source) == 2 else "columns")
+    to = arguments.to or ("points" if dimension_of(request) == 2 else "columns")
     if to == "points":
         written = convert_to_points(request, _point_options(arguments), say)
     else:

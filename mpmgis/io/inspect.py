@@ -25,6 +25,7 @@ from .frame_digest import check_result
 from .frame_list import foreign_files
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
+from .inspect_start import start_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read through to see whether they were changed
@@ -83,11 +84,15 @@ def _refuse_idle(path, terms):
 
 
 def _folder_facts(path, terms):
-    """A folder of frames, ours or another code's, one that `export-raster` wrote, or one of an ensemble."""
+    """A folder of frames, ours or another code's, or one that `export-raster`, `ensemble` or `--for` wrote."""
     ensemble = read_ensemble_record(path)
     if ensemble is not None:
         _refuse_idle(path, terms)
         return _ensemble_facts(path, ensemble)
+    start = start_facts(path)
+    if start is not None:
+        _refuse_idle(path, terms)
+        return start
     frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
     if any(reader_of(frame) == OWN for frame in frames):
         _refuse_idle(path, terms)

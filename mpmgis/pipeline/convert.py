@@ -1,6 +1,6 @@
 """`mpmgis convert`: a frame of columns to one of points, and back."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,8 @@ from ..conversion.options import ColumnOptions, PointOptions
 from ..conversion.points import columns_to_points
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing
-from ..io.frame_list import FrameEntry
+from ..io.foreign.terms import ForeignTerms
+from ..io.frame_list import OWN, list_frames
 from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
 from ..machine import memory_lack
@@ -24,8 +25,8 @@ BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's f
 @dataclass(frozen=True)
 class ConvertRequest:
     """What is to be converted: a frame's file, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the
-    current folder), and the terrain: `dem` (None: the one that the frame names), `crs` and `dem_band` as for
-    `read_terrain`."""
+    current folder), the terrain: `dem` (None: the one that the frame names), `crs` and `dem_band` as for
+    `read_terrain`; which of several frames, by its time `at_time` [s]; what is said about another code's files."""
 
     source: Path
     output: Path | None = None
@@ -33,6 +34,8 @@ class ConvertRequest:
     dem: Path | None = None
     crs: str | None = None
     dem_band: int | None = None
+    at_time: float | None = None
+    terms: ForeignTerms = field(default_factory=ForeignTerms)
 
 
 @dataclass(frozen=True)
@@ -105,9 +108,58 @@ def _write_both(columns, path, rest, terrain):
         raise
 
 
-def dimension_of(path):
-    """2 where the frame at `path` holds columns, 3 where it holds points."""
-    return read_frame(path, with_state=False, with_particles=False).dimension
+def dimension_of(request):
+    """2 where the frame that is to be converted holds columns, 3 where it holds points."""
+    return _entry(request).header.dimension
+
+
+def listed(sources, terms):
+    """The FrameEntries of some files, ours or another code's, by time.
+
+    Raises
+    ------
+    FormatError, InputError
+        As `list_frames`; a density for frames that have their own.
+    """
+    entries = list_frames(sources, terms)
+    if entries[0].reader == OWN and terms.density is not None:
+        raise InputError(f"{entries[0].path} is a frame of mpmgis, which has its density; leave --density out")
+    return entries
+
+
+def whole_frame(entry):
+    """The Frame of a FrameEntry, with all that its file keeps."""
+    if entry.reader == OWN:
+        return read_frame(entry.path)
+    frame = entry.read()
+    return replace(frame, header={name: value for name, value in frame.header.items() if name != "count"})
+
+
+def _entry(request):
+    """The FrameEntry that is to be converted: the only one, or that at the time asked for."""
+    entries = listed([request.source], request.terms)
+    if request.at_time is not None:
+        return entry_at(entries, request.at_time)
+    if len(entries) > 1:
+        raise InputError(
+            f"{request.source} holds {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; say "
+            "which with --at-time"
+        )
+    return entries[0]
+
+
+def entry_at(entries, time):
+    """The FrameEntry of a time [s].
+
+    Raises
+    ------
+    InputError
+        There is none; the nearest is named.
+    """
+    nearest = min(entries, key=lambda entry: abs(entry.time - time))
+    if not np.isclose(nearest.time, time, rtol=1e-6, atol=1e-9):
+        raise InputError(f"no frame at {time:g} s; the nearest, {nearest.path.name}, is at {nearest.time:.9g} s")
+    return nearest
 
 
 def _output(request, kind):
@@ -120,17 +172,14 @@ def _output(request, kind):
 
 def _inputs(request, path, dimension, say):
     """(the frame, its terrain); both are refused as what the output would replace."""
-    source = Path(request.source)
-    header = read_frame(source, with_state=False, with_particles=False)
-    if header.dimension != dimension:
+    entry = _entry(request)
+    source, is_of = entry.path, entry.header.dimension
+    if is_of != dimension:
         kinds = {2: "columns", 3: "points"}
-        raise InputError(
-            f"{source} holds {kinds[header.dimension]} already; --to {kinds[header.dimension]} makes them of "
-            f"{kinds[dimension]}"
-        )
-    terrain = run_terrain(request, [FrameEntry(source, header)], path, say)
+        raise InputError(f"{source} holds {kinds[is_of]} already; --to {kinds[is_of]} makes them of {kinds[dimension]}")
+    terrain = run_terrain(request, [entry], path, say)
     _refuse_replacing(path, request, terrain)
-    frame = read_frame(source)
+    frame = whole_frame(entry)
     if "assumed_density" in frame.header:
         say(f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3")
     return frame, terrain

@@ -13,17 +13,14 @@ from ..conversion.points import columns_to_points
 from ..conversion.solver_start import SolverStart, placed_box, release_density, solver_start, with_material
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
-from ..io.foreign.readers import OWN, reader_of
 from ..io.foreign.sidecar import SUFFIX, write_sidecar
 from ..io.foreign.terms import ForeignTerms, axis_matrix
-from ..io.frame_list import list_frames
-from ..io.frames import read_frame
 from ..io.solver_files.solvers import SOLVER_FILES
 from ..io.solver_files.start_files import SolverFiles
 from ..io.solver_files.terrain_files import write_terrain
 from ..machine import memory_lack
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
-from .convert import require_point_memory
+from .convert import entry_at, listed, require_point_memory, whole_frame
 from .export_inputs import refuse_within, run_terrain
 from .seed import relative_path, seed_frame
 
@@ -65,7 +62,7 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
     sources : list of Path
         Several only where the solver takes several times.
     terrain_request : ConvertRequest
-        What it says of the terrain.
+        What it says of the terrain, and about another code's files.
     options : PointOptions, optional
         How columns become points, where there are columns.
     of_columns : bool
@@ -78,10 +75,15 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
         Before anything is written.
     """
     files = SOLVER_FILES[request.solver]
-    if len(sources) > 1 and files.finish is None:
+    entries = listed(sources, terrain_request.terms)
+    named = max(len(sources), len(entries))  # a file that is named twice is a mistake as well
+    if terrain_request.at_time is not None:
+        entries, named = (entry_at(entries, terrain_request.at_time),), 1
+    if named > 1 and files.finish is None:
         others = ", ".join(name for name, other in SOLVER_FILES.items() if other.finish)
-        raise InputError(f"{files.title} starts from one frame, got {len(sources)}; several go to {others}")
-    entries = _own_frames(sources)
+        raise InputError(
+            f"{files.title} starts from one frame, got {named}; say which with --at-time. Several go to {others}"
+        )
     first = entries[0]
     folder = _folder(request, first.path.resolve().parent.name if len(entries) > 1 else first.path.stem)
     given = _material(request, files)
@@ -91,14 +93,6 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
     _refuse_idle(request, files, entries, of_columns)
     request = replace(request, cell=request.cell or _cell_of(first, files))
     return _write(request, files, given, _Frames(entries, terrain, options, say), terrain, str(first.path), folder, say)
-
-
-def _own_frames(sources):
-    """The FrameEntries of some files, by time; refuses other codes' files."""
-    for source in sources:
-        if (reader := reader_of(source)) != OWN:
-            raise InputError(f"{source} is of {reader}, wanted a frame of mpmgis; export-raster makes maps of it")
-    return list_frames(sources)
 
 
 def _refuse_idle(request, files, entries, of_columns):
@@ -191,10 +185,10 @@ def _cell_needed(files):
     return f"{files.title} needs the side of its grid's cells: --cell M, a third of the flow's thickness or less"
 
 
-def _points_of(source, terrain, options, say):
-    frame = read_frame(source)
+def _points_of(entry, terrain, options, say):
+    frame = whole_frame(entry)
     if len(frame.particles) == 0:
-        raise InputError(f"{source} holds no particle")
+        raise InputError(f"{entry.path} holds no particle")
     return frame if frame.dimension == 3 else _turned(frame, terrain, options or PointOptions(), say)
 
 
@@ -206,7 +200,7 @@ class _Frames:
         self._only = [self._read(entries[0], say)] if len(entries) == 1 else None
 
     def _read(self, entry, say=lambda text: None):
-        return _points_of(entry.path, self._terrain, self._options, say)
+        return _points_of(entry, self._terrain, self._options, say)
 
     def __iter__(self):
         return iter(self._only) if self._only else map(self._read, self._entries)

@@ -155,7 +155,7 @@ def one_line(capsys):
         (["frame.h5", "-o", "frame.h5", "--overwrite"], "is what the frame is made from"),
         (["frame.h5", "-o", "dtm.tif.h5", "--dem", "gone.tif"], "no such file"),
         (["frame.h5", "--dem", "other.tif"], "give the DTM that the run used"),
-        (["junk.h5"], "no readable HDF5"),
+        (["junk.h5"], "neither a frame of mpmgis"),
         (["far.h5"], "none of the 600 columns"),
         (["thin.h5"], "thickness is -2"),
     ],
