@@ -14,7 +14,7 @@ from ..errors import FormatError, GeoreferenceError, InputError
 from ..geo.georeference import name_of, same_place
 from ..particles import Frame
 from .foreign.file import ForeignFrame
-from .foreign.meaning import foreign_header, foreign_particles, require_told, times_of
+from .foreign.meaning import foreign_header, foreign_particles, require_told, series_place, times_of
 from .foreign.readers import FOREIGN, OWN, head_of, reader_of
 from .foreign.sidecar import with_sidecar
 from .foreign.terms import ForeignTerms
@@ -108,10 +108,23 @@ def foreign_frames(paths, reader, terms):
     Raises
     ------
     FormatError, InputError
-        Damaged files; a damaged sidecar, or several.
+        Damaged files, or such without any particle; a damaged sidecar, or several.
     """
     terms = with_sidecar(paths, terms)
-    return FOREIGN[reader].frames(paths, terms), terms
+    return _begun(FOREIGN[reader].frames(paths, terms)), terms
+
+
+def _begun(frames):
+    """`frames` from the first that holds particles on: codes that pour grains write empty ones before."""
+    filled = [series_place(frame) for frame in frames if frame.count]
+    if not filled:
+        raise FormatError(f"{frames[0].path}: no particle in it")
+    kept = [frame for frame in frames if frame.count or series_place(frame) >= min(filled)]
+    empty = next((frame for frame in kept if frame.count == 0), None)
+    if empty is not None:
+        step = "" if empty.number is None else f" at {empty.number}"
+        raise FormatError(f"{empty.path}: no particle in it{step}, and there were some before; leave it out")
+    return kept
 
 
 def _one_reader(files, asked):

@@ -197,14 +197,16 @@ def write_geotaichi(folder):
 
 
 def anura_vtk(path, place, arrays, binary):
-    """A file of scalars or vectors, as the Fortran writes it."""
+    """A file of scalars or vectors, as the Fortran writes it: no line end behind binary numbers, ids as int."""
     n = len(place)
-    word, number = ("DOUBLE", ">f8") if binary else ("float", None)
+    word = "DOUBLE" if binary else "float"
 
     def block(values):
         if binary:
-            return np.ascontiguousarray(values, number).tobytes() + b"\n"
+            return np.ascontiguousarray(values, ">i4" if values.dtype.kind == "i" else ">f8").tobytes()
         rows = np.atleast_2d(values.T).T
+        if values.dtype.kind == "i":
+            return "".join(f" {value:11d}\n" for value in values.tolist()).encode()
         return "".join("".join(f"  {value:.15E}     " for value in row) + "\n" for row in rows).encode()
 
     parts = [
@@ -212,27 +214,31 @@ def anura_vtk(path, place, arrays, binary):
     ]
     parts += [f"POINTS {n:8d} {word}\n".encode(), block(place), f"CELLS {n:8d}{2 * n:8d}\n".encode()]
     if binary:
-        parts.append(np.column_stack([np.ones(n), np.arange(n)]).astype(">i4").tobytes() + b"\n")
-        parts.append(f"CELL_TYPES {n:8d}\n".encode() + np.ones(n, ">i4").tobytes() + b"\n")
+        parts.append(np.column_stack([np.ones(n), np.arange(n)]).astype(">i4").tobytes())
+        parts.append(f"CELL_TYPES {n:8d}\n".encode() + np.ones(n, ">i4").tobytes())
     else:
         parts.append("".join(f"1{k:8d}\n" for k in range(n)).encode() + f"CELL_TYPES {n:8d}\n".encode() + b" 1\n" * n)
     parts.append(f"POINT_DATA {n:8d}\n".encode())
     for name, values in arrays.items():
-        kind = f"VECTORS {name} {word}\n" if values.ndim == 2 else f"SCALARS {name} {word} 1\nLOOKUP_TABLE default\n"
+        of = "int" if values.dtype.kind == "i" else word
+        kind = f"VECTORS {name} {of}\n" if values.ndim == 2 else f"SCALARS {name} {of} 1\nLOOKUP_TABLE default\n"
         parts.append(kind.encode() + block(values))
     path.write_bytes(b"".join(parts))
 
 
 def write_anura3d(folder, binary=False):
-    """Pairs of files at the ends of load steps 1 and 2, and before the first; the last two points are virtual."""
+    """Pairs of files at the ends of load steps 1 and 2, and before the first; masses in tonnes.
+
+    The last two points are a virtual one and one that was taken out.
+    """
     for k, label in enumerate(("000", "001", "002")):
         place, velocity = cloud(k)
         place, velocity = np.vstack([place, np.zeros((2, 3))]), np.vstack([velocity, np.zeros((2, 3))])
-        virtual = np.r_[np.zeros(COUNT), np.ones(2)]
-        scalars = {"virtual_material_point": virtual, "mass_solid": np.full(COUNT + 2, MASS) * (virtual == 0)}
+        kind = np.r_[np.ones(COUNT, int), 2, -1]
+        scalars = {"virtual_material_point": kind, "mass_solid": np.full(COUNT + 2, MASS / 1000) * (kind == 1)}
         scalars |= {
             "integration_weight": np.full(COUNT + 2, 2 * VOLUME),
-            "material_point_id": np.arange(COUNT + 2) + 7.0,
+            "material_point_id": np.arange(COUNT + 2) + 7,
         }
         vectors = {"velocity_solid": velocity, "displacement_solid": 0 * velocity}
         for kind, arrays in (("Scalar", scalars), ("Vector", vectors)):

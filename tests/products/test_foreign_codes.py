@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from foreign_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud
+from foreign_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud, write_anura3d, write_geotaichi
 
 from mpmgis.cli.main import main
 from mpmgis.io.foreign.readers import OWN, reader_of
@@ -84,3 +84,25 @@ def test_a_file_of_another_kind_is_refused_by_each_reader_in_a_line(code, tmp_pa
         assert main(["info", str(tmp_path / name), "--reader", code]) == 2
         line = capsys.readouterr().err
         assert line.count("\n") == 1 and name in line
+
+
+def test_quasi_static_runs_of_anura3d_number_their_time_steps(tmp_path):
+    write_anura3d(tmp_path)
+    for path in tmp_path.glob("*.vtk"):
+        path.rename(path.with_name(f"{path.stem[:-3]}000{path.stem[-3:]}.vtk"))
+    entries = list_frames([tmp_path], terms_of(("--density", f"{DENSITY}", "--dt", "0.5")))
+    assert [(entry.source.number, entry.time, entry.count) for entry in entries] == [
+        (k, TIMES[k], COUNT + 2) for k in range(3)
+    ]
+
+
+def test_geotaichi_before_it_had_ids_counts_rows(tmp_path):
+    write_geotaichi(tmp_path)
+    for path in tmp_path.glob("*.npz"):
+        with np.load(path, allow_pickle=True) as archive:
+            members = {name: archive[name] for name in archive.files if name != "particleID"}
+        np.savez(path, **members)
+    entry = list_frames([tmp_path], terms_of(("--density", f"{DENSITY}")))[1]
+    assert entry.reader == "geotaichi"
+    np.testing.assert_array_equal(entry.read().particles.id, np.arange(COUNT))
+    np.testing.assert_allclose(entry.read().particles.position, cloud(1)[0])

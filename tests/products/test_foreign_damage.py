@@ -305,7 +305,7 @@ def test_archives_are_never_unpickled(tmp_path, monkeypatch):
     write_npz(tmp_path)
     position = np.empty((60, 3), object)
     position[...] = Trap()
-    np.savez(tmp_path / "trap.npz", position=position, velocity=cloud(0)[1], t_current=0.0, particleID=np.arange(60))
+    np.savez(tmp_path / "trap.npz", position=position, velocity=cloud(0)[1], t_current=0.0, body_num=60)
     assert "lacks position" in refusal(tmp_path / "trap.npz", "geotaichi")
     (tmp_path / "raw.npz").write_bytes(pickle.dumps(Trap()))
     assert "no readable .npz" in refusal(tmp_path / "raw.npz", "npz")

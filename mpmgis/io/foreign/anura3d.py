@@ -1,9 +1,11 @@
 """VTK files of Anura3D: `<project>_MPVector_<step>.vtk` and `_MPScalar_` beside it.
 
 Legacy VTK, text or binary; each holds the places. `<step>` is the load step (three digits) and maybe the time step
-(six more). `<project>.CPS_<load step>` tells at which time a load step begins and how long it lasts; files are written
-at its end, those of step 000 at the very beginning. Material points that are only there for the boundaries are marked
-as virtual and left out. `integration_weight` is the volume now.
+(six more), of quasi-static runs the time step alone. `<project>.CPS_<load step>` tells at which time a load step begins
+and how long it lasts; files are written at its end, those of step 000 at the very beginning.
+`virtual_material_point` is the kind of a point: 1 of the material, 2 or 3 only there to fill elements, -1 taken out; of
+them only the first is read. `mass_solid` is weight over gravity, kN over m s-2, so in tonnes, and of the dry solid.
+`velocity_solid` is 0 in points of a liquid, which has `velocity_liquid`. `integration_weight` is the volume now.
 """
 
 import re
@@ -18,15 +20,18 @@ from .arrays import column_names
 from .file import ForeignReader, beside
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
-VIRTUAL, REAL = "virtual_material_point", "real_material_point"  # the second is ours: 1 where the first is 0
+VIRTUAL, REAL = "virtual_material_point", "real_material_point"  # the second is ours: 1 where the first is one of
+REAL_KINDS = (1, 0)  # of the material, and of no kind yet
+TONNES, MASS = "mass_solid", "mass_solid_kg"  # the second is ours
 MEANT = {
     **dict(zip("xyz", column_names(POINTS, 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("velocity_solid", 3), strict=True)),
-    "mass": "mass_solid", "id": "material_point_id", "active": REAL,
+    "mass": MASS, "id": "material_point_id", "active": REAL,
 }  # fmt: skip
+OURS = {REAL: VIRTUAL, MASS: TONNES}  # our column, and the code's that it is made of
 KINDS = ("MPVector", "MPScalar")
 SIGNATURE = {"velocity_solid", VIRTUAL, "displacement_solid"}
-_NAME = re.compile(r"(.+)_(MPScalar|MPVector|MPTensor)_(\d{3})(\d{6})?")
+_NAME = re.compile(r"(.+)_(MPScalar|MPVector|MPTensor)_(\d{3}(?=\d{6}$|$))?(\d{6})?")
 
 
 def recognises(path, head):
@@ -46,13 +51,18 @@ def frames(paths, terms):
         match = _NAME.fullmatch(path.stem)
         if match is None:
             raise FormatError(f"{path}: wanted a name as Anura3D gives it, <project>_MPVector_<step>.vtk")
-        groups.setdefault((path.parent, match[1], match[3] + (match[4] or "")), match)
+        groups.setdefault((path.parent, match[1], _label(match)), match)
     load_steps = [(*key[:2], match[3]) for key, match in groups.items()]
     alone = {step for step in load_steps if load_steps.count(step) == 1}
     return [
         open_step(folder, match, step in alone)
         for ((folder, _, _), match), step in zip(groups.items(), load_steps, strict=True)
     ]
+
+
+def _label(match):
+    """The digits at the end of a name."""
+    return (match[3] or "") + (match[4] or "")
 
 
 def open_step(folder, match, alone=True):
@@ -63,22 +73,24 @@ def open_step(folder, match, alone=True):
     FormatError
         Damaged, or files that do not hold as many points.
     """
-    label = match[3] + (match[4] or "")
+    label = _label(match)
     there = [path for kind in KINDS if (path := folder / f"{match[1]}_{kind}_{label}.vtk").is_file()]
     if not there:
         raise FormatError(f"{folder}: neither {match[1]}_MPVector_{label}.vtk nor _MPScalar_; bring them together")
-    number, time = (int(match[3]), _time_of(folder, match)) if alone else (None, None)
+    number, time = (int(match[3]), _time_of(folder, match)) if match[3] and alone else (None, None)
+    if match[3] is None:
+        number = int(match[4])
     frame = beside([legacy_frame(path, number=number, time=time, meant=MEANT) for path in there])
     word = "; its volumes are those of now, which do not tell it"
-    if VIRTUAL in frame.columns:
-        frame = replace(frame, columns=(*frame.columns, REAL), read=partial(_read_real, frame.read))
-    return replace(frame, density_word=word)
+    ours = tuple(name for name, source in OURS.items() if source in frame.columns)
+    return replace(frame, columns=(*frame.columns, *ours), read=partial(_read, frame.read), density_word=word)
 
 
-def _read_real(read, names):
-    own = tuple(dict.fromkeys(VIRTUAL if name == REAL else name for name in names))
-    found = read(own)
-    return {name: (found[VIRTUAL] == 0).astype(np.float64) if name == REAL else found[name] for name in names}
+def _read(read, names):
+    """Columns by name, OURS made of the code's own."""
+    found = read(tuple(dict.fromkeys(OURS.get(name, name) for name in names)))
+    made = {REAL: lambda kind: np.isin(kind, REAL_KINDS).astype(np.float64), MASS: lambda tonnes: 1000.0 * tonnes}
+    return {name: made[name](found[OURS[name]]) if name in OURS else found[name] for name in names}
 
 
 def _time_of(folder, match):

@@ -1,7 +1,8 @@
 """Particle files of GeoTaichi: `particles/MPMParticle<k>.npz`.
 
-NumPy's archive: t_current, active, particleID, mass, volume, position, velocity, stress and more. `state_vars` is
-pickled and left alone. `volume` is the volume now. What is not `active` has left the code's domain.
+NumPy's archive: t_current, body_num, active, mass, volume, position, velocity, stress and more, of newer versions
+particleID too. `state_vars` is pickled and left alone. `volume` is the volume now. What is not `active` has left the
+code's domain.
 """
 
 from dataclasses import replace
@@ -16,7 +17,7 @@ MEANT = {
     **dict(zip(("vx", "vy", "vz"), column_names("velocity", 3), strict=True)),
     "mass": "mass", "id": "particleID", "active": "active",
 }  # fmt: skip
-SIGNATURE = {"t_current", "position", "velocity", "particleID"}
+SIGNATURE = {"t_current", "body_num", "position", "velocity"}
 
 
 def recognises(path, head):

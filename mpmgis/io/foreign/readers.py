@@ -21,6 +21,7 @@ from . import (
     ply,
     vtk,
 )
+from .mapped import unpacked_head
 
 OWN = "mpmgis"
 HEAD = 4096  # bytes of a file that a reader sees before it opens it
@@ -52,11 +53,11 @@ def reader_of(path, asked=None, lenient=False):
 
 
 def head_of(path):
-    """The first bytes of a file; none of what is no file or cannot be opened."""
+    """The first bytes of a file, of a .gz unpacked; none of what is no file or cannot be opened."""
     try:
         if not Path(path).is_file():
             return b""
         with open(path, "rb") as file:
-            return file.read(HEAD)
+            return unpacked_head(file.read(HEAD), HEAD)
     except OSError:
         return b""

@@ -7,6 +7,9 @@ import numpy as np
 from ...errors import FormatError, one_line
 from .mapped import mapped
 
+# bytes that Arrow takes at a time: further threads gain nothing for a text of that size, and a process that ends while
+# they have only just begun may abort (apache/arrow#34314)
+ONE_BLOCK = 1 << 20
 BLANK = " "  # a delimiter that stands for any number of blanks and tabs
 
 
@@ -36,7 +39,7 @@ def read_rows(path, start, stop, form, names):
     try:
         table = pyarrow.csv.read_csv(
             pyarrow.BufferReader(raw),
-            pyarrow.csv.ReadOptions(column_names=list(form.columns), encoding="utf8"),
+            pyarrow.csv.ReadOptions(use_threads=len(raw) > ONE_BLOCK, column_names=list(form.columns), encoding="utf8"),
             pyarrow.csv.ParseOptions(delimiter=form.delimiter),
             pyarrow.csv.ConvertOptions(
                 include_columns=list(names),

@@ -109,8 +109,6 @@ def frames(paths, terms, meaning=None):
     found = []
     for pieces, time in _groups([Path(path) for path in paths]):
         frame = joined([open_file(piece) for piece in pieces])
-        if frame.count == 0:
-            raise FormatError(f"{frame.path}: no particle in it")
         frame = frame if time is None else replace(frame, time=time)
         found.append(frame if meaning is None else meaning(frame))
     return found

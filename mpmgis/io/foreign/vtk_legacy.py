@@ -268,8 +268,6 @@ def legacy_frame(path, layout=None, **told):
     """
     path = Path(path)
     layout = layout or read_layout(path)
-    if layout.points == 0:
-        raise FormatError(f"{path}: no particle in it")
     components = {name: block.components for name, block in layout.arrays.items()}
     told = {"number": number_of(path), "time": _time(path, layout)} | told
     return ForeignFrame(

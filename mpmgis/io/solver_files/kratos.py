@@ -26,8 +26,8 @@ from KratosMultiphysics.MPMApplication.mpm_analysis import MpmAnalysis
 class Start(MpmAnalysis):
     """The material points with the velocities in velocities.txt, a row a point, in their order."""
 
-    def Initialize(self):
-        super().Initialize()
+    def ModifyAfterSolverInitialize(self):
+        super().ModifyAfterSolverInitialize()  # before the first output, which shows them already
         part = self.model["MPM_Material"]
         with open("velocities.txt") as rows:
             for point, row in zip(part.Elements, rows, strict=True):
