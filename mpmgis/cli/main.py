@@ -1,6 +1,7 @@
 """The command `mpmgis`: one verb a module, imported only when it is called."""
 
 import argparse
+import difflib
 import gc
 import importlib
 import os
@@ -52,6 +53,17 @@ class OneLineParser(argparse.ArgumentParser):
     def error(self, message):
         print(f"{self.prog}: {one_line(message)}; see {self.prog} --help", file=sys.stderr)
         raise SystemExit(2)
+
+    def parse_known_args(self, args=None, namespace=None):
+        """As argparse's; but what this parser does not know it refuses itself, so that its own help is named."""
+        namespace, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(unknown[0])}")
+        return namespace, unknown
+
+    def _meant(self, word):
+        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, 1, cutoff=0.75)
+        return f"; did you mean {near[0]}?" if near else ""
 
 
 def command():

@@ -26,12 +26,15 @@ def add_arguments(parser):
 
 def run(arguments):
     """Run the scene, or print the template."""
+    from ..errors import InputError
+
     if arguments.template:
         from ..scene import template
 
+        if arguments.scene is not None or arguments.output is not None:
+            raise InputError("--template takes neither scene nor -o; it prints: mpmgis run --template > scene.toml")
         print(template(), end="")
         return 0
-    from ..errors import InputError
 
     if arguments.scene is None:
         raise InputError("which scene? give scene.toml, or --template to see one")

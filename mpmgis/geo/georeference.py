@@ -113,6 +113,11 @@ def require_metric(crs, bounds, where, say):
     plane = horizontal(crs)
     name = name_of(crs)
     centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
+    if plane.is_geographic and (max(abs(v) for v in bounds[::2]) > 400 or max(abs(v) for v in bounds[1::2]) > 100):
+        raise GeoreferenceError(
+            f"{where} is said to be in {name} (degrees), but its coordinates {_pair(centre)} are none; name the "
+            f"projection that they are in: --crs EPSG:n, or for a false tag rio edit-info FILE --crs EPSG:n"
+        )
     if plane.is_geographic or plane.is_geocentric:
         cure = _reprojection(where, *_longitude_latitude(plane, centre))
         unit = "degrees" if plane.is_geographic else "geocentric coordinates"

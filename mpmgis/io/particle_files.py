@@ -63,7 +63,7 @@ def _require_space(path, count):
     free = shutil.disk_usage(folder).free
     if needed > free:
         raise OutputError(
-            f"{path}: {count} columns need about {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are free there; ask for "
+            f"{path}: {count} columns need about {needed / 1e6:.3g} MB, {free / 1e6:.3g} MB are free there; ask for "
             f"fewer, or give another -o"
         )
 

@@ -164,7 +164,8 @@ def read_table(path, kind="Polygon", flag="--release "):
             if source.suffix.lower() in (".parquet", ".geoparquet"):
                 table = geopandas.read_parquet(source)
             else:
-                table = geopandas.read_file(source, layer=layer or _only_layer(source, kind, flag), engine="pyogrio")
+                chosen = _require_layer(source, layer, kind) if layer else _only_layer(source, kind, flag)
+                table = geopandas.read_file(source, layer=chosen, engine="pyogrio")
         except InputError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
@@ -203,6 +204,14 @@ def _only_layer(source, kind, flag):
     return choice[0]
 
 
+def _require_layer(source, layer, kind):
+    """Refuse a layer that a file of layers does not have, with those that it has."""
+    there = [str(name) for name, _ in pyogrio.list_layers(source)]
+    if layer not in there:
+        raise InputError(f"{source} has no layer {layer!r} with {KINDS[kind]}; it has {', '.join(there[:6])}")
+    return layer
+
+
 def _unreadable(source, error):
     reason = one_line(error).replace(str(source), source.name)[:140]
     if source.suffix.lower() == ".shp" and not source.with_suffix(".shx").exists():
@@ -220,7 +229,7 @@ def require_polygons(table, path, say):
     kinds = table.geometry.geom_type
     foreign = sorted(set(kinds.dropna()) - {"Polygon", "MultiPolygon"})
     if foreign:
-        cure = "Lines to polygons" if any("Line" in kind for kind in foreign) else "draw the area, or buffer the points"
+        cure = "Lines to polygons" if any("Line" in kind for kind in foreign) else "Buffer"
         raise InputError(f"{path} holds {', '.join(foreign)}, wanted polygons; {cure} in QGIS makes them")
     empty = table.geometry.isna() | table.geometry.is_empty
     if empty.all():

@@ -67,9 +67,12 @@ def run_terrain(request, entries, output, say):
     if header.crs is None and terrain.grid.crs is not None:
         say(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
     elif not same_place(header.crs, terrain.grid.crs):
+        cure = _reprojection(path, header.crs)
+        if terrain.grid.crs is None:
+            cure = f", or say where this one lies: --crs {_word_of(header.crs) or 'EPSG:n'}"
         raise GeoreferenceError(
             f"{first} is in {name_of(header.crs)}, but {path} is in {name_of(terrain.grid.crs)}; give the DTM that the "
-            f"run used{_reprojection(path, header.crs)}"
+            f"run used{cure}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         say(f"{path} is not the DTM that the frames were made on (its sha256 differs)")

@@ -15,6 +15,7 @@ from ..kernels.jit import set_threads
 from ..machine import available_memory
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
+from ..scene.tables import read_toml
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE, predicted, predicted_in_3d, slower_than_nominal
 from ..solvers.pace import measured_pace
@@ -138,6 +139,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     UnphysicalError
         The run stopped itself; the frames before are whole.
     """
+    if not isinstance(scene, Mapping):
+        read_toml(scene)  # a scene that is not there is told before a folder that is
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, say, laws)
@@ -155,7 +158,11 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open()
-        return march_into(folder, sequence, start == RESUMED, expected)
+        try:
+            return march_into(folder, sequence, start == RESUMED, expected)
+        except KeyboardInterrupt:
+            say(f"{folder.path} holds what was computed until now; --resume goes on after its last whole frame")
+            raise
 
 
 def _tell_of_stages(prepared, say):

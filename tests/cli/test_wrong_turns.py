@@ -7,6 +7,7 @@ import shapely
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
+from mpmgis.pipeline.run import run as run_scene
 
 EAST, NORTH = WEST + PIXEL * COLUMNS, SOUTH + PIXEL * ROWS
 SHORT = SCENE.replace("end_time = 30", "end_time = 1").replace("frame_interval = 5", "frame_interval = 1")
@@ -90,3 +91,64 @@ def test_a_flow_that_leaves_the_terrain_says_what_that_means(site, capsys):
     assert words in capsys.readouterr().err
     assert run(site, SHORT) == 0
     assert words not in capsys.readouterr().err
+
+
+def test_an_unknown_option_names_the_verb_and_the_option_that_was_meant(capsys):
+    for word, meant in (("--thicknes-mode=normal", "; did you mean --thickness-mode?"), ("--bogus", "")):
+        with pytest.raises(SystemExit) as ended:
+            main(["seed", "--dem", "d.tif", "--release", "r.shp", word])
+        expected = f"mpmgis seed: unrecognized arguments: {word}{meant}; see mpmgis seed --help\n"
+        assert ended.value.code == 2 and capsys.readouterr().err == expected
+
+
+def test_a_template_takes_no_scene_and_no_output(tmp_path, capsys):
+    """A file named by -o was never written, and nothing told."""
+    for more in (["-o", str(tmp_path / "scene.toml")], [str(tmp_path / "scene.toml")]):
+        assert main(["run", "--template", *more]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and "mpmgis run --template > scene.toml" in err
+
+
+def test_a_missing_scene_is_told_before_a_folder_that_is_there(site, capsys):
+    (site / "results").mkdir()
+    (site / "results" / "frame_000000.h5").write_bytes(b"")
+    assert main(["run", str(site / "nosuch.toml")]) == 2
+    assert "nosuch.toml: no such file" in capsys.readouterr().err
+
+
+def test_a_layer_that_a_file_does_not_have_is_told_with_those_it_has(site, capsys):
+    write_shapes(site / "areas.gpkg", [shapely.box(60, 150, 160, 250)], crs="EPSG:32632")
+    words = ["seed", "--dem", str(site / "dtm.tif"), "--release", f"{site / 'areas.gpkg'}|layername=b"]
+    assert main([*words, "--thickness", "1", "-o", str(site / "a.h5")]) == 2
+    assert "areas.gpkg has no layer 'b' with polygons; it has areas" in capsys.readouterr().err
+
+
+def test_metres_that_are_called_degrees_are_not_to_be_warped(site, capsys):
+    write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
+    words = ["seed", "--dem", str(site / "bare.tif"), "--crs", "EPSG:4326", "--release", str(site / "release.geojson")]
+    assert main([*words, "--thickness", "1", "-o", str(site / "a.h5")]) == 2
+    err = capsys.readouterr().err
+    assert "are none; name the projection that they are in: --crs EPSG:n" in err and "warp" not in err
+
+
+def test_frames_on_a_map_and_a_dtm_that_is_said_to_have_no_place(site, capsys):
+    write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
+    assert run(site, SHORT) == 0
+    capsys.readouterr()
+    assert main(["export-raster", str(site / "results"), "--dem", str(site / "bare.tif"), "--crs", "local"]) == 2
+    err = capsys.readouterr().err
+    assert "or say where this one lies: --crs EPSG:" in err and "warp" not in err
+
+
+def test_an_interrupted_run_says_how_it_goes_on(site):
+    (site / "scene.toml").write_text(SHORT)
+    told = []
+
+    def stop(now, end_time):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(site / "scene.toml", say=told.append, watch=stop)
+    assert (
+        told[-1] == f"{site / 'results'} holds what was computed until now; --resume goes on after its last whole frame"
+    )

@@ -268,7 +268,7 @@ def release_with_two_layers(k):
         geopandas.GeoDataFrame({"d0": [1.0]}, geometry=[ring()], crs="EPSG:32632").to_file(k.release, layer=layer)
 
 
-@recipe("neither a vector file nor a raster")
+@recipe("has no layer 'nothing' with polygons; it has area")
 def release_layer_unknown(k):
     k.release = f"{k.release}|layername=nothing"
 
