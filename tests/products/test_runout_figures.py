@@ -92,3 +92,10 @@ def test_quantiles_are_places_of_mass_never_between():
 def test_no_length_has_no_angle():
     assert math.isnan(slope_angle(3.0, 0.0))
     assert slope_angle(1.0, 1.0) == pytest.approx(45)
+
+
+def test_the_way_along_the_ground_begins_at_nothing_and_goes_straight_over_nodata():
+    """Two sides of 3, 4, 5, a gap that is passed in a straight line, and level ground beyond the last height."""
+    along, heights = np.array([0.0, 3.0, 6.0, 9.0, 14.0]), np.array([8.0, 4.0, np.nan, -4.0, np.nan])
+    assert ground_lengths(along, heights) == pytest.approx([0.0, 5.0, 10.0, 15.0, 20.0])
+    assert ground_lengths(along, np.full(5, np.nan)) == pytest.approx(along)

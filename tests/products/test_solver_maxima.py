@@ -486,3 +486,11 @@ def relative(values, reference, name):
     """Sum of differences over the sum of the reference, where both have a value."""
     both = np.isfinite(values[name]) & np.isfinite(reference[name])
     return np.abs(values[name] - reference[name])[both].sum() / reference[name][both].sum()
+
+
+def test_the_largest_value_of_a_band_is_that_of_its_cells():
+    maxima = RunningMaxima(4, 0.05)
+    assert maxima.largest("h_max") == 0.0
+    values = {name: np.array([0.125, 0.25]) for name in PRODUCTS_NEEDED} | {"Un": np.array([-0.5, 0.25])}
+    maxima.absorb(np.array([1, 3]), values, 2.0)
+    assert maxima.largest("h_max") == 0.25 and maxima.largest("Un_min") == 0.5

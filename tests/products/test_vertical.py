@@ -10,7 +10,7 @@ from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
 from mpmgis.particles import Frame, Particles
 from mpmgis.products.bed import Bed
-from mpmgis.products.vertical import vertical_profiles
+from mpmgis.products.vertical import VerticalFound, vertical_profiles
 
 SLOPE, DENSITY, WIDTH = 0.5, 1500.0, 8.0
 UP = 1 / math.hypot(1, SLOPE)
@@ -88,3 +88,10 @@ def test_points_below_the_bed_are_counted_below_it():
 def test_layers_without_end_are_refused():
     with pytest.raises(ValueError, match="layers of 0"):
         vertical_profiles(column(3.0, 0.5), bed(), DENSITY, POINT, WIDTH, 1e-4)
+
+
+def test_where_nothing_flows_there_is_no_load():
+    (found,) = vertical_profiles(column(4.0 * UP, 0.5), bed(), DENSITY, np.array([[20.0, 20.0]]), WIDTH, 0.5)
+    of_all = VerticalFound("still", ("here",), np.array([20.0]), np.array([20.0]), WIDTH, ([found],))
+    ((*_, depth, force, height, largest),) = of_all.load_rows()
+    assert (depth, force, largest) == (0.0, 0.0, 0.0) and math.isnan(height)
