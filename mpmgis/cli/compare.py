@@ -5,18 +5,20 @@ import json
 import math
 from pathlib import Path
 
-from . import talk
-from .values import number
+from . import foreign_options, talk
+from .values import number, positive
 
 EXAMPLE = """
 mpmgis compare results_gis other_gis
 mpmgis compare results_gis mapped_outline.gpkg --line flow_path.shp -o comparison
 mpmgis compare results_gis reference/com1DFA --threshold 0.1 -o map.png
+mpmgis compare results matter --axes e,u,-n --origin 600000,5170000,0 --density 1500 --dem dtm.tif
 """
 DESCRIPTION = """
 Area, runout, peaks, and how far the footprints overlap (IoU: the area in both over the area in either). A and B are
-each an export (results_gis), the folder of a run, rasters named *_pft, *_pfv, *_ppr as ISeeSnow and AvaFrame do
-(their folder, or the beginning of their names), one raster, or an outline as polygons. Each side's area, runout and
+each an export (results_gis), the folder of a run, another code's particles (a folder or a file), rasters named *_pft,
+*_pfv, *_ppr as ISeeSnow and AvaFrame do (their folder, or the beginning of their names), one raster, or an outline as
+polygons. Of another code's particles the maxima are those of the frames that are there. Each side's area, runout and
 peaks are taken on its own cells; overlap and differences on the finer side's, where the other side has the value of
 its cell under the centre (nearest: nothing is blended). Beside an outline what only the result covers is
 overestimated, what only the outline covers underestimated. Distances between outlines go from places on one, half a
@@ -65,13 +67,21 @@ def add_arguments(parser):
         help="write a map (.png), a table (.csv), classes (.tif: 1 only A, 2 only B, 3 both), or a folder of all",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier comparison of that name")
+    group = parser.add_argument_group("another code's particle files, of either side")
+    foreign_options.add_arguments(group)
+    group.add_argument("--crs", metavar="EPSG:n|local", help="their CRS")
+    group.add_argument("--density", type=positive, metavar="R", help="of the release [kg m-3]")
+    group.add_argument("--standoff", type=number, metavar="M", default=0.0, help="as of export-raster (default 0)")
 
 
 def run(arguments):
     """Compare; the numbers go to stdout."""
     from ..pipeline.compare import CompareRequest, compare
+    from ..pipeline.export import ExportRequest
 
     asked = {key: value for key, value in vars(arguments).items() if key in CompareRequest.__dataclass_fields__}
+    names = set(ExportRequest.__dataclass_fields__) - set(asked)
+    asked["reading"] = ExportRequest((), **{key: value for key, value in vars(arguments).items() if key in names})
     notes = []  # told when all went well, so that a refusal stands alone
     found = compare(CompareRequest(**asked), say=talk.say if talk.volume > 0 else notes.append)
     for note in [*notes, *(f"wrote {file}" for file in found.files)]:

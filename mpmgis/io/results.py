@@ -69,6 +69,11 @@ class Result:
         values, grid = self.bands[band].read()
         if crs_of is not None and None not in (grid.crs, crs_of.crs) and not same_place(grid.crs, crs_of.crs):
             path, code = self.bands[band].path, crs_of.crs.to_epsg() or "n"
+            if self.kind == "run":  # whose raster is gone when this is read
+                raise GeoreferenceError(
+                    f"{self.name} is in {name_of(grid.crs)}, the other side in {name_of(crs_of.crs)}; export it "
+                    "(mpmgis export-raster) and reproject the raster that is to be compared"
+                )
             raise GeoreferenceError(
                 f"{path} is in {name_of(grid.crs)}, the other rasters in {name_of(crs_of.crs)}; reproject one of them: "
                 f"{warp_command(path, f'EPSG:{code}', 'nearest')}"

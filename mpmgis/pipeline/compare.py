@@ -15,9 +15,11 @@ from ..geo.grid import Grid
 from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
 from ..io.exported_steps import is_export
+from ..io.foreign.readers import OWN, reader_of
+from ..io.frame_list import foreign_files
 from ..io.observed import cells_within, read_outline
 from ..io.outlines import mask_outline
-from ..io.results import open_result
+from ..io.results import names_rasters, open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
@@ -30,11 +32,12 @@ from .opened_results import exported_peaks
 
 FILES = ("map.png", "table.csv", "classes.tif")
 OUTLINE = "outline"
+PLAIN = ExportRequest(())  # frames that say all themselves
 
 
 @dataclass(frozen=True)
 class CompareRequest:
-    """What was asked for: the command's options by name. Its help tells more."""
+    """What was asked for: the command's options by name, its help tells more; `reading`: of other codes."""
 
     first: Path
     second: Path
@@ -42,6 +45,7 @@ class CompareRequest:
     band: str | None = None
     line: Path | None = None
     dem: Path | None = None
+    reading: ExportRequest = PLAIN
     output: Path | None = None
     overwrite: bool = False
 
@@ -65,7 +69,8 @@ def compare(request, say=lambda text: None):
         raise InputError(f"--threshold is {request.threshold:g}, wanted a number of 0 or more")
     output = _output(request)
     with ExitStack() as stack:  # runs are exported to a folder that is gone at its end
-        sources = [_source(path, request.dem, stack, say) for path in (request.first, request.second)]
+        _refuse_idle(request)
+        sources = [_source(path, request, stack, say) for path in (request.first, request.second)]
         footprints, pairs, joint = _footprints(request, sources, say)
         bands = tuple(_band_facts(pair, sources, footprints, joint, say) for pair in pairs)
         terrain = _terrain(request, sources, joint, say)
@@ -101,12 +106,38 @@ class _Outline:
     terrain: None = None
 
 
-def _source(path, dem, stack, say):
-    """The Result at `path` (frames are exported first, on `dem` if it is given), or the outline."""
+def _reader(path, asked):
+    """Name of the code whose frames of particles are at `path`; None where there are none."""
     path = Path(path)
-    if path.is_dir() and not is_export(path) and any(path.glob("*.h5")):
+    if path.is_file():
+        reader = reader_of(path, None if is_raster(path) else asked)
+        return reader if reader != OWN else None
+    if not path.is_dir() or is_export(path) or names_rasters(path):
+        return None
+    if any(reader_of(frame) == OWN for frame in path.glob("*.h5")):
+        return OWN
+    reader, files = foreign_files(path, asked)
+    return reader if files else None
+
+
+def _refuse_idle(request):
+    """Refuse options for another code's frames where neither side has any."""
+    reading = request.reading
+    readers = [_reader(path, reading.reader) for path in (request.first, request.second)]
+    if reading != PLAIN and not any(reader not in (None, OWN) for reader in readers):
+        raise InputError(
+            f"neither {request.first} nor {request.second} holds another code's particles, for which these options "
+            "are; leave them out"
+        )
+
+
+def _source(path, request, stack, say):
+    """The Result at `path` (frames are exported first, on the DTM that was asked for), or the outline."""
+    path, reader = Path(path), _reader(path, request.reading.reader)
+    if reader is not None:
         say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
-        return exported_peaks(ExportRequest((path,), dem=dem), stack, say)
+        how = PLAIN if reader == OWN else request.reading
+        return exported_peaks(replace(how, frames=(path,), dem=request.dem), stack, say)
     plain = Path(str(path).partition("|")[0])
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from affine import Affine
-from scipy import ndimage, sparse
+from scipy import ndimage, sparse, spatial
 from scipy.sparse import csgraph
 
 from ..geo.grid import Grid
@@ -14,6 +14,7 @@ from ..geo.grid import Grid
 _LINE_CELLS = 40_000  # cells of the footprint that a centre line is searched on
 _LINE_PIECES = 40
 _PIECE_CELLS = 8  # a piece of the centre line is at least so many cells long
+_SMALLEST_PART = 0.1  # of the largest part: what frames far apart leave between gaps; smaller ones are splashes
 _HIGHEST_SHARE = 0.01  # of the drop: cells that count as the highest
 
 
@@ -97,8 +98,8 @@ def centre_line(masks, weights, elevation, grid):
 
     Distances are measured within the union of the footprints, so around corners, from its highest part (the middle of
     the cells within 1 % of the drop). Bands of equal distance are replaced by their centres, weighted by thickness,
-    each result counting the same: what a practitioner would draw by hand along the thalweg. Only the largest
-    connected part of the union is looked at.
+    each result counting the same: what a practitioner would draw by hand along the thalweg. Where frames far apart
+    leave the union in parts, those of a tenth of the largest or more are joined by the shortest ways between them.
 
     Parameters
     ----------
@@ -118,12 +119,12 @@ def centre_line(masks, weights, elevation, grid):
     cut = max(1, math.ceil(math.sqrt(np.count_nonzero(weight) / _LINE_CELLS)))
     weight, elevation = _blocks(weight, cut, np.sum), _blocks(elevation, cut, _mean)
     grid = Grid(grid.crs, grid.transform * Affine.scale(cut), weight.shape)
-    main = _largest_part(weight > 0)
+    main, parts = _large_parts(weight > 0)
     start = _highest(main, weight, elevation, grid)
     if start is None:
         return None
     row, column = np.nonzero(main)
-    distance = _distance_within(main, grid, start)
+    distance = _distance_within(main, grid, start, _bridges(parts[main], grid.xy(row, column)))
     return _through_bands(start, np.column_stack(grid.xy(row, column)), distance, weight[main], grid.cell_size)
 
 
@@ -152,12 +153,33 @@ def _mean(blocks, axis):
     return np.where(count > 0, np.where(known, blocks, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
 
 
-def _largest_part(mask):
-    """The largest part of `mask` whose cells hang together, corners included."""
+def _large_parts(mask):
+    """(the large parts of `mask` whose cells hang together, corners included; the number of each cell's part)."""
     labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
     if count <= 1:
-        return mask
-    return labels == 1 + np.argmax(np.bincount(labels[mask])[1:])
+        return mask, labels
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return mask & (sizes >= _SMALLEST_PART * sizes.max())[labels], labels
+
+
+def _bridges(parts, places):
+    """(cells, cells, lengths [m]) of the shortest links that join all `parts` [k], whose cells lie at `places`."""
+    joined, left = parts == parts[0], list(dict.fromkeys(parts[parts != parts[0]]))
+    places, found = np.column_stack(places), []
+    while left:
+        tree, known = spatial.cKDTree(places[joined]), np.flatnonzero(joined)
+        nearest = []
+        for part in left:
+            cells = np.flatnonzero(parts == part)
+            distance, other = tree.query(places[cells])
+            k = int(np.argmin(distance))
+            nearest.append((float(distance[k]), int(cells[k]), int(known[other[k]]), part))
+        length, cell, other, part = min(nearest)
+        found.append((other, cell, length))
+        joined |= parts == part
+        left.remove(part)
+    return tuple(np.array(column) for column in zip(*found, strict=True)) if found else ()
 
 
 def _highest(mask, weight, elevation, grid):
@@ -172,8 +194,11 @@ def _highest(mask, weight, elevation, grid):
     return np.array(grid.xy(row[at], column[at]))
 
 
-def _distance_within(mask, grid, start):
-    """float[k]: length [m] of the shortest way from `start` to each True cell, from cell to cell, 16 directions."""
+def _distance_within(mask, grid, start, bridges=()):
+    """float[k]: length [m] of the shortest way from `start` to each True cell, from cell to cell, 16 directions.
+
+    `bridges` are links between cells besides (`_bridges`).
+    """
     number = np.full(mask.shape, -1)
     number[mask] = np.arange(np.count_nonzero(mask))
     begins, ends, lengths = [], [], []
@@ -183,6 +208,8 @@ def _distance_within(mask, grid, start):
         begins.append(before[linked])
         ends.append(after[linked])
         lengths.append(np.full(np.count_nonzero(linked), np.linalg.norm(grid.matrix @ step[::-1])))
+    if bridges:
+        begins, ends, lengths = ([*own, more] for own, more in zip((begins, ends, lengths), bridges, strict=True))
     count = np.count_nonzero(mask)
     links = (np.concatenate(lengths), (np.concatenate(begins), np.concatenate(ends)))
     graph = sparse.coo_matrix(links, shape=(count, count)).tocsr()

@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from block_frames import MASS, MIDDLE, THICKNESS, block, write_block_run
+from block_frames import MASS, MIDDLE, SIDE, THICKNESS, block, write_block_run
 from slope_site import SOUTH, WEST
 
 from mpmgis.cli.main import main
@@ -118,3 +118,23 @@ def test_options_for_other_codes_files_are_refused_with_our_own(tmp_path, capsys
     ):
         assert run("convert", frame, *option, "-o", tmp_path / "out.h5") == 2
         assert words in capsys.readouterr().err
+
+
+def test_another_codes_points_are_compared_like_a_run(tmp_path, table, capsys):
+    own = tmp_path / "own"
+    own.mkdir()
+    ours = write_block_run(own, (150.0, 600.0), (0.0, 10.0), speeds=(0.0, 4.0), dimension=3)
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    theirs = shutil.move(table, folder / "particles.csv")
+    dem = ("--dem", tmp_path / "dtm.tif")
+    for other in (theirs, folder):
+        capsys.readouterr()
+        assert run("compare", ours, other, *TERMS, *dem, "--json") == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert facts["iou"] == 1 and facts["both_m2"] == pytest.approx(2 * SIDE**2)
+        assert facts["a"]["runout_m"] == facts["b"]["runout_m"] == pytest.approx(550, abs=10)  # from 100 m to 650
+    assert run("compare", ours, ours, "--axes", "e,n,u") == 2
+    assert "neither" in capsys.readouterr().err
+    assert run("compare", ours, folder) == 2
+    assert "does not say" in capsys.readouterr().err

@@ -261,6 +261,16 @@ def test_the_centre_line_does_not_depend_on_the_order_nor_on_units():
     assert first == pytest.approx(second, abs=1e-6)
 
 
+def test_the_centre_line_goes_on_over_gaps_that_frames_far_apart_leave():
+    grid = Grid(None, Affine(2, 0, 0, 0, -2, 60), (30, 200))
+    x, y = grid.xy(*np.indices(grid.shape))
+    across = np.abs(y - 30) < 11
+    mask = across & (((x > 10) & (x < 50)) | ((x > 120) & (x < 240)) | ((x > 300) & (x < 380)))
+    line = centre_line([mask], [mask.astype(float)], 1000 - x, grid)
+    assert line[0] == pytest.approx([11, 30], abs=2) and line[-1, 0] > 360
+    assert runout(mask, grid, line).distance == pytest.approx(379 - 11, abs=4)
+
+
 def test_the_centre_line_of_many_cells_is_found_on_fewer():
     """250 000 cells are put together to blocks of 3 x 3; the line stays in the middle."""
     grid = Grid.north_up(None, 0.0, 500.0, 1.0, (500, 500))
