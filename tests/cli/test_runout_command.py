@@ -26,6 +26,9 @@ def test_a_block_with_coulomb_friction_has_its_mu_as_tangent_of_the_centre_of_ma
     assert facts["centre_of_mass_tangent"] == pytest.approx(FRICTION, rel=1e-6)
     assert facts["centre_of_mass_runout_m"] == pytest.approx(REST - START, rel=1e-6)
     assert facts["centre_of_mass_drop_m"] == pytest.approx(TANGENT * (FOOT - START), rel=1e-6)
+    (east, north, height), (*there, lower) = facts["top"], facts["toe"]
+    assert facts["runout_straight_m"] == pytest.approx(math.dist((east, north), there))
+    assert facts["drop_height_m"] == pytest.approx(height - lower)
 
 
 @pytest.mark.parametrize("cell", [10.0, 5.0, 2.5])
