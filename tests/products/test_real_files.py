@@ -178,6 +178,8 @@ def test_a_folder_of_liggghts_holds_grains_and_no_boxes(tmp_path):
     for path in (REAL / "liggghts").glob("*.vtk"):
         shutil.copy(path, tmp_path)
     assert [entry.path.name for entry in frames_of(tmp_path, time_step=2e-4)] == ["1000.vtk", "4000.vtk"]
+    with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*leave it out"):
+        frames_of(tmp_path / "*.vtk", time_step=2e-4)
 
 
 def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):

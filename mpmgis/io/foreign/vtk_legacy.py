@@ -122,7 +122,9 @@ def read_layout(path):
         reader.binary = form == "BINARY"
         dataset = " ".join(reader.words(2, "its dataset")).upper()
         if dataset not in ("DATASET UNSTRUCTURED_GRID", "DATASET POLYDATA"):
-            raise FormatError(f"{path}: {dataset[:60]!r}, wanted DATASET UNSTRUCTURED_GRID or POLYDATA")
+            raise FormatError(
+                f"{path}: {dataset[:60]!r}, wanted DATASET UNSTRUCTURED_GRID or POLYDATA of points; leave it out"
+            )
         return _sections(reader)
 
 

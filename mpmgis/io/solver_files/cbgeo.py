@@ -1,4 +1,8 @@
-"""CB-Geo MPM: mesh, particles, entity sets and json as text, and the full state as the HDF5 that it resumes from."""
+"""CB-Geo MPM: mesh, particles, entity sets and json as text, and the full state as the HDF5 that it resumes from.
+
+It takes the HDF5 by the order of the fields, not by their names. A build with more of them than these 53 counts them,
+says that it cannot resume, and starts from the text files, at rest.
+"""
 
 import math
 
