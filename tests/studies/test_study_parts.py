@@ -124,6 +124,9 @@ def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversi
     alone = found[("stage2.cell_size", 2.0),]
     assert [stage.cell_size for stage in alone.stage] == [4.0, 2.0]
     assert found[("stage1.cell_size", 8.0),].stage[1] == own.stage[1]
+    sizes = {(key, size) for ((key, size), *more) in filter(None, found) if not more and key.endswith(".cell_size")}
+    assert sizes == {("stage1.cell_size", 8.0), ("stage1.cell_size", 2.82843), *(
+        ("stage2.cell_size", size) for size in (2.0, 1.41421))}  # fmt: skip
     assert found[("cfl", 0.6),].numerics.cfl == 0.6 and found[("particles_per_cell", 4),]
     assert {setting.knob for setting in settings} == {
         "scene", "cell_size", "stage1.cell_size", "stage2.cell_size", "particles_per_cell", "points_per_cell", "cfl",
