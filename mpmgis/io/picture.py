@@ -13,6 +13,7 @@ from .styles import LOOKS, colour_classes, contour_interval, round_up
 PIXELS = 1100  # of the terrain's longer side
 DOTS_PER_INCH = 150
 MAP_LONG_SIDE = 7.5  # [inch]
+ROOM_OF_A_LABEL = 0.7  # inches along its axis
 LEGEND_WIDTH = 2.6  # [inch]
 MARGIN = 0.12  # around what is shown, as a share of its longer side
 SLIMMEST = 0.62  # shorter over longer side of the map
@@ -115,16 +116,17 @@ def map_axes(figure, view):
         [left / total[0], (total[1] - above - height) / total[1], width / total[0], height / total[1]]
     )
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    _label_axes(axes)
+    _label_axes(axes, (width, height))
     return axes
 
 
-def _label_axes(axes):
-    """Coordinates in kilometres with as many decimals as their spacing needs."""
+def _label_axes(axes, size):
+    """Coordinates in kilometres with as many decimals as their spacing needs, as many as fit on `size` [inches]."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    for axis, word in ((axes.xaxis, "Easting"), (axes.yaxis, "Northing")):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
+        most = int(np.clip(length / ROOM_OF_A_LABEL, 1, 5))
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         ticks = axis.get_majorticklocs()
         decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
         axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value / 1000.0:.{n}f}"))

@@ -277,7 +277,7 @@ def _source_rows(flow):
     if len(flow.times):
         tags = flow.steps.tags
         return (
-            ("export", f"{flow.name}, {len(flow.times)} steps, of frames {tags.get('frames', '')}"),
+            ("export", f"{flow.name}, {len(flow.times)} steps; frames: {tags.get('frames', '')}"),
             ("digest of the scene", tags.get("digest", "")),
             ("exported with mpmgis", tags.get("version", "")),
         )
