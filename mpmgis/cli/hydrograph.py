@@ -13,15 +13,16 @@ Discharge of volume and mass through a section (one line across the flow), and t
 straight way between two frames crosses the section or does not, which keeps mass exactly where the section cuts the
 whole flow off; what went round its ends is told, and the mass beyond it is held against all of that. By cells: momentum
 in the cells along the section at the frames, over time by the trapezoidal rule. The table has both; `auto` counts
-particles and takes cells where they have no ids. Volume is the particles' own, current one. Positive is the way in
-which more mass went.
+particles and takes cells where they have no ids. Of an export it is the cells of its steps, which need the bands mass,
+Ut_E and Ut_N (export-raster --products mass,Ut_E,Ut_N). Volume is the particles' own, current one, of an export mass
+over density. Positive is the way in which more mass went.
 """
 
 
 def add_arguments(parser):
     """Declare the verb's options."""
     parser.description = DESCRIPTION.strip()
-    results_options.add_arguments(parser, exports=False)
+    results_options.add_arguments(parser)
     parser.add_argument("--section", type=Path, required=True, metavar="FILE", help="one line across the flow")
     parser.add_argument(
         "--method", choices=("auto", "particles", "cells"), default="auto", help="how it is counted (default auto)"

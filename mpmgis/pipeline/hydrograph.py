@@ -9,19 +9,23 @@ import shapely
 from ..errors import InputError
 from ..io.hydrograph_files import write_hydrograph_plot, write_hydrograph_table
 from ..io.observed import read_line
+from ..products.cell_series import cells_of
 from ..products.section_flux import (
+    RASTER_BANDS,
     Balance,
     HydrographFound,
     azimuth_to_the_right,
     continued,
     crossed_between,
     mass_beyond,
+    raster_flux,
+    section_pieces,
     section_state,
     trapezoids,
 )
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .frame_pool import frame_pool
-from .opened_results import open_frames
+from .opened_results import open_flow
 
 PLOT_FILE, TABLE_FILE = "hydrograph.png", "hydrograph.csv"
 WORD = "hydrograph"
@@ -50,11 +54,11 @@ def hydrograph(request, say=lambda text: None, progress=lambda done, total: None
         What cannot be read, a section that crosses itself or that lies off the raster, one frame alone.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_frames(request.results, output, say, "how much crosses a section is counted by particles")
-    if len(flow.entries) < 2:
+    flow = open_flow(request.results, output, say)
+    if len(flow.times) < 2:
         raise InputError(f"{flow.name}: one frame, wanted two or more: what crosses is told between frames")
     section = _section(request.section, flow, say)
-    found = _found(request, flow, section, say, progress)
+    found = (_found if flow.entries else _found_in_rasters)(request, flow, section, say, progress)
     writers = {
         PLOT_FILE: lambda path: write_hydrograph_plot(path, found),
         TABLE_FILE: lambda path: write_hydrograph_table(path, found),
@@ -103,6 +107,30 @@ def _found(request, flow, section, say, progress):
     return _towards_more(flow, section, np.array(cells), crossed, balance, say)
 
 
+def _found_in_rasters(request, flow, section, say, progress):
+    """The HydrographFound of an export, by the flux of its cells."""
+    if request.method == "particles":
+        raise InputError(f"--method particles: {flow.name} is an export, which keeps none; give the frames")
+    missing = [name for name in RASTER_BANDS if name not in flow.steps.bands]
+    if missing or flow.density is None:
+        raise InputError(
+            f"{flow.name}: its steps have no {', '.join(missing) or 'density'}, of which the flux of the section's "
+            "cells is made; export with --products mass,Ut_E,Ut_N, or give the frames"
+        )
+    places, normals = section_pieces(section, 0.25 * flow.grid.cell_size)
+    under = cells_of(flow.terrain.grid, *places.T)
+    gradient = flow.terrain.limited_gradient.reshape(-1, 2)[np.maximum(under, 0)]
+    slopes = np.where(under >= 0, np.nan_to_num(gradient).T, 0.0)
+    values = flow.at_cells(cells_of(flow.grid, *places.T), RASTER_BANDS, range(len(flow.times)), progress)
+    cells = np.array(
+        [
+            raster_flux({name: band[step] for name, band in values.items()}, normals, slopes, flow.density)
+            for step in range(len(flow.times))
+        ]
+    )
+    return _towards_more(flow, section, cells, [None] * (len(cells) - 1), None, say)
+
+
 def _require_counted(request, flow, crossed):
     missing = next((k for k, counted in enumerate(crossed) if counted is None), None)
     if request.method == "particles" and missing is not None:
@@ -133,9 +161,14 @@ def _towards_more(flow, section, cells, crossed, balance, say):
     if sums[:, 1].sum() < 0:
         azimuth, sign = (azimuth + 180.0) % 360.0, -1.0
     if not by_particles.all():
+        why = (
+            "their particles have no ids in common, or --method says so"
+            if flow.entries
+            else "rasters know no particles"
+        )
         say(
             f"{np.count_nonzero(~by_particles)} of {len(crossed)} intervals are from the cells' flux at the frames, by "
-            "the trapezoidal rule: their particles have no ids in common, or --method says so"
+            f"the trapezoidal rule: {why}"
         )
     return HydrographFound(
         name=flow.name,

@@ -23,6 +23,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
+RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, from which the flux of its cells is made
+
+
 @dataclass(frozen=True)
 class SectionState:
     """One frame seen from a section.
@@ -215,6 +218,31 @@ def cells_flux(frame, averaging, section):
     mass = cells.sums[:, MASS]
     bulk = np.divide(cells.sums[:, VOLUME], mass, out=np.zeros(len(mass)), where=mass > 0)
     return float(np.sum(across * np.nan_to_num(pick(cells.index, bulk, 0.0, where)))), float(across.sum())
+
+
+def raster_flux(values, normals, slopes, density):
+    """(volume [m3 s-1], mass [kg s-1]) a second through a section's pieces, of the bands of an exported step.
+
+    What flows over a place has the horizontal velocity Ut + Un n, n the normal of the bed: the sum of `cells_flux`, but
+    for cells that are too shallow for a velocity.
+
+    Parameters
+    ----------
+    values : dict of str to float64[n]
+        RASTER_BANDS at the pieces, in their own units; NaN where nothing flows.
+    normals : float64[n, 2] [m]
+        As `section_pieces` gives them.
+    slopes : (float64[n], float64[n])
+        Gradient of the terrain eastwards and northwards.
+    density : float [kg m-3]
+    """
+    steep = np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
+    across = sum(
+        (values[name] - values["Un"] * slope / steep) * normals[:, axis]
+        for axis, (name, slope) in enumerate(zip(("Ut_E", "Ut_N"), slopes, strict=True))
+    )
+    mass = float(np.nansum(values["mass"] * across))
+    return mass / density, mass
 
 
 def section_state(frame, averaging, section):

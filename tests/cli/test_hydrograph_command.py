@@ -106,6 +106,24 @@ def test_speed_along_the_slope_does_not_count_twice(tmp_path, capsys):
     assert cells[10] == pytest.approx(DISCHARGE, rel=1e-9) and math.hypot(1, 0.5) > 1.1
 
 
+def test_an_export_has_the_flux_of_the_frames_cells(tmp_path, capsys):
+    """On the slope, where the speed across the bed must not be lost: the block's motion there is not along the bed."""
+    run = moving(tmp_path, 2.0, dimension=3)
+    for path in run.glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            file["particles/velocity"][:, 2] = 3.0  # it also lifts off
+    section = write_line(tmp_path / "section.gpkg", (SECTION, 20), (SECTION + 30, 380))
+    assert main(["export-raster", str(run), "--no-qgis", "--products", "mass,Ut_E,Ut_N"]) == 0
+    found = {}
+    for source in ("run", "run_gis"):
+        _, said = hydrograph(capsys, tmp_path / source, "--section", section, "--method", "cells")
+        rows = table(tmp_path / f"{source}_hydrograph" / "hydrograph.csv")
+        found[source] = np.array([[float(row["volume_m3"]), float(row["mass_kg"])] for row in rows])
+    assert found["run"][-1, 1] == pytest.approx(MASS, rel=0.1)
+    assert found["run_gis"] == pytest.approx(found["run"], rel=1e-5)
+    assert "rasters know no particles" in said
+
+
 def test_sections_that_are_none_are_refused(tmp_path, capsys):
     run = moving(tmp_path, 8.0)
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
@@ -117,7 +135,9 @@ def test_sections_that_are_none_are_refused(tmp_path, capsys):
         ),
         ((run, "--section", write_line(tmp_path / "off.gpkg", (900, 20), (900, 380))), "lies off the raster"),
         ((run / "frame_000000.h5", "--section", across), "one frame"),
-        ((tmp_path / "run_gis", "--section", across), "is an export"),
+        ((tmp_path / "run_gis", "--section", across), "export with --products mass,Ut_E,Ut_N"),
+        ((tmp_path / "run_gis", "--section", across, "--method", "particles"), "is an export, which keeps none"),
+        ((tmp_path / "run_gis", "--section", across, "--cs-e", 5), "the option for cell size is for frames"),
         ((run, "--section", tmp_path / "no.gpkg"), "no such file"),
     ):
         capsys.readouterr()
