@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpmgis.products.section_flux import (
+    Balance,
     HydrographFound,
     SectionState,
     azimuth_to_the_right,
@@ -64,6 +65,19 @@ def test_mass_beyond_is_what_crossed_went_round_and_began(before, after):
     found = crossed_between(BENT, WHOLE, *states)
     change = mass_beyond(WHOLE, states[1]) - mass_beyond(WHOLE, states[0])
     assert found.mass + found.round_mass + found.began_beyond == pytest.approx(change, abs=1e-9)
+
+
+def test_a_balance_closes_where_mass_begins_ends_and_grows_beyond_the_section():
+    """5 kg cross and have taken up 2 before, 3 begin and 7 end beyond; 11 that grow to 13 there, 1 before it stay."""
+    before = state([(-10, 0), (50, 5), (50, 9), (-10, 9)], [5, 7, 11, 1], [0, 1, 2, 3])
+    after = state([(40, 0), (50, 9), (-10, 9), (60, 0)], [7, 13, 1, 3], [0, 2, 3, 4], time=1.0)
+    counted = crossed_between(BENT, WHOLE, before, after)
+    beyond = mass_beyond(WHOLE, after) - mass_beyond(WHOLE, before)
+    balance = Balance(beyond, counted.mass, counted.round_mass, counted.began_beyond)
+    assert (balance.beyond, balance.crossed, balance.round_ends) == (5.0, 6.0, 0.0)
+    assert balance.began == 3 - 7 + 2 + 1 and balance.error == 0.0 and balance.turned().error == 0.0
+    assert Balance(5.0, 6.0, 0.5, -1.0).error == -0.5
+    assert (counted.began, counted.ended) == (3.0, 7.0)
 
 
 def test_what_goes_round_an_end_has_not_crossed():
