@@ -3,12 +3,13 @@
 import json
 
 from ..errors import InputError
-from . import talk
+from . import answer, talk
 
 EXAMPLE = """
 mpmgis effects
 mpmgis effects scene.toml
 mpmgis effects scene.toml --measure
+mpmgis effects scene.toml --json -o effects.json
 """
 
 
@@ -23,10 +24,12 @@ def add_arguments(parser):
         "each effect; compiles a step without each, half a minute each where that is new",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    answer.add_arguments(parser)
 
 
 def run(arguments):
-    """Print the catalogue, or the decisions for a scene."""
+    """Give the catalogue, or the decisions for a scene."""
+    answer.require_writable(arguments, [path for path in (arguments.scene, arguments.law) if path])
     if arguments.scene is None:
         if arguments.law is not None:
             raise InputError("--law goes with a scene that names the law; give scene.toml")
@@ -35,7 +38,8 @@ def run(arguments):
         from ..scene import catalogue
 
         entries = catalogue()
-        print(json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries))
+        words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
+        answer.give(words, arguments)
         return 0
     from ..pipeline.effects import decided, measured
 
@@ -48,7 +52,8 @@ def run(arguments):
         )
     else:
         stages, costs = decided(arguments.scene, arguments.law, talk.detail), None
-    print(json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs))
+    words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
+    answer.give(words, arguments)
     return 0
 
 

@@ -5,13 +5,13 @@ import sys
 from pathlib import Path
 
 from ..fields import BAND
-from . import foreign_options
+from . import answer, foreign_options
 from .values import positive
 
 EXAMPLE = """
 mpmgis info dtm.tif release.shp
 mpmgis info results/
-mpmgis info --json seed.h5
+mpmgis info --json seed.h5 -o seed.json
 mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 
@@ -54,9 +54,10 @@ MOST_ITEMS = 12  # of a list or table, before the rest is only counted
 
 
 def add_arguments(parser):
-    """The files, and --json."""
+    """The files, --json and -o."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="any file or folder of the chain")
     parser.add_argument("--json", action="store_true", help="one JSON object a file, one a line, in SI units")
+    answer.add_arguments(parser)
     group = parser.add_argument_group("another code's particle files")
     foreign_options.add_arguments(group, with_times=False)
     group.add_argument("--crs", metavar="EPSG:n|local", help="their CRS")
@@ -64,12 +65,16 @@ def add_arguments(parser):
 
 
 def run(arguments):
-    """Describe each file; a file that cannot be read costs one line and exit code 2, the others are described."""
+    """Describe each file; a file that cannot be read costs one line and exit code 2, the others are described.
+
+    With -o there is no answer then: what it writes is whole.
+    """
     from ..errors import MpmgisError, one_line
     from ..io.inspect import inspect
 
+    answer.require_writable(arguments, arguments.files)
     terms = foreign_options.terms(arguments)
-    code, gap = 0, []
+    code, described = 0, []
     for path in arguments.files:
         try:
             facts = inspect(path, terms)
@@ -77,12 +82,16 @@ def run(arguments):
             print(f"mpmgis info: {one_line(error)}", file=sys.stderr)
             code = error.exit_code
             continue
-        if arguments.json:
-            print(json.dumps(facts, ensure_ascii=False, allow_nan=False))
-        else:
-            print(*gap, *screen(facts), sep="\n")
-            gap = [""]
+        described.append(_as_json(facts) if arguments.json else "\n".join(screen(facts)))
+        if arguments.output is None:  # as soon as it is known
+            print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
+    if arguments.output is not None and code == 0:
+        answer.give(("\n" if arguments.json else "\n\n").join(described), arguments)
     return code
+
+
+def _as_json(facts):
+    return json.dumps(facts, ensure_ascii=False, allow_nan=False)
 
 
 def screen(facts):

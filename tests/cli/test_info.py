@@ -165,3 +165,27 @@ def test_long_lists_are_cut_and_counted():
     assert any("... and 28 more" in line for line in lines)
     assert any("and 76 more" in line for line in lines)
     assert any("(100 in all)" in line or line.endswith("...") for line in lines)
+
+
+@pytest.mark.parametrize("form", [[], ["--json"]])
+def test_an_answer_in_a_file_is_what_would_be_printed(seed, tmp_path, capsys, form):
+    assert main(["info", *form, str(seed), str(seed)]) == 0
+    printed = capsys.readouterr().out
+    told = tmp_path / "new" / "told.txt"
+    assert main(["info", *form, str(seed), str(seed), "-o", str(told)]) == 0
+    assert capsys.readouterr().out == f"{told}\n" and told.read_text() == printed
+    assert main(["info", str(seed), "-o", str(told)]) == 2
+    assert "exists already" in capsys.readouterr().err and told.read_text() == printed
+
+
+def test_an_answer_in_a_file_is_whole_and_never_in_place_of_what_is_asked_about(seed, tmp_path, capsys):
+    told, before = tmp_path / "told.txt", seed.read_bytes()
+    assert main(["info", str(seed), str(tmp_path / "nosuch"), "-o", str(told)]) == 2 and not told.exists()
+    assert main(["info", str(seed), "-o", str(seed), "--overwrite"]) == 2 and seed.read_bytes() == before
+    assert capsys.readouterr().err.endswith("is what is asked about; give another -o\n")
+
+
+def test_the_catalogue_of_effects_in_a_file(tmp_path, capsys):
+    assert main(["effects", "--json", "-o", str(tmp_path / "effects.json")]) == 0
+    out = capsys.readouterr().out
+    assert out == f"{tmp_path / 'effects.json'}\n" and json.loads((tmp_path / "effects.json").read_text())
