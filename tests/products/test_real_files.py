@@ -95,6 +95,9 @@ def test_two_runs_side_by_side_are_no_pieces(tmp_path):
     changed.write_text(changed.read_text().replace(" 6.28318531 ", " 7.28318531 "))
     (entry, *_) = frames_of(tmp_path / "run1.dump")
     assert entry.count == 24
+    (tmp_path / "run3.dump").write_text(changed.read_text()[:3000])  # which is being written
+    assert len(frames_of(tmp_path / "run1.dump")) == 3
+    (tmp_path / "run3.dump").unlink()
     with pytest.raises(MpmgisError, match="have the same time"):
         frames_of(tmp_path)
 

@@ -239,7 +239,8 @@ def _read_placed(read, shares, corner, edges, names):
     found = read(tuple(dict.fromkeys((*own, *shares))) if len(own) < len(names) else own)
     place = None
     if len(own) < len(names):
-        place = np.stack([found[share] for share in shares], axis=1) @ edges + corner
+        with np.errstate(invalid="ignore"):  # what is not finite is told with its row, later
+            place = np.stack([found[share] for share in shares], axis=1) @ edges + corner
     return {name: found[name] if name in own else place[:, "xyz".index(name)] for name in names}
 
 

@@ -71,7 +71,7 @@ def with_pieces_beside(paths, first_step, open_file):
     found = list(paths)
     for other in beside:
         like = begun.get((other.parent, _likeness(other), first_step(other)))
-        if like is not None and len(_varying([like, other])) == 1 and _are_pieces(open_file(like), open_file(other)):
+        if like is not None and len(_varying([like, other])) == 1 and _are_pieces(open_file(like), other, open_file):
             found.append(other)
     return found
 
@@ -80,8 +80,12 @@ def _likeness(path):
     return _NUMBER.sub("#", Path(path).name)
 
 
-def _are_pieces(series, other):
-    """Whether two series hold other grains, by the first step in which both have any."""
+def _are_pieces(series, path, open_file):
+    """Whether the dump at `path` holds other grains than a series, by the first step in which both have any."""
+    try:
+        other = open_file(path)
+    except FormatError:  # another run's, which is being written
+        return False
     if [frame.number for frame in series] != [frame.number for frame in other]:
         return False
     both = next((pair for pair in zip(series, other, strict=True) if pair[0].count and pair[1].count), None)

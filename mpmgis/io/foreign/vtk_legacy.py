@@ -251,7 +251,8 @@ def read_block(path, block, name):
     else:
         if len(raw) != block.stop - block.start:
             raise FormatError(f"{path} has become shorter since it was opened")
-        values = np.frombuffer(raw, block.dtype).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a NaN is told with its row, later
+            values = np.frombuffer(raw, block.dtype).astype(np.float64)
     return values.reshape(block.count, block.components)
 
 

@@ -1,4 +1,7 @@
-"""GeoTaichi: particles as text, and a script that brings them in."""
+"""GeoTaichi: particles as text, and a script that brings them in.
+
+Its Newtonian fluid takes the bulk modulus; early versions took it in Cole's law, with an exponent of 7 and as stiff.
+"""
 
 import numpy as np
 
