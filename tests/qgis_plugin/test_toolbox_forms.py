@@ -2,6 +2,7 @@
 
 import argparse
 import ast
+import functools
 import importlib
 import re
 from pathlib import Path
@@ -13,8 +14,11 @@ from affine import Affine
 
 from mpmgis.cli.main import VERBS as VERBS_OF_THE_COMMAND
 from mpmgis.cli.main import main
-from mpmgis.qgis_plugin.mpmgis_qgis import answering, commands, fields, finding, scene_form, talk
+from mpmgis.io.guideline_tables import read_guidelines
+from mpmgis.qgis_plugin.mpmgis_qgis import answering, commands, fields, finding, many_runs, scene_form, talk, writing
 from mpmgis.scene import read_scene
+from mpmgis.studies.errors import NAMES
+from mpmgis.studies.plan import SAMPLINGS
 
 ROWS = commands.VERBS
 PLUGIN = Path(commands.__file__).parent
@@ -22,7 +26,9 @@ VALUES = {
     fields.RASTER: "dtm.tif", fields.POLYGONS: "area.gpkg|layername=area", fields.LINES: "line.shp",
     fields.POINTS: "points.shp",
     fields.FILE: "a file.h5", fields.FOLDER: "results", fields.NEW_FILE: "out.h5", fields.NEW_FOLDER: "out",
-    fields.NUMBER: 1.5, fields.INTEGER: 3, fields.TEXT: "1", fields.SWITCH: True, fields.CRS: "EPSG:32632",
+    fields.NUMBER: 1.5, fields.INTEGER: 4, fields.TEXT: "1", fields.SWITCH: True, fields.CRS: "EPSG:32632",
+    fields.FILES: ["a.h5", "b.h5"], fields.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
+    fields.PLACE: "place.geojson", fields.EXTENT: "1,2,3,4.5",
 }  # fmt: skip
 TYPED = {
     "VELOCITY": "-1,2",
@@ -31,12 +37,23 @@ TYPED = {
     "COLUMNS": "mass=m",
     "TIMES": "0,1",
     "AT_TIMES": "2,4",
+    "TOLERATE": 0.2,
+}
+NAMED_BY_THE_PIPELINE = {  # the parser takes any text there, and the pipeline knows which
+    ("study", "MEASURE"): NAMES,
+    ("ensemble", "SAMPLING"): SAMPLINGS,
+    ("intensity", "GUIDELINE"): tuple(read_guidelines()),
 }
 ALTERNATIVES = {"PER_CELL", "COUNT"}  # to SPACING, of which the command takes one
 
 
 def parser_of(row):
-    module, _ = VERBS_OF_THE_COMMAND[row.verb]
+    return parser_of_verb(row.verb)
+
+
+@functools.cache
+def parser_of_verb(verb):
+    module, _ = VERBS_OF_THE_COMMAND[verb]
     parser = argparse.ArgumentParser(exit_on_error=False)
     importlib.import_module(f"mpmgis.cli.{module}").add_arguments(parser)
     return parser
@@ -54,7 +71,10 @@ def option_of(parser, field):
 
 
 CASES = [
-    pytest.param(row, field, id=f"{row.verb}-{field.name}") for row in ROWS for field in row.fields if field.option
+    pytest.param(row, field, id=f"{row.identifier}-{field.name}")
+    for row in ROWS
+    for field in row.fields
+    if field.option
 ]
 
 
@@ -65,31 +85,59 @@ def test_each_option_is_the_commands_own(row, field):
         assert action.nargs == 0 and field.default is False
         return
     assert action.nargs is None
+    if field.kind in fields.SEVERAL:
+        assert isinstance(action, argparse._AppendAction)
     if field.kind == fields.CHOICE:
-        assert set(field.choices) == set(action.choices)
+        assert set(field.choices) == set(action.choices or NAMED_BY_THE_PIPELINE[row.verb, field.name])
 
 
 @pytest.mark.parametrize(("row", "field"), CASES)
 def test_a_default_in_the_form_is_the_commands_default(row, field):
     action = option_of(parser_of(row), field)
     if field.default is None or (row.verb, field.name) == ("seed", "DENSITY"):  # None there: the verb says it aloud
-        assert action.default is None or action.default == ()
+        usual_name = field.kind == fields.NEW_FOLDER and not field.optional  # in the folder of a terminal
+        assert not action.default or usual_name
         return
-    typed = field.default if field.kind == fields.SWITCH else (action.type or str)(fields.text(field.default))
-    assert typed == action.default
+    if field.kind == fields.SWITCH:
+        assert action.default is not action.const
+        return
+    assert (action.type or str)(fields.text(field.default)) == action.default
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.verb)
+def test_every_verb_is_there_or_left_out_for_a_reason():
+    assert {row.verb for row in ROWS}.isdisjoint(commands.LEFT_OUT_VERBS)
+    assert {row.verb for row in ROWS} | set(commands.LEFT_OUT_VERBS) == set(VERBS_OF_THE_COMMAND)
+    assert all(commands.LEFT_OUT_VERBS.values())
+
+
+@pytest.mark.parametrize("verb", sorted({row.verb for row in ROWS}))
+def test_every_option_is_there_or_left_out_for_a_reason(verb):
+    asked = {field.option for row in ROWS for field in row.fields if row.verb == verb}
+    left_out = {option for of_verb, option in commands.LEFT_OUT_OPTIONS if of_verb == verb}
+    (row, *_) = [row for row in ROWS if row.verb == verb]
+    options = [action.option_strings for action in parser_of(row)._actions if action.option_strings]
+    not_asked = [names[-1] for names in options if names[-1] != "--help" and not asked & set(names)]
+    assert set(not_asked) == left_out and not asked & left_out
+    assert all(commands.LEFT_OUT_OPTIONS[verb, option] for option in left_out)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.identifier)
 def test_the_parser_takes_a_form_that_is_filled_in(row):
     left_out = {*ALTERNATIVES, *row.one_of[1:]}
     values = {field.name: example(field) for field in row.fields if field.option != "" and field.name not in left_out}
     given = fields.arguments(row.fields, values)
     named = [word.split("=")[0] for word in given if word.startswith("--")]
-    assert named == [field.option for field in row.fields if field.option and field.name in values]
+    given_as = [
+        field.option
+        for field in row.fields
+        if field.option and field.name in values
+        for _ in range(2 if field.kind in fields.SEVERAL else 1)
+    ]
+    assert named == given_as
     parser_of(row).parse_args(given)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.verb)
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.identifier)
 def test_the_parser_takes_a_form_with_only_what_must_be_given(row):
     needed = {field.name: example(field) for field in row.fields if field.option != "" and not field.optional}
     needed = {name: value for name, value in needed.items() if value is not True}
@@ -107,7 +155,7 @@ def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
 
 
 @pytest.mark.parametrize(
-    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.verb for r in ROWS] + ["form"]
+    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
 )
 def test_forms_are_sound(form):
     names = [field.name for field in form]
@@ -118,6 +166,16 @@ def test_forms_are_sound(form):
         assert bool(field.choices) == (field.kind == fields.CHOICE)
         assert field.default is None or field.kind != fields.CHOICE or field.default in field.choices
         assert field.optional or not field.advanced
+
+
+@pytest.mark.parametrize(
+    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
+)
+def test_every_field_has_help_and_every_number_says_what_it_counts(form):
+    for field in form:
+        assert len(field.help) > 8 and field.help.endswith("."), f"{field.name}: {field.help!r}"
+        if field.kind == fields.NUMBER:
+            assert re.search(r"\[[^\]]+\]|[Mm]etres|[Ss]econds|%|[Nn]umber", f"{field.label} {field.help}"), field.name
 
 
 def test_algorithms_have_names_of_their_own():
@@ -182,10 +240,65 @@ def test_letters_cut_in_two_are_put_together():
 
 
 def test_progress_is_read_from_what_the_command_says():
-    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s") == 0.25
-    assert talk.progress("frame 3 of 4") == 0.75
-    assert talk.progress("t = 5 s: stage 2, of points, begins: t = 5 s") is None
-    assert talk.progress("wall time 5 s") is None
+    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "run") == 0.25
+    assert talk.progress("frame 3 of 4", "export-raster") == 0.75
+    assert talk.progress("t = 5 s: stage 2, of points, begins: t = 5 s", "run") is None
+    assert talk.progress("wall time 5 s", "run") is None
+
+
+def test_progress_of_many_runs_counts_runs():
+    assert talk.progress("3 of 12: cell_size 5 m", "study") == 2 / 12
+    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "study") is None
+    assert talk.progress("run 8 of 32, 1 left out", "ensemble") == 0.25
+    assert talk.progress("t = 60.0 of 60 s, fastest 3.0 m/s", "demo") == 0.7
+    assert talk.progress("frame 5 of 10", "demo") == 0.85
+
+
+def test_what_may_be_given_several_times_is():
+    form = many_runs.ENSEMBLE.fields
+    values = {"SCENE": "scene.toml", "VARY": ["friction.mu=0.1:0.2", "release.density=300,400"], "MIN_DEPTH": 0.05}
+    assert fields.arguments(form, values) == [
+        "scene.toml",
+        "--vary=friction.mu=0.1:0.2",
+        "--vary=release.density=300,400",
+    ]
+
+
+def test_a_scene_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"before")
+
+    def broken(part, target):
+        assert Path(part).read_bytes() == b"after" and target == str(path)
+        raise OSError("no more space")
+
+    monkeypatch.setattr(writing.os, "replace", broken)
+    with pytest.raises(OSError, match="no more space"):
+        writing.write_whole(str(path), b"after")
+    assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
+    folder, elsewhere = tmp_path / "new", tmp_path / "earlier"
+    elsewhere.mkdir()
+    (elsewhere / "scene.toml").write_bytes(b"before")
+    for place in (folder, elsewhere):
+        files = [str(place / name) for name in ("scene.toml", "release.gpkg")]
+        with pytest.raises(LookupError), writing.kept_unless(files, lambda error: isinstance(error, LookupError)):
+            writing.write_whole(files[0], b"after")
+            writing.copy_whole(files[0], files[1])
+            assert sorted(place.iterdir()) == sorted(map(Path, files))
+            raise LookupError("refused")
+    assert not folder.exists()
+    assert [(file.name, file.read_bytes()) for file in elsewhere.iterdir()] == [("scene.toml", b"before")]
+
+
+def test_a_scene_that_ran_stays(tmp_path):
+    files = [str(tmp_path / "new" / "scene.toml")]
+    with pytest.raises(KeyError), writing.kept_unless(files, lambda error: isinstance(error, ValueError)):
+        writing.write_whole(files[0], b"after")
+        raise KeyError("cancelled")
+    assert Path(files[0]).read_bytes() == b"after"
 
 
 def test_the_commands_own_line_is_the_error():
@@ -228,4 +341,5 @@ def test_the_plugin_keeps_to_what_qgis_has(path):
         if isinstance(node, ast.Import | ast.ImportFrom) and not getattr(node, "level", 0)
         for alias in node.names
     }
-    assert imported <= {"__future__", "dataclasses", "json", "os", "processing", "qgis", "re", "shutil", "zipfile"}
+    standard = {"__future__", "contextlib", "dataclasses", "json", "os", "re", "shutil", "zipfile"}
+    assert imported <= standard | {"processing", "qgis"}

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import os
-import shutil
 
 from processing.core.ProcessingConfig import ProcessingConfig
 from qgis.core import (
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingException,
+    QgsProcessingOutputHtml,
     QgsProcessingOutputString,
     QgsProcessingUtils,
 )
 
 from . import scene_form
-from .calling import call
+from .calling import call, is_refusal
 from .commands import VERBS
 from .fields import arguments
 from .finding import SETTING, CommandMissing, find_command
+from .icons import plugin_icon
 from .loading import add_project, layer_of
 from .parameters import oldest_qgis, parameter, plain_values
 from .simulating import GROUP
 from .verbs import LOAD, OUTPUT
+from .writing import copy_whole, kept_unless, write_whole
 
 ANSWER = "ANSWER"  # output: what the command printed
+PLOT = "PLOT"  # output: a picture, which QGIS lists in its Results Viewer
+PROJECT = "PROJECT"  # output: the project file of the maps
+TAGS = ("landslide", "avalanche", "debris flow", "rock avalanche", "natural hazard", "runout")  # for the search
 SCENE, FRAMES, MAPS = "SCENE", "FRAMES", "MAPS"  # outputs of the form
 RUN_SHARE = 70.0  # [%] of the progress bar; the rest is the export
 
@@ -33,6 +38,7 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
     """What all share: a form of fields, the command, and a project file to open when it is over."""
 
     identifier = title = group_title = text = ""
+    verbs = ()  # of the command
     form = ()
 
     def __init__(self):
@@ -55,8 +61,15 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
     def groupId(self):
         return self.group_title.replace(" ", "").lower()
 
+    def icon(self):
+        return plugin_icon()
+
+    def tags(self):
+        return [*self.verbs, *TAGS]
+
     def shortHelpString(self):
-        return self.text
+        commands = " and ".join(f"mpmgis {verb}" for verb in self.verbs)
+        return f"{self.text}\n\nCommand: {commands}; the log shows it as it is called."
 
     def initAlgorithm(self, configuration=None):
         for field in self.form:
@@ -97,6 +110,10 @@ class VerbAlgorithm(CommandAlgorithm):
     def initAlgorithm(self, configuration=None):
         super().initAlgorithm(configuration)
         self.addOutput(QgsProcessingOutputString(ANSWER, "What the command printed"))
+        if self.row.project:
+            self.addOutput(QgsProcessingOutputString(PROJECT, "QGIS project of the maps"))
+        if self.row.plots:
+            self.addOutput(QgsProcessingOutputHtml(PLOT, f"{self.title}: plot"))
 
     def processAlgorithm(self, parameters, context, feedback):
         row = self.row
@@ -106,30 +123,39 @@ class VerbAlgorithm(CommandAlgorithm):
         answers = call(command_path(), row.verb, arguments(row.fields, self.values), feedback)
         for line in answers if row.says else ():
             feedback.pushConsoleInfo(line)
-        return {ANSWER: "\n".join(answers), **self._written(answers, context, feedback)}
+        files = answers + self._in_folder()
+        plot = plot_among(files) if row.plots else {}
+        return {ANSWER: "\n".join(answers), **plot, **self._written(files, context, feedback)}
+
+    def _in_folder(self):
+        """Files in the folder that was asked for, of a verb that names them only in its talk."""
+        folder = self.values.get(OUTPUT)
+        if not (self.row.says and folder and os.path.isdir(folder)):
+            return []
+        return [os.path.join(folder, name) for name in sorted(os.listdir(folder))]
 
     def _written(self, answers, context, feedback):
         """The output by its name, made ready to be loaded where that was asked."""
         if self.row.project:
-            return {OUTPUT: self._exported(answers, feedback)}
+            return self._exported(answers, feedback)
         if not any(field.name == OUTPUT for field in self.row.fields):
             return {}
-        for path in answers:
-            if self.row.layers and self.values[LOAD] and path.endswith(self.row.layers):
-                self._load_later(path, context)
+        wanted = self.row.layers if self.row.layers and self.values[LOAD] else ()
+        for path in dict.fromkeys(path for path in answers if wanted and path.endswith(wanted)):
+            self._load_later(path, context)
         path = self.values[OUTPUT] or (None if self.row.says else answers[0])
         return {OUTPUT: path} if path else {}
 
     def _exported(self, answers, feedback):
         project_file = exported_project(answers)
-        folder = os.path.dirname(project_file)
-        feedback.pushInfo(f"{len(answers)} files in {folder}")
+        folder = self.values[OUTPUT] or os.path.dirname(project_file)
+        feedback.pushInfo(f"maps in {project_file}")
         if self.values[LOAD]:
             self.project_file = project_file
-        return folder
+        return {OUTPUT: folder, PROJECT: project_file}
 
     def _load_later(self, path, context):
-        layer = layer_of(path)
+        layer = layer_of(path, self.row.palette)
         if layer is None or context.project() is None:
             return
         if layer.name() == OUTPUT:  # what QGIS calls a temporary file
@@ -150,6 +176,7 @@ def verb_algorithm(row):
             "title": row.title,
             "group_title": row.group,
             "text": row.help,
+            "verbs": (row.verb,),
             "form": row.fields,
         },
     )
@@ -162,6 +189,7 @@ class SimulateAlgorithm(CommandAlgorithm):
     title = scene_form.TITLE
     group_title = GROUP
     text = scene_form.HELP
+    verbs = ("run", "export-raster")
     form = scene_form.FIELDS
 
     def initAlgorithm(self, configuration=None):
@@ -172,9 +200,16 @@ class SimulateAlgorithm(CommandAlgorithm):
     def processAlgorithm(self, parameters, context, feedback):
         command, values, folder = command_path(), self.values, self.values[OUTPUT]
         scene, frames, maps = (os.path.join(folder, name) for name in scene_form.NAMES)
-        self._write_scene(scene)
         switches = ["--overwrite"] if values["OVERWRITE"] else []
-        call(command, "run", [scene, f"--output={frames}", *switches, *self._machine()], feedback, 0.0, RUN_SHARE)
+        if os.path.exists(scene) and not values["OVERWRITE"]:
+            raise QgsProcessingException(f"{scene} exists already; take another folder, or switch on replacing it")
+        asked = [scene, f"--output={frames}", *switches, *self._machine()]
+        try:
+            with kept_unless((scene, os.path.join(folder, scene_form.RELEASE_FILE)), is_refusal):
+                self._write_scene(scene, feedback)
+                call(command, "run", asked, feedback, 0.0, RUN_SHARE)
+        except OSError as error:
+            raise QgsProcessingException(f"{folder}: the scene cannot be written ({error.strerror})") from None
         asked = [frames, f"--output={maps}", f"--qgis-min={oldest_qgis()}", *switches]
         exported = call(command, "export-raster", asked, feedback, RUN_SHARE, 100.0)
         if values[LOAD]:
@@ -186,19 +221,22 @@ class SimulateAlgorithm(CommandAlgorithm):
         asked = ["--yes"] if self.values["YES"] else []
         return asked + ([f"--threads={self.values['THREADS']}"] if self.values["THREADS"] else [])
 
-    def _write_scene(self, path):
+    def _write_scene(self, path, feedback):
         """The scene file; a release that QGIS saved for this call goes beside it, because QGIS will remove it."""
-        if os.path.exists(path) and not self.values["OVERWRITE"]:
-            raise QgsProcessingException(f"{path} exists already; take another folder, or switch on replacing it")
-        folder = os.path.dirname(path)
-        os.makedirs(folder, exist_ok=True)
-        values = dict(self.values)
+        values, folder, passing = dict(self.values), os.path.dirname(path), QgsProcessingUtils.tempFolder()
         release, _, layer = values["RELEASE"].partition("|")
-        if release.endswith(".gpkg") and _is_inside(release, QgsProcessingUtils.tempFolder()):
-            shutil.copyfile(release, os.path.join(folder, scene_form.RELEASE_FILE))
+        if release.endswith(".gpkg") and _is_inside(release, passing):
+            copy_whole(release, os.path.join(folder, scene_form.RELEASE_FILE))
             values["RELEASE"] = scene_form.RELEASE_FILE + (f"|{layer}" if layer else "")
-        with open(path, "w", encoding="utf-8") as file:
-            file.write(scene_form.scene_text(values))
+        if _is_inside(values["DEM"], passing):
+            feedback.pushWarning(f"{values['DEM']} is a temporary file of QGIS; save it, to run this scene again later")
+        write_whole(path, scene_form.scene_text(values).encode())
+
+
+def plot_among(paths):
+    """The picture among the `paths` that a verb printed, as the output PLOT; none where there is none."""
+    found = [path for path in paths if path.endswith(".png") and os.path.exists(path)]
+    return {PLOT: found[0]} if found else {}
 
 
 def exported_project(paths):

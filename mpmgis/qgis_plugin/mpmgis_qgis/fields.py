@@ -6,25 +6,17 @@ from dataclasses import dataclass
 
 # Kinds of fields: what QGIS shows, and what a value is.
 RASTER, POLYGONS, LINES, POINTS = "raster layer", "polygon layer", "line layer", "point layer"  # path of its file
-FILE, FOLDER = "file", "folder"  # path of what is there
+FILE, FOLDER, FILES = "file", "folder", "files"  # path of what is there, or several
 NEW_FILE, NEW_FOLDER = "new file", "new folder"  # path of what will be written
 NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS = "number", "integer", "text", "choice", "switch", "CRS"
+TEXTS = "texts"  # one a line, or with semicolons
+PLACE = "place"  # clicked on the map: path of a file with that point
+EXTENT = "extent"  # west, south, east, north in the CRS of the field DEM
 KINDS = (
-    RASTER,
-    POLYGONS,
-    LINES,
-    POINTS,
-    FILE,
-    FOLDER,
-    NEW_FILE,
-    NEW_FOLDER,
-    NUMBER,
-    INTEGER,
-    TEXT,
-    CHOICE,
-    SWITCH,
-    CRS,
+    *(RASTER, POLYGONS, LINES, POINTS, FILE, FOLDER, FILES, NEW_FILE, NEW_FOLDER),
+    *(NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS, TEXTS, PLACE, EXTENT),
 )
+SEVERAL = (FILES, TEXTS)  # the value is a list, and its option is given once for each
 
 
 @dataclass(frozen=True)
@@ -59,7 +51,11 @@ def arguments(fields, values):
         value = values.get(field.name)
         if field.option == "" or value in (None, "", field.default):
             continue
-        if field.option is None:
+        if field.kind in SEVERAL:
+            given = [text(one) for one in value]
+            bare += given if field.option is None else []
+            named += [] if field.option is None else [f"{field.option}={one}" for one in given]
+        elif field.option is None:
             bare.append(text(value))
         elif field.kind == SWITCH:
             named.append(field.option)

@@ -5,8 +5,20 @@ from __future__ import annotations
 import os
 import zipfile
 
-from qgis.core import QgsLayerDefinition, QgsPathResolver, QgsRasterLayer, QgsReadWriteContext, QgsVectorLayer
+from qgis import utils
+from qgis.core import (
+    QgsInterval,
+    QgsLayerDefinition,
+    QgsPalettedRasterRenderer,
+    QgsPathResolver,
+    QgsRasterLayer,
+    QgsReadWriteContext,
+    QgsVectorLayer,
+)
+from qgis.PyQt.QtGui import QColor
 from qgis.PyQt.QtXml import QDomDocument
+
+from . import versions
 
 
 def add_project(path, project):
@@ -26,7 +38,20 @@ def add_project(path, project):
     loaded, trouble = QgsLayerDefinition.loadLayerDefinition(_definition(root), project, group, context)
     if project.timeSettings().temporalRange().begin().isNull():
         project.timeSettings().readXml(root.firstChildElement("ProjectTimeSettings"), context)
+        start_clock(project.timeSettings())
     return "" if loaded else trouble
+
+
+def start_clock(times):
+    """Show the window's map at the first time of `times`, where its clock is off and would show all times at once."""
+    canvas = utils.iface.mapCanvas() if utils.iface is not None else None
+    clock = canvas.temporalController() if canvas is not None else None
+    if clock is None or clock.navigationMode() != versions.CLOCK_OFF or times.temporalRange().begin().isNull():
+        return
+    clock.setTemporalExtents(times.temporalRange())
+    clock.setFrameDuration(QgsInterval(times.timeStep(), times.timeStepUnit()))
+    clock.setNavigationMode(versions.CLOCK_ANIMATED)
+    clock.rewindToStart()
 
 
 def _definition(root):
@@ -44,8 +69,19 @@ def _definition(root):
     return document
 
 
-def layer_of(path):
-    """A layer of the file `path` with the style that lies beside it, or None where QGIS cannot draw it."""
-    name, suffix = os.path.splitext(os.path.basename(path))
-    layer = QgsRasterLayer(path, name) if suffix == ".tif" else QgsVectorLayer(path, name, "ogr")
-    return layer if layer.isValid() and layer.isSpatial() else None
+def layer_of(path, palette=()):
+    """A layer of the file `path`, or None where QGIS cannot draw it.
+
+    It has the style that lies beside it; a raster that brings none has `palette` (value, colour, label) on its first
+    band, because several bands without a style are shown as a photo.
+    """
+    base, suffix = os.path.splitext(path)
+    name = os.path.basename(base)
+    if suffix != ".tif":
+        layer = QgsVectorLayer(path, name, "ogr")
+        return layer if layer.isValid() and layer.isSpatial() else None
+    layer = QgsRasterLayer(path, name)
+    if layer.isValid() and palette and not os.path.exists(base + ".qml"):
+        classes = [QgsPalettedRasterRenderer.Class(value, QColor(colour), label) for value, colour, label in palette]
+        layer.setRenderer(QgsPalettedRasterRenderer(layer.dataProvider(), 1, classes))
+    return layer if layer.isValid() else None

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 from processing.core.ProcessingConfig import ProcessingConfig, Setting
 from qgis.core import QgsProcessingProvider
-from qgis.PyQt.QtGui import QIcon
 
 from .algorithms import algorithms
 from .finding import SETTING
+from .icons import plugin_icon
 
 
 class Provider(QgsProcessingProvider):
@@ -47,4 +45,4 @@ class Provider(QgsProcessingProvider):
 
     def icon(self):
         """The plugin's own."""
-        return QIcon(os.path.join(os.path.dirname(__file__), "icon.svg"))
+        return plugin_icon()

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import re
 
-_PROGRESS = re.compile(r"(?:^t = |^frame )([\d.]+) of ([\d.]+)")
+_TIME, _FRAME = re.compile(r"t = ([\d.]+) of ([\d.]+)"), re.compile(r"frame (\d+) of (\d+)")
+_MEMBER = re.compile(r"run (\d+) of (\d+)")
+_SETTING = re.compile(r"(\d+) of (\d+): ")  # begins now: one less is done
+# verb -> its lines that tell how far it is: (what they look like, done before the first counts, share of the bar)
+_USUAL = ((_TIME, 0, (0.0, 1.0)), (_FRAME, 0, (0.0, 1.0)))
+_OF_VERB = {
+    "demo": ((_TIME, 0, (0.0, 0.7)), (_FRAME, 0, (0.7, 1.0))),
+    "ensemble": ((_MEMBER, 0, (0.0, 1.0)),),
+    "study": ((_SETTING, 1, (0.0, 1.0)),),
+}
 
 
 class Lines:
@@ -23,13 +32,13 @@ class Lines:
         return self.add(b"\n")
 
 
-def progress(line):
-    """Share (0 to 1) of the work that `line` tells of, or None where it tells of none."""
-    found = _PROGRESS.match(line)
-    if found is None:
-        return None
-    done, total = float(found[1]), float(found[2])
-    return min(done / total, 1.0) if total > 0 else None
+def progress(line, verb):
+    """Share (0 to 1) of the work of `verb` that `line` tells of, or None where it tells of none."""
+    for pattern, earlier, (begin, end) in _OF_VERB.get(verb, _USUAL):
+        found = pattern.match(line)
+        if found is not None and float(found[2]) > 0:
+            return begin + min((float(found[1]) - earlier) / float(found[2]), 1.0) * (end - begin)
+    return None
 
 
 def error_line(lines, verb, code):
