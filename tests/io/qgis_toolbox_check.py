@@ -89,9 +89,10 @@ def tree(node):
     return [{child.name(): tree(child)} if hasattr(child, "addGroup") else child.name() for child in node.children()]
 
 
-def unsaved_release(of):
-    """The polygons of the release as a layer that is no file."""
-    layer = QgsVectorLayer("Polygon?crs=EPSG:32632&field=thickness:double", "unsaved", "memory")
+def unsaved_release(of, crs="EPSG:32632"):
+    """The polygons of the release as a layer that is no file, in `crs`, or in none."""
+    layer = QgsVectorLayer("Polygon?field=thickness:double", "unsaved", "memory")
+    layer.setCrs(QgsCoordinateReferenceSystem(crs))
     for feature in QgsVectorLayer(of, "release", "ogr").getFeatures():
         copy = QgsFeature(layer.fields())
         copy.setGeometry(feature.geometry())
@@ -156,8 +157,52 @@ def check_simulation():
     found["intensity"] = use("intensity", FRAMES=os.path.join(SITE, "maps"), GUIDELINE="swiss-debris-flow")
     found["report"] = use("report", FRAMES=frames, OUTPUT=os.path.join(SITE, "slide.html"))
     found["timeseries"] = use("timeseries", FRAMES=os.path.join(SITE, "maps"), POINTS=unsaved_point())
+    found["flat"] = use("vertical", FRAMES=frames, PLACE="500105,5200195 [EPSG:32632]")
+    found["both"] = use("vertical", FRAMES=frames, PLACE="500105,5200195 [EPSG:32632]", POINTS=unsaved_point())
+    found["classes"] = use(
+        "compare", FIRST=os.path.join(SITE, "maps"), OUTLINE=RELEASE, OUTPUT=os.path.join(SITE, "compared")
+    )
     found["effects"] = use("effects", SCENE=found["simulate"]["outputs"]["SCENE"])
     return found
+
+
+def check_many_runs():
+    """A study and an ensemble of the scene that the form wrote; its maps go into a project that was emptied."""
+    scene = os.path.join(SITE, "slide", "scene.toml")
+    QgsProject.instance().clear()
+    found = {"study": use("study", SCENE=scene, KNOBS="cfl", REPEATS=1, NO_EXPORTS=True, THREADS=1)}
+    varied = "friction.mu=0.1,0.2\nfriction.xi=500,1000"
+    found["ensemble"] = use("ensemble", SCENE=scene, VARY=varied, EXCEED="h=0.5; Ut=1", WORKERS=1)
+    layers = QgsProject.instance().mapLayers().values()
+    found["maps"] = [[layer.name(), layer.isValid(), layer.renderer().type()] for layer in layers]
+    found["no_such_key"] = use("ensemble", SCENE=scene, VARY="friction.moo=1:2", OVERWRITE=True)
+    return found
+
+
+def check_refusals():
+    """What the command refuses leaves the form's folder as it was, also where it would have replaced a scene."""
+    new, earlier = os.path.join(SITE, "refused"), os.path.join(SITE, "slide")
+    with open(os.path.join(earlier, "scene.toml")) as scene:
+        before = scene.read()
+    found = {"refused": simulate(new, THICKNESS="no_such_column"), "refused_left": os.path.exists(new)}
+    found["replaced"] = simulate(earlier, THICKNESS="no_such_column", OVERWRITE=True)
+    with open(os.path.join(earlier, "scene.toml")) as scene:
+        found["as_before"] = scene.read() == before
+    found["placeless"] = simulate(new, RELEASE=unsaved_release(RELEASE, ""))
+    return found
+
+
+def check_forms():
+    """Every parameter's help, and what a user sees of each algorithm."""
+    provider = QgsApplication.processingRegistry().providerById("mpmgis")
+    return {
+        "help": {
+            algorithm.name(): [definition.help() for definition in algorithm.parameterDefinitions()]
+            for algorithm in provider.algorithms()
+        },
+        "texts": {algorithm.name(): algorithm.shortHelpString() for algorithm in provider.algorithms()},
+        "icons": [algorithm.icon().isNull() for algorithm in provider.algorithms()],
+    }
 
 
 def check_seed():
@@ -201,7 +246,7 @@ def main():
     os.environ.update(FOREIGN)
     provider = QgsApplication.processingRegistry().providerById("mpmgis")
     report = {"algorithms": sorted(algorithm.name() for algorithm in provider.algorithms())}
-    report |= check_seed() | check_simulation() | check_command()
+    report |= check_forms() | check_seed() | check_simulation() | check_many_runs() | check_refusals() | check_command()
     plugin.unload()
     report["unloaded_provider"] = QgsApplication.processingRegistry().providerById("mpmgis") is None
     print("REPORT " + json.dumps(report), flush=True)

@@ -16,6 +16,7 @@ from affine import Affine
 from qgis_python import clean_environment, python_with_qgis, report_of
 
 from mpmgis.cli.main import main
+from mpmgis.qgis_plugin.mpmgis_qgis.commands import VERBS
 
 pytestmark = pytest.mark.qgis
 HERE = Path(__file__).parent
@@ -65,12 +66,20 @@ def site(tmp_path_factory):
 @pytest.fixture(scope="module")
 def report(site):
     sleeper = script(site / "sleeper", SLEEPER.format(mark=site / "stopped"))
-    return report_of(HERE / "qgis_toolbox_check.py", PLUGINS, site, command_of_tests(site), sleeper, timeout=300)
+    return report_of(HERE / "qgis_toolbox_check.py", PLUGINS, site, command_of_tests(site), sleeper, timeout=1200)
 
 
 def test_the_toolbox_has_the_verbs(report):
-    assert {"seed", "run", "exportraster", "effects", "simulate", "convert", "compare"} <= set(report["algorithms"])
+    assert set(report["algorithms"]) == {row.identifier for row in VERBS} | {"simulate"}
     assert report["unloaded_provider"]
+
+
+def test_a_user_is_told_what_everything_is(report):
+    assert all(all(texts) for texts in report["help"].values())
+    assert any("[--dem]" in text for text in report["help"]["seed"])
+    assert "Command: mpmgis export-raster" in report["texts"]["exportraster"]
+    assert "mpmgis run and mpmgis export-raster" in report["texts"]["simulate"]
+    assert not any(report["icons"])
 
 
 def test_seeded_particles_are_loaded(site, report):
@@ -136,6 +145,43 @@ def test_questions_are_answered_from_layers(site, report):
     assert report["report"]["error"] == "" and "<html" in (site / "slide.html").read_text()[:500].lower()
     assert report["timeseries"]["error"] == ""
     assert any(line.startswith("below") for line in report["timeseries"]["printed"])
+
+
+def test_a_study_is_told_and_its_plot_is_shown(site, report):
+    assert report["study"]["error"] == ""
+    assert report["study"]["progress"] == 100
+    assert any("cfl" in line for line in report["study"]["printed"])
+    assert report["study"]["outputs"]["PLOT"] == str(site / "slide" / "study" / "study.png")
+
+
+def test_an_ensemble_becomes_styled_maps(site, report):
+    found = report["ensemble"]
+    assert found["error"] == "" and not found["errors"]
+    assert found["outputs"]["PROJECT"] == str(site / "slide" / "ensemble" / "maps" / "ensemble.qgz")
+    assert any("--vary=friction.mu=0.1,0.2 --vary=friction.xi=500,1000" in line for line in found["said"])
+    assert any("4 finished" in line for line in found["said"])
+    assert all(valid for _, valid, _ in report["maps"])
+    shown = {name for name, _, renderer in report["maps"] if renderer == "singlebandpseudocolor"}
+    assert all(any(name.endswith(band) for name in shown) for band in ("P_h_0.5", "P_Ut_1"))
+    assert "has no parameter 'moo'" in report["no_such_key"]["error"] and "\n" not in report["no_such_key"]["error"]
+
+
+def test_columns_have_no_profile_over_the_height(report):
+    assert "its frames are columns" in report["flat"]["error"]
+    assert any("place.geojson" in line for line in report["flat"]["said"])
+    assert "exactly one of 'Points' / 'or: one place on the map'" in report["both"]["error"]
+
+
+def test_a_comparison_is_loaded_in_its_colours(site, report):
+    assert report["classes"]["error"] == "" and report["classes"]["to_load"] == ["classes"]
+    assert report["classes"]["outputs"]["PLOT"] == str(site / "compared" / "map.png")
+
+
+def test_what_is_refused_leaves_the_folder_as_it_was(report):
+    assert report["refused"]["error"].startswith("mpmgis run: ") and "\n" not in report["refused"]["error"]
+    assert not report["refused_left"]
+    assert "no_such_column" in report["replaced"]["error"] and report["as_before"]
+    assert "Release areas: the layer unsaved has no CRS; set it in its properties" in report["placeless"]["errors"]
 
 
 def test_it_runs_in_a_thread_of_its_own(report):

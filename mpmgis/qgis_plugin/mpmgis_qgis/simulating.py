@@ -8,6 +8,8 @@ from .verbs import (
     CRS_OF_FILES,
     DEM,
     DENSITY,
+    DENSITY_OF_FRAMES,
+    FOREIGN,
     FRAME_FILES,
     LAW,
     OUTPUT,
@@ -16,6 +18,7 @@ from .verbs import (
     SCENES,
     THICKNESS,
     THREADS,
+    TIMES,
     Verb,
     advanced,
     folder,
@@ -144,10 +147,13 @@ CONVERT = Verb(
     "convert",
     "Columns to 3D points, and back",
     GROUP,
-    "A frame of depth-averaged columns filled with 3D points (Algorithm 2 of MOX report 15/2025), or points gathered "
-    "into columns. Mass and momentum are kept.",
+    "A frame of depth-averaged columns filled with 3D points (Algorithm 2 of MOX report 15/2025), or points, those of "
+    "another code too, gathered into columns. Mass and momentum are kept.",
     (
-        Field("FRAME", FILE, "Frame of columns or points", None, "A file of a run or a seed.", files=FRAME_FILES),
+        Field(
+            "FRAME", FILE, "Frame of columns or points", None, "A file of a run or a seed, or of another 3D code.",
+            files=FRAME_FILES + ";;All files (*)",
+        ),
         optional("TO", CHOICE, "What to make of it", "--to", "Empty: the other kind.", choices=("points", "columns")),
         optional(
             "CELL", NUMBER, "Cell size of the 3D grid to fill, or of the bins [m]", "--cell",
@@ -185,6 +191,12 @@ CONVERT = Verb(
         ),
         CRS_OF_FILES,
         BAND,
+        advanced(
+            "AT_TIME", NUMBER, "Frame of this time [s]", "--at-time", "Seconds, where the file holds several frames."
+        ),
+        *FOREIGN,
+        TIMES,
+        DENSITY_OF_FRAMES,
         overwrite("an earlier file"),
         Field(
             OUTPUT, NEW_FILE, "Converted frame", "--output", "Columns also as .gpkg, .csv, .json, .parquet, .vtp.",
