@@ -24,5 +24,9 @@ LEFT_OUT_OPTIONS = {
     ("runout", "--json"): "for programs; the figures are in the log and in the tables",
     ("compare", "--json"): "for programs; the figures are in the log and in the table",
     ("effects", "--json"): "for programs; the answer is in the log",
+    ("effects", "--output"): "the answer is in the log, which can be saved",
+    ("effects", "--overwrite"): "there is no file",
+    ("info", "--output"): "the answer is in the log, which can be saved",
+    ("info", "--overwrite"): "there is no file",
     ("convert", "--window"): "frames have an extent of their own",
 }
