@@ -20,6 +20,7 @@ _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
 _LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has, and what sums of squares bear
 _LARGEST_OF_OTHERS = 1e30
+_LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
 _IDENTITY = ("id", "parent")
 MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
@@ -160,7 +161,7 @@ def read_maxima(path):
     """
     try:
         with h5py.File(path, "r") as file:
-            kept = _read_group(file, "maxima")
+            kept = _read_group(path, file, "maxima")
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path}: its maxima are not readable ({one_line(error)[:120]}); it is damaged") from error
     return _require_maxima(path, kept) if kept else {}
@@ -187,7 +188,7 @@ def _require_maxima(path, kept):
 
 
 def _read(path, file, with_state, with_particles, density, memory):
-    attrs = dict(file.attrs)
+    attrs = _attributes(path, file)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
         raise FormatError(f"{path}: format {got!r}, wanted {FORMAT!r}; it is no mpmgis frame")
@@ -203,7 +204,7 @@ def _read(path, file, with_state, with_particles, density, memory):
         raise FormatError(f"{path}: time {time}, wanted a finite number of seconds")
     if not isinstance(file.get("particles"), h5py.Group):
         raise FormatError(f"{path}: no group 'particles'")
-    header = dict(file["particles"].attrs)
+    header = _attributes(path, file["particles"])
     if with_particles:
         particles = _read_particles(
             path, file["particles"], dimension, header, density, {} if memory is None else memory
@@ -213,7 +214,7 @@ def _read(path, file, with_state, with_particles, density, memory):
     return Frame(
         particles,
         time=time,
-        step=int(_number(path, attrs, "step", 0)),
+        step=_step(path, attrs),
         dimension=dimension,
         solver=str(attrs.get("solver", "")),
         crs=_crs(path, attrs.get("crs", "")),
@@ -222,8 +223,8 @@ def _read(path, file, with_state, with_particles, density, memory):
         dem_sha256=str(attrs.get("dem_sha256", "")),
         digest=str(attrs.get("digest", "")),
         header=header,
-        state=_read_group(file, "state") if with_state else {},
-        maxima=_read_group(file, "maxima") if with_state else {},
+        state=_read_group(path, file, "state") if with_state else {},
+        maxima=_read_group(path, file, "maxima") if with_state else {},
     )
 
 
@@ -233,6 +234,26 @@ def _number(path, attrs, name, default):
     if value.size != 1 or value.dtype.kind not in "fiu":
         raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, wanted a number")
     return value.item()
+
+
+def _step(path, attrs):
+    """How many steps the solver had taken: a count that a frame can hold."""
+    value = _number(path, attrs, "step", 0)
+    if not 0 <= value <= _LARGEST_STEP or value != int(value):
+        raise FormatError(f"{path}: step is {value:g}, wanted a whole number from 0 to 2^53")
+    return int(value)
+
+
+def _attributes(path, group):
+    """The attributes of an HDF5 group; what is text in them must be UTF-8, or it could not be written again."""
+    found = dict(group.attrs)
+    for name, value in found.items():
+        if isinstance(value, str):
+            try:
+                value.encode()
+            except UnicodeEncodeError:
+                raise FormatError(f"{path}: attribute {name} of {group.name} is {value[:40]!r}, wanted UTF-8") from None
+    return found
 
 
 def _origin(path, attrs):
@@ -373,8 +394,8 @@ def _require_above_zero(path, name, values):
         raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
 
 
-def _read_group(file, name):
+def _read_group(path, file, name):
     if name not in file:
         return {}
     group = file[name]
-    return {**{key: value[()] for key, value in group.items()}, **dict(group.attrs)}
+    return {**{key: value[()] for key, value in group.items()}, **_attributes(path, group)}

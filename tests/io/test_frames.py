@@ -183,6 +183,24 @@ BROKEN = {
     "dimension 4": (lambda f: f.attrs.update(dimension=4), "dimension 4, wanted 2 or 3"),
     "dimension a word": (lambda f: f.attrs.update(dimension="flat"), "dimension is 'flat', wanted a number"),
     "time NaN": (lambda f: f.attrs.update(time=np.nan), "time nan, wanted a finite number"),
+    "step no frame can hold": (lambda f: f.attrs.update(step=-1e300), "step is -1e.300, wanted a whole number from 0"),
+    "step NaN": (lambda f: f.attrs.update(step=np.nan), "step is nan, wanted a whole number"),
+    "step of the next machine": (
+        lambda f: f.attrs.update(step=np.uint64(2**63)),
+        "wanted a whole number from 0 to 2.53",
+    ),
+    "text of bytes": (
+        lambda f: f.attrs.create("dem", b"dem\xff", dtype=h5py.string_dtype()),
+        "attribute dem of / is 'dem.udcff', wanted UTF-8",
+    ),
+    "text of bytes beside the particles": (
+        lambda f: f["particles"].attrs.create("release", b"bytes\xff", dtype=h5py.string_dtype()),
+        "attribute release of /particles is 'bytes.udcff', wanted UTF-8",
+    ),
+    "text of bytes in the state": (
+        lambda f: f["state"].attrs.create("note", b"\xff", dtype=h5py.string_dtype()),
+        "attribute note of /state is '.udcff', wanted UTF-8",
+    ),
     "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', wanted a number"),
     "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "wanted three finite numbers"),
     "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "wanted three finite numbers"),
