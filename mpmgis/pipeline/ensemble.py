@@ -14,7 +14,7 @@ from ..errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..io.ensemble_maps import EnsembleMaps, write_maps
-from ..kernels.jit import source_digest
+from ..kernels.jit import set_threads, source_digest
 from ..machine import available_memory
 from ..scene.tables import meant, read_toml
 from ..solvers.cost import MEMORY_SHARE
@@ -24,8 +24,9 @@ from ..studies.statistics import MEMBER_BANDS, Products, exceedances
 from ..studies.variation import variation
 from .cluster import connected, cores, started, warm, worked
 from .ensemble_member import FIGURES, MemberTask, run_member, warm_worker, warmed
+from .foresight import foreseen
 from .prepare import scene_to_prepare
-from .run import ASK_SECONDS, duration, foreseen
+from .run import ASK_SECONDS, duration
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 LEFT_OUT = ("unphysical", "refused", "lost")
@@ -313,11 +314,13 @@ class _Study:
             for member, digest in zip(self.members, self.digests, strict=True)
         ]
 
-    def cost(self, tasks):
+    def cost(self, tasks, say):
         """(seconds, bytes) that `tasks` are foreseen to need one after the other, and one of them."""
         _, prepared = self.first
-        seconds, memory, _ = foreseen(prepared, 1)
-        return seconds * sum(self._factor(task) for task in tasks), memory
+        set_threads(1)  # as a worker has
+        ahead = foreseen(prepared, 1, say)
+        set_threads(None)
+        return ahead.seconds * sum(self._factor(task) for task in tasks), ahead.memory
 
     def _factor(self, task):
         """How much more steps and particles a member has than the scene, as far as numbers of [numerics] tell."""
@@ -353,7 +356,7 @@ def _digest(what):
 
 def _require_affordable(study, tasks, workers, confirm, say):
     """Tell what the runs are foreseen to take; ask `confirm(question)` over an hour or most of the memory."""
-    seconds, memory = study.cost(tasks)
+    seconds, memory = study.cost(tasks, say)
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
     need = f"{duration(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")

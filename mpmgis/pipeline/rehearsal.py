@@ -24,13 +24,12 @@ def rehearse(prepared, say=lambda text: None, first=0):
         What each stage came to.
     """
     frames, stages = [], prepared.stages
-    frame, vertical_stress, gradient = _few_of(prepared)
+    frame, vertical_stress, gradient = some_of(prepared, FEW)
     for number, stage in enumerate(stages):
         with _telling(_words(stage, number, len(stages)) if number >= first else "", say):
             if number:
-                try:  # without its window: the few need not lie in it
-                    before, inside = stages[number - 1], replace(stage, window=None)
-                    switched = inside.switched_from(before, frame, prepared.terrain)
+                try:
+                    switched = handed_on(stage, stages[number - 1], frame, prepared.terrain)
                 except MpmgisError:
                     break
                 frame, vertical_stress, gradient = switched.frame, switched.vertical_stress, switched.gradient
@@ -46,11 +45,19 @@ def rehearse(prepared, say=lambda text: None, first=0):
     return frames
 
 
-def _few_of(prepared):
-    """(Frame, vertical stress, velocity gradient) of some of what the first stage starts with, or what is to come."""
+def handed_on(stage, before, frame, terrain):
+    """Some of a flow, the `frame` of stage `before`, as `stage` goes on with it wherever its window is: a Switched."""
+    return replace(stage, window=None).switched_from(before, frame, terrain)
+
+
+def some_of(prepared, most):
+    """(Frame, vertical stress, velocity gradient) of what the first stage starts with, or else of what is to come.
+
+    Of that as many particles as `most`, those in the middle.
+    """
     frame = prepared.frame if len(prepared.frame.particles) else prepared.seen
     middle = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)
-    few = np.sort(np.argsort(middle, kind="stable")[:FEW])
+    few = np.sort(np.argsort(middle, kind="stable")[:most])
     stress, affine = ((None if of is None else of[few]) for of in (prepared.vertical_stress, prepared.affine))
     return replace(frame, particles=frame.particles.take(few), state={}, maxima={}), stress, affine
 

@@ -17,9 +17,9 @@ from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..scene.tables import read_toml
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
-from ..solvers.cost import MEMORY_SHARE, predicted, predicted_in_3d, slower_than_nominal
-from ..solvers.pace import measured_pace
+from ..solvers.cost import MEMORY_SHARE
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
+from .foresight import foreseen
 from .prepare import prepare
 from .rehearsal import rehearse
 from .sequence import Sequence
@@ -28,7 +28,7 @@ ANEW, RESUMED, FINISHED = range(3)  # where a run starts
 PARTICLES_PER_THREAD = 10_000
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
 ASK_SECONDS = 3600.0
-MEASURE_SECONDS = 20.0  # predicted for a typical machine, above which two seconds go into measuring this one
+LONGER = 1.1  # times what is expected of a run in stages, from which it is told how long it may take
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class RunSummary:
     wall_seconds: float
     particle_steps_per_second: float
     balances: dict
-    predicted_seconds: float | None  # of the whole run's steps; None where there is nothing to hold it against
+    predicted_seconds: float | None  # of the whole run; None where there is nothing to hold it against
     solver: str = "columns"
     mass: dict | None = None  # where it is, of a run in several stages
     result_digest: str | None = None
@@ -60,33 +60,27 @@ def use_threads(particles, asked=None):
 def require_affordable(prepared, threads, confirm, say):
     """Tell what a run is predicted to take; refuse, or ask `confirm(question)`, over an hour or most of the memory.
 
-    What is more than a few seconds is predicted from two seconds of its own steps, measured here and now. Answers the
-    predicted wall time of its steps [s].
+    What is more than a moment is predicted from a trial of its own steps, here and now. Answers the predicted wall
+    time [s].
     """
-    (seconds, memory, how), available = foreseen(prepared, threads), available_memory()
-    need = f"{duration(seconds)} and {memory / 1e9:.2g} GB"
-    say(f"predicted: {need}{how}")
-    if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available:
-        return seconds
-    question = f"this run is predicted to take {need} ({available / 1e9:.1f} GB are free)"
+    ahead, available = foreseen(prepared, threads, say), available_memory()
+    need = f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
+    say(f"predicted: {need}{ahead.how}{_at_most(ahead)}")
+    if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
+        return ahead.seconds
+    question = f"this run is predicted to take {need}{_at_most(ahead)} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
-    return seconds
+    return ahead.seconds
 
 
-def foreseen(prepared, threads):
-    """(seconds, bytes, how that is known) that the run will need: measured where it is more than a few seconds."""
-    seconds, memory = predicted_cost(prepared, threads)
-    if seconds > MEASURE_SECONDS and memory < MEMORY_SHARE * available_memory():
-        pace = measured_pace(prepared.solver())
-        if pace is not None:
-            first = prepared.stages[0].scene
-            seconds *= slower_than_nominal(first.solver, pace, threads, first.numerics.precision)
-            return seconds, memory, f", at {1e9 * pace:.0f} ns a particle and step as measured"
-    return seconds, memory, ""
+def _at_most(ahead):
+    """What if each stage lasts as long as it may, where that is longer."""
+    longer = ahead.longest > LONGER * ahead.seconds
+    return f"; up to {duration(ahead.longest)}, by when its stages end" if longer else ""
 
 
 def duration(seconds):
@@ -94,28 +88,6 @@ def duration(seconds):
     if seconds < 100.0:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
-
-
-def predicted_cost(prepared, threads):
-    """(seconds, bytes) that the run will need: what its stages need one after the other, and the largest of them."""
-    needs = [_predicted_of(prepared, number, threads) for number in range(len(prepared.stages))]
-    return sum(seconds for seconds, _ in needs), max(memory for _, memory in needs)
-
-
-def _predicted_of(prepared, number, threads):
-    west, south, east, north = prepared.terrain.grid.bounds
-    stage, particles = prepared.stages[number], prepared.particles_of(number)
-    numerics, facts, seconds = stage.numerics, stage.facts, prepared.longest(number)
-    nodes = (east - west) * (north - south) / numerics.cell_size**2
-    elevation_bytes = prepared.terrain.elevation.nbytes
-    if stage.scene.solver == "points":
-        return predicted_in_3d(
-            particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
-        )
-    return predicted(
-        particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, seconds,
-        facts.speed, threads,
-    )  # fmt: skip
 
 
 def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws=None,

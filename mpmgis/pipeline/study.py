@@ -1,7 +1,7 @@
 """`mpmgis study`: a scene in, what its accuracy costs in time out, as a table, a plot and plain words."""
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +20,16 @@ from ..studies.exports import ExportSetting, ExportSweep
 from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
 from ..studies.states import State, StudyCells, centre_of, outcome
+from .foresight import predicted_cost, tried
 from .prepare import prepare, prepare_scene
 from .rehearsal import rehearse
-from .run import predicted_cost, use_threads
+from .run import use_threads
 from .sequence import Sequence
 
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 LOOKS = 4  # times at which flows are compared, the last the end
 ASK_SECONDS = 600.0
+TRIAL_SECONDS = 10.0  # of steps, a tenth of which is a trial of this machine for each solver
 
 
 @dataclass(frozen=True)
@@ -105,16 +107,21 @@ def _study(request, confirm, say, watch):
     finer = None
     if request.exact is None:
         finer = reference(scene, settings, request.refinement)
-    cells, times = _cells(base), scene.output.end_time * np.arange(1, LOOKS + 1) / LOOKS
+    cells, times = _cells(base), _interval(scene) * np.arange(1, LOOKS + 1)
     exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
     beside = tuple(_beside(file, request, exact, base.terrain, cells.grid) for file in request.beside)
     threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
     _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
 
+    @cache
+    def machine():  # tried when the first setting's kernels are compiled
+        rehearse(base)
+        return tried(base, threads, TRIAL_SECONDS)
+
     def run(setting, repeats):
         return outcome(
             setting, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
-            times, repeats, lambda p: predicted_cost(p, threads)[0],
+            times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]),
         )  # fmt: skip
 
     truth = None
@@ -131,6 +138,11 @@ def _study(request, confirm, say, watch):
     made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
     choice = None if request.target_error is None else made.choice(request.target_error)
     return StudyFound(made, choice, tuple(made.lines()), ())
+
+
+def _interval(scene):
+    """Time [s] between two looks at the flow."""
+    return scene.output.end_time / LOOKS
 
 
 class _Flow:
@@ -207,7 +219,9 @@ def _state_of(thickness):
 def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
     runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
-    total = predicted_cost(base, threads)[0] * sum(times * setting.work_over(base.scene) for setting, times in runs)
+    total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
+        times * setting.work_over(base.scene) for setting, times in runs
+    )
     say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
         raise SceneError(

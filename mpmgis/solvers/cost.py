@@ -14,10 +14,20 @@ BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and ins
 BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
 BYTES_PER_START = 320  # of a point while columns become points
+BYTES_PER_SWITCHED = 640  # of a point while columns become points amid a run, or points columns (measured 2026-11-22)
 MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
 NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
+# Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles; disks, other programs add to it)
+SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain as the frames know it
+SECONDS_PER_FRAME = 0.02  # of a file that is whole or not there
+NANOSECONDS_PER_WRITTEN = {"columns": 900.0, "points": 700.0}  # of one particle in a frame that is written
+NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that somebody looks at
+SECONDS_PER_SWITCH = 0.02
+NANOSECONDS_TO_POINTS, NANOSECONDS_TO_COLUMNS = 1700.0, 900.0  # of a point that is made or taken back, sums included
+NANOSECONDS_PER_NODE = 300.0  # of a grid's table of the ground
+NANOSECONDS_PER_LOOK = {"reach": 100.0, "calm": 700.0}  # of a particle, when it is looked whether a stage is over
 
 
 def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_time, line_speed, threads):
@@ -49,10 +59,32 @@ def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time
     return steps * (points * seconds / threads + SECONDS_PER_STEP), memory
 
 
-def slower_than_nominal(solver_name, pace, threads, precision="float64"):
-    """Times [1] by which a particle's step takes longer on this machine, `pace` [s], than is taken above."""
+def slower_than_nominal(solver_name, pace, particles, threads, precision="float64"):
+    """Times [1] by which a step of `particles` takes longer here, `pace` [s] for each, than is taken above."""
     nominal = NANOSECONDS_PER_POINT_STEP[precision] if solver_name == "points" else NANOSECONDS_PER_STEP
-    return pace / (nominal * 1e-9 / threads)
+    return pace * particles / (particles * nominal * 1e-9 / threads + SECONDS_PER_STEP)
+
+
+def seconds_of_frames(solver_name, particles, frames, written=True):
+    """Wall time [s] of `frames` of as many particles each, written or only looked at."""
+    if not written:
+        return frames * particles * NANOSECONDS_PER_SHOWN * 1e-9
+    return frames * (SECONDS_PER_FRAME + particles * NANOSECONDS_PER_WRITTEN[solver_name] * 1e-9)
+
+
+def seconds_to_points(points, nodes):
+    """Wall time [s] in which columns become as many `points` on a grid of `nodes` seen from above."""
+    return SECONDS_PER_SWITCH + 1e-9 * (points * NANOSECONDS_TO_POINTS + nodes * NANOSECONDS_PER_NODE)
+
+
+def seconds_to_columns(points, nodes):
+    """Wall time [s] in which as many `points` become columns on a grid of `nodes`."""
+    return SECONDS_PER_SWITCH + 1e-9 * (points * NANOSECONDS_TO_COLUMNS + nodes * NANOSECONDS_PER_NODE)
+
+
+def seconds_of_looks(particles, looks, conditions):
+    """Wall time [s] of `looks` at whether a stage is over, which ends under `conditions` (keys of its `until`)."""
+    return looks * particles * 1e-9 * sum(NANOSECONDS_PER_LOOK.get(name, 0.0) for name in conditions)
 
 
 def require_memory_for_points(count, cell_size):

@@ -15,8 +15,8 @@ import chain
 import profiles
 
 from mpmgis.io.frames import read_frame
+from mpmgis.pipeline.foresight import predicted_cost, predicted_memory
 from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.run import predicted_cost
 
 CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # of a place that the ground is not
 LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m] along the flow (east), to each side of its line, of the DTM
@@ -90,7 +90,7 @@ def make(folder, cell=1.0, end=150.0, crevasses=True):
 def estimate(folder, cell=1.0, end=150.0, threads=2):
     """(points, predicted seconds, predicted bytes of memory) of a run that is not made."""
     prepared = prepare(write_all(folder, cell, end) / "scene.toml")
-    return (prepared.particles, *predicted_cost(prepared, threads))
+    return (prepared.particles, predicted_cost(prepared, threads), predicted_memory(prepared))
 
 
 def along(path, *names, step=1.0, start=0.0, end=LENGTH):

@@ -1,0 +1,104 @@
+"""What a scene is predicted to take: stages that may end early, what is beside their steps, a trial of the machine."""
+
+import pytest
+import shapely
+from slope_site import SCENE, slide, write_shapes, write_site
+
+from mpmgis.pipeline import foresight
+from mpmgis.pipeline.foresight import (
+    TYPICAL,
+    Machine,
+    expected_times,
+    foreseen,
+    predicted_cost,
+    predicted_memory,
+    tried,
+)
+from mpmgis.pipeline.prepare import prepare
+from mpmgis.solvers.cost import BYTES_PER_SWITCHED
+
+STAGE = '[[stage]]\nsolver = "{}"\n'
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = write_site(tmp_path_factory.mktemp("foresight"))
+    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    write_shapes(folder / "dam.geojson", [shapely.box(220, 120, 240, 280)])
+    return folder
+
+
+def prepared(site, *untils, end_time=12):
+    """A run of 12 s in stages of columns and points by turns, each but the last with what is in `untils`."""
+    text = slide(8.0, end_time, 0.5, head="", more="particles_per_cell = 4")
+    if any("reach" in until for until in untils):
+        text += '[[barrier]]\nsource = "dam.geojson"\nheight = 6\n'
+    for number, until in enumerate([*untils, None]):
+        text += STAGE.format("points" if number % 2 else "columns") + (
+            "" if until is None else f"until = {{{until}}}\n"
+        )
+    (site / "scene.toml").write_text(text)
+    return prepare(site / "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("untils", "expected", "longest"),
+    [
+        (["time = 2", "time = 5"], [2, 3, 7], [2, 3, 7]),
+        (['reach = "barrier"', "calm = 1"], [4, 4, 4], [12, 12, 12]),
+        (['reach = "barrier"', "time = 6"], [3, 3, 6], [6, 6, 6]),
+        (["time = 2", "calm = 1, time = 6"], [2, 2, 8], [2, 4, 6]),
+    ],
+)
+def test_what_nobody_knows_is_shared_out_evenly(site, untils, expected, longest):
+    run = prepared(site, *untils)
+    assert expected_times(run) == pytest.approx(expected)
+    assert [run.longest(number) for number in range(3)] == pytest.approx(longest)
+    assert sum(expected) == pytest.approx(12)
+
+
+def test_a_run_that_may_last_longer_than_expected_says_how_long(site):
+    known, open_ended = (prepared(site, *untils) for untils in (["time = 2", "time = 5"], ["time = 2", "calm = 1"]))
+    assert predicted_cost(known, 2, longest=True) == predicted_cost(known, 2)
+    assert predicted_cost(open_ended, 2, longest=True) > predicted_cost(open_ended, 2)
+
+
+def test_steps_and_what_is_beside_them_take_longer_on_a_slower_machine(site):
+    run = prepared(site, "time = 2", "time = 5")
+    typical, slow_steps = predicted_cost(run, 1), predicted_cost(run, 1, Machine({"columns": 3.0, "points": 3.0}))
+    slow_beside = predicted_cost(run, 1, Machine({}, beside=3.0))
+    assert slow_steps + slow_beside == pytest.approx(4 * typical)
+    assert predicted_cost(run, 1, Machine({"points": 3.0})) == pytest.approx(slow_steps)  # the other's, where untried
+    assert predicted_cost(run, 1, interval=0.5) < typical  # without files
+
+
+def test_a_trial_tells_the_pace_of_each_solver_and_touches_nothing(site):
+    run = prepared(site, "time = 2", "time = 5")
+    machine = tried(run, 1, 1.0)
+    assert set(machine.steps) == {"columns", "points"} and all(times > 0.0 for times in machine.steps.values())
+    assert machine.beside > 0.0
+    assert "ns a column and" in machine.words and machine.words.endswith("ns a point and step as measured")
+    assert run.solver().step == 0 and len(run.frame.particles) == run.particles
+
+
+def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
+    run, asked = prepared(site, "time = 2", "time = 5"), []
+    monkeypatch.setattr(foresight, "tried", lambda *given: asked.append(given) or TYPICAL._replace(beside=2.0))
+    monkeypatch.setattr(foresight, "TRIAL_FROM", 1e6)
+    short = foreseen(run, 1)
+    assert not asked and short.how == ""
+    monkeypatch.setattr(foresight, "TRIAL_FROM", 0.0)
+    assert foreseen(run, 1).seconds > short.seconds and len(asked) == 1
+
+
+def test_a_scene_without_stages_has_the_time_that_it_says(site):
+    (site / "scene.toml").write_text(SCENE)
+    assert expected_times(prepare(site / "scene.toml")) == [30.0]
+
+
+def test_stages_need_room_for_what_is_converted(site):
+    run, alone = prepared(site, "time = 2", "time = 5"), slide(8.0, 12, 0.5)
+    (site / "alone.toml").write_text(alone)
+    points = prepare(site / "alone.toml")
+    more = predicted_memory(run) - predicted_memory(points)
+    assert more == pytest.approx(BYTES_PER_SWITCHED * run.particles_of(1), rel=0.5)
