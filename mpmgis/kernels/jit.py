@@ -11,6 +11,7 @@ import os
 import tempfile
 from pathlib import Path
 from types import FunctionType
+from uuid import uuid4
 
 PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -105,13 +106,27 @@ def include_own_laws(sha256):
     numba.config.CACHE_DIR = str(folder)
     for kernel in _kernels:
         kernel.enable_caching()
+        _write_apart(kernel)
 
 
 def _kept(kernel):
     """`kernel`, remembered if it has a cache (it has none where NUMBA_DISABLE_JIT leaves it plain)."""
     if hasattr(kernel, "enable_caching"):
         _kernels.append(kernel)
+        _write_apart(kernel)
     return kernel
+
+
+def _write_apart(kernel):
+    """Let every compiled form of `kernel` have a file of a name that no other process can take.
+
+    Numba numbers these files by the index as it last read it. Of two processes that compile for other laws at a time
+    both then took the same number, and one law's code stood under the other's name for good: in 3 of 12 starts of 8
+    processes (numba 0.68, measured 2026-11-22). Now the worst is an entry that is lost and compiled again.
+    """
+    files = kernel._cache._cache_file
+    stem = files._index_name.removesuffix(".nbi")
+    files._data_name = lambda number: f"{stem}.{uuid4().hex[:16]}.nbc"
 
 
 def jit(function):

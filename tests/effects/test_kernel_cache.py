@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import mpmgis.kernels.jit  # noqa: F401  this process has chosen, and says so in its environment
+import numba
+import pytest
+
+from mpmgis.kernels.jit import jit  # this process has chosen, and says so in its environment
 
 TELL = "import mpmgis.kernels.jit, numba; print(numba.config.CACHE_DIR)"
 
@@ -24,3 +27,26 @@ def test_numbas_own_variable_is_the_users(tmp_path):
     given = tmp_path / "given"
     told = {"NUMBA_CACHE_DIR": str(given), "MPMGIS_CACHE_DIR": str(tmp_path)}
     assert folder_of_a_child(**os.environ | told) == given
+
+
+def half(number):
+    """What the processes below compile, one for whole numbers and one for others."""
+    return number / 2
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_two_processes_that_compile_at_a_time_do_not_take_each_others_code(monkeypatch):
+    """Both have read the index before either wrote it, and the first is last to write its code."""
+    first, second = jit(half), jit(half)
+    files, late = first._cache._cache_file, []
+    files.flush()
+    monkeypatch.setattr(files, "_save_data", lambda *given: late.append(given))
+    assert first(3) == 1.5
+    second._cache._cache_file.flush()  # as if it had read the index before
+    assert second(7.5) == 3.75
+    monkeypatch.undo()
+    for given in late:
+        files._save_data(*given)
+    third = jit(half)
+    assert third(7.5) == 3.75 and third.signatures == [(numba.float64,)]
+    assert third.stats.cache_hits and third(3) == 1.5
