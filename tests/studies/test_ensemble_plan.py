@@ -219,3 +219,8 @@ def test_thresholds_of_unknown_quantities_and_impossible_percentiles_are_refused
     for asked in ({"exceed": {"x": (1,)}}, {"exceed": {"h": (0,)}}, {"percentiles": (101,)}):
         with pytest.raises(InputError):
             Products.of(**asked)
+
+
+def test_values_of_a_list_are_what_they_would_be_in_a_scene():
+    values = variation("true,false,2,0.5,text", "--vary key").values
+    assert values == (True, False, 2, 0.5, "text") and [type(value) for value in values[:3]] == [bool, bool, int]
