@@ -334,7 +334,13 @@ def _terrain_crs(source, path, asked, say):
             f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
             f"or correct a false tag (rio edit-info FILE {tag}){reproject}"
         )
-    return horizontal(own)
+    plane = horizontal(own)
+    if own.is_compound:
+        say(
+            f"{path}: its CRS names a vertical datum too ({one_line(own.name)}); heights are taken as they are, and "
+            f"results carry the horizontal part, {name_of(plane)}"
+        )
+    return plane
 
 
 def _require_metres_up(source, path, band, say):

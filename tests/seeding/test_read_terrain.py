@@ -233,3 +233,12 @@ def test_one_scene_on_all_pixels_is_one_mass(tmp_path):
     np.testing.assert_allclose(masses, masses[0], rtol=1e-7)
     assert masses[0] == pytest.approx(ring().area * 2000.0 / np.cos(np.radians(30)), rel=1e-7)
     assert CENTRE == (EAST + 150.0, NORTH + 150.0)
+
+
+def test_a_vertical_datum_is_told_and_left_out(tmp_path):
+    """Heights relate to what the DTM says; results carry the place on the map alone."""
+    heights, told = np.arange(12.0).reshape(3, 4), []
+    write_raster(tmp_path / "d.tif", heights, Affine(10, 0, EAST, 0, -10, NORTH), crs="EPSG:25832+5783")
+    terrain = read_terrain(tmp_path / "d.tif", say=told.append)
+    assert terrain.grid.crs.to_epsg() == 25832
+    assert ["DHHN92" in line and "heights are taken as they are" in line for line in told] == [True]
