@@ -19,7 +19,7 @@ FORMAT_VERSION = 1
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
 _LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has, and what sums of squares bear
-_LARGEST_OF_OTHERS = 1e30
+_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # what quotients of two of them bear; the least of what is above 0
 _LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
 _IDENTITY = ("id", "parent")
 MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
@@ -390,8 +390,11 @@ def _require_possible(path, name, values):
 
 
 def _require_above_zero(path, name, values):
-    if values.size and values.min() <= 0:
-        raise FormatError(f"{path}: particles/{name} is {values.min():g} in row {int(values.argmin())}, wanted above 0")
+    if values.size and values.min() < _SMALLEST:
+        row = int(values.argmin())
+        raise FormatError(
+            f"{path}: particles/{name} is {values[row]:g} in row {row}, wanted above 0 ({_SMALLEST:g} at least)"
+        )
 
 
 def _read_group(path, file, name):

@@ -231,6 +231,7 @@ BROKEN = {
     "position on no map": (poke("position", 1e12), r"position reaches 1e\+12 m in row 3"),
     "mass of a galaxy": (poke("mass", 1e40), r"mass reaches 1e\+40 kg in row 3"),
     "mass zero": (poke("mass", 0.0), "mass is 0 in row 3, wanted above 0"),
+    "volume of nothing": (poke("volume", 5e-324), "volume is 4.94066e-324 in row 3, wanted above 0 .1e-30 at"),
     "volume negative": (poke("volume", -1.0), "volume is -1 in row 3, wanted above 0"),
     "area zero": (poke("area", 0.0), "area is 0 in row 3"),
     "thickness negative": (poke("thickness", -0.5), "thickness is -0.5 in row 3, wanted 0 or more"),
