@@ -31,6 +31,7 @@ BARRIER_SUMS = (
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
+STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
@@ -317,12 +318,21 @@ class PointSolver(ParticleStore):
         mass = rows[:, kernel.MASS].astype(float)
         velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
         position = self._places(rows, keys) + (self._origin - np.asarray(start.origin))
-        volume = mass / self.numerics.density * kernel.volume_ratios(rows, self.effects.material)
+        volume = self._volumes(rows, mass)
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
             start, particles=Particles(position, velocity, mass, volume, id=ids), time=self.time, step=self.step,
             dimension=3, solver="points", header=header, maxima={}, state=self.state(),
         )  # fmt: skip
+
+    def _volumes(self, rows, mass):
+        """float64[n] [m3]: what each point fills; pulled apart without end, in the air alone, the cells of its stencil.
+
+        The state itself is not held: only with all that a point was pulled apart by is it pushed back to bear load.
+        """
+        free = mass / self.numerics.density
+        largest = np.maximum(free, STENCIL_CELLS * self.numerics.cell_size**3)
+        return np.minimum(free * kernel.volume_ratios(rows, self.effects.material), largest)
 
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""

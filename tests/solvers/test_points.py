@@ -8,8 +8,10 @@ from point_scenes import block_of, march_to, plane, points_on, sorted_points
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic
 from mpmgis.errors import FormatError, SceneError
+from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
+from mpmgis.kernels.point_rows import S7
 from mpmgis.solvers.marched import marched
 
 ICE = Elastic(6.7e6, 4e6)
@@ -32,6 +34,17 @@ def test_a_block_in_the_air_flies_as_a_point():
     np.testing.assert_allclose(now.position - start.position, np.tile(moved, (len(now), 1)), atol=1e-11)
     np.testing.assert_allclose(now.velocity[:, 2], 1.0 - 9.81 * 0.5, rtol=1e-10)
     np.testing.assert_allclose(now.volume, start.volume, rtol=1e-10)
+
+
+def test_a_point_pulled_apart_without_end_fills_no_more_than_its_stencil(tmp_path):
+    """Points that flew off a cliff had volumes of 1e34 m3, in frames that could not be read again."""
+    solver = flying()
+    free = sorted_points(solver).volume
+    solver._rows[..., S7] = np.linspace(0.0, 200.0, len(free))  # ln of what each is pulled apart by
+    volume = sorted_points(solver).volume
+    np.testing.assert_allclose(np.sort(volume), np.minimum(free * np.exp(np.linspace(0.0, 200.0, len(free))), 27.0))
+    write_frame(tmp_path / "a.h5", solver.frame())
+    assert read_frame(tmp_path / "a.h5").particles.volume.max() == 27.0
 
 
 def test_mass_and_momentum_close_to_round_off():
