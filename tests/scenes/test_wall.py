@@ -67,7 +67,7 @@ def test_the_scene_as_printed_leaves_out_what_has_passed(tmp_path, free):
 
 @pytest.mark.slow
 def test_the_whole_size(tmp_path):
-    """71 680 columns as the paper has them, some 690 000 points where it has 503 000."""
+    """71 680 columns as the paper has them, some 670 000 points where it has 503 000."""
     run = wall.make_wall(tmp_path / "wall", wall.Size())
     *_, last = frames(tmp_path / "wall")
     assert run["particles"] == 71_680 and len(last.particles) >= 400_000
