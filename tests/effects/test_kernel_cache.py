@@ -1,5 +1,6 @@
-"""Where compiled kernels are kept: as the user says, whatever a parent process chose for itself."""
+"""Where compiled kernels are kept, and what they run on: as the user says, whatever a parent process or machine has."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -27,6 +28,20 @@ def test_numbas_own_variable_is_the_users(tmp_path):
     given = tmp_path / "given"
     told = {"NUMBA_CACHE_DIR": str(given), "MPMGIS_CACHE_DIR": str(tmp_path)}
     assert folder_of_a_child(**os.environ | told) == given
+
+
+def threads_of_a_child(**environment):
+    tell = "from mpmgis.kernels.jit import ready_threads; import numba; ready_threads(); print(numba.threading_layer())"
+    child = subprocess.run([sys.executable, "-c", tell], env=environment, capture_output=True, text=True, check=True)
+    return child.stdout.strip()
+
+
+def test_threads_are_openmps_whatever_else_is_installed_unless_the_user_says_so():
+    if importlib.util.find_spec("numba.np.ufunc.omppool") is None or sys.platform == "darwin":
+        pytest.skip("numba has no OpenMP here")
+    own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_THREADING_LAYER")}
+    assert threads_of_a_child(**own) == "omp"
+    assert threads_of_a_child(**own | {"NUMBA_THREADING_LAYER_PRIORITY": "workqueue omp tbb"}) == "workqueue"
 
 
 def half(number):
