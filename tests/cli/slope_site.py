@@ -42,6 +42,7 @@ from mpmgis.solvers.columns import ColumnSolver
 from mpmgis.solvers.points import PointSolver
 number, what, where, *arguments = sys.argv[1:]
 replace, seen = os.replace, []
+record = os.path.join(arguments[arguments.index("-o") + 1], "run.json")  # before it is there, steps are only tried
 
 def end():
     os.kill(os.getpid(), int(number))
@@ -49,7 +50,7 @@ def end():
 def watched(march):
     def advance(solver, *given, **named):
         code = march(solver, *given, **named)
-        if solver.time >= float(where) and not seen:
+        if solver.time >= float(where) and not seen and os.path.exists(record):
             seen.append(True)
             end()
         return code

@@ -145,6 +145,6 @@ def test_formats_and_space_are_asked_first(plan, tmp_path, monkeypatch):
         require_format(tmp_path / "p.xyz")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1))
-    with pytest.raises(OutputError, match="GB are free"):
+    with pytest.raises(OutputError, match="MB are free"):
         write_columns(tmp_path / "p.h5", plan.empty_frame(), plan.count, plan.slabs())
     assert list(tmp_path.iterdir()) == []
