@@ -30,8 +30,8 @@ def test_numbas_own_variable_is_the_users(tmp_path):
     assert folder_of_a_child(**os.environ | told) == given
 
 
-def threads_of_a_child(**environment):
-    tell = "from mpmgis.kernels.jit import ready_threads; import numba; ready_threads(); print(numba.threading_layer())"
+def threads_of_a_child(first="numba", then="mpmgis.kernels.jit", **environment):
+    tell = f"import {first}, {then}; mpmgis.kernels.jit.ready_threads(); print(numba.threading_layer())"
     child = subprocess.run([sys.executable, "-c", tell], env=environment, capture_output=True, text=True, check=True)
     return child.stdout.strip()
 
@@ -40,7 +40,7 @@ def test_threads_are_openmps_whatever_else_is_installed_unless_the_user_says_so(
     if importlib.util.find_spec("numba.np.ufunc.omppool") is None or sys.platform == "darwin":
         pytest.skip("numba has no OpenMP here")
     own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_THREADING_LAYER")}
-    assert threads_of_a_child(**own) == "omp"
+    assert threads_of_a_child(**own) == threads_of_a_child("mpmgis.kernels.jit", "numba", **own) == "omp"
     assert threads_of_a_child(**own | {"NUMBA_THREADING_LAYER_PRIORITY": "workqueue omp tbb"}) == "workqueue"
 
 
