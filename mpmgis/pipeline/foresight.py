@@ -28,24 +28,29 @@ TYPICAL = Machine({})
 
 
 class Foreseen(NamedTuple):
-    """What a run will take [s], what at most by when its stages end [s], its memory [bytes], and how that is known."""
+    """What a run will take [s], what at most by when its stages end [s], its memory [bytes], and how that is known.
+
+    `rehearsed`: to know it, what the run needs was compiled.
+    """
 
     seconds: float
     longest: float
     memory: float
     how: str
+    rehearsed: bool
 
 
 def foreseen(prepared, threads, say=lambda text: None):
     """The Foreseen of a prepared run; tries this machine where the run takes more than a moment."""
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
     machine = TYPICAL
-    if seconds > TRIAL_FROM and memory < cost.MEMORY_SHARE * available_memory():
+    tries = seconds > TRIAL_FROM and memory < cost.MEMORY_SHARE * available_memory()
+    if tries:
         rehearse(prepared, say)
         machine = tried(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
     longest = predicted_cost(prepared, threads, machine, longest=True)
-    return Foreseen(seconds, longest, memory, machine.words)
+    return Foreseen(seconds, longest, memory, machine.words, tries)
 
 
 def predicted_memory(prepared):

@@ -60,21 +60,20 @@ def use_threads(particles, asked=None):
 def require_affordable(prepared, threads, confirm, say):
     """Tell what a run is predicted to take; refuse, or ask `confirm(question)`, over an hour or most of the memory.
 
-    What is more than a moment is predicted from a trial of its own steps, here and now. Answers the predicted wall
-    time [s].
+    What is more than a moment is predicted from a trial of its own steps, here and now. Answers the Foreseen.
     """
     ahead, available = foreseen(prepared, threads, say), available_memory()
     need = f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
     say(f"predicted: {need}{ahead.how}{_at_most(ahead)}")
     if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
-        return ahead.seconds
+        return ahead
     question = f"this run is predicted to take {need}{_at_most(ahead)} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
-    return ahead.seconds
+    return ahead
 
 
 def _at_most(ahead):
@@ -117,8 +116,9 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, say, laws)
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    expected = require_affordable(prepared, used, confirm, say)
-    rehearse(prepared, say)
+    ahead = require_affordable(prepared, used, confirm, say)
+    if not ahead.rehearsed:
+        rehearse(prepared, say)
     sequence = Sequence(prepared, _telling_mach(watch, say), say)
     _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
@@ -131,7 +131,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open()
         try:
-            return march_into(folder, sequence, start == RESUMED, expected)
+            return march_into(folder, sequence, start == RESUMED, ahead.seconds)
         except KeyboardInterrupt:
             say(f"{folder.path} holds what was computed until now; --resume goes on after its last whole frame")
             raise
