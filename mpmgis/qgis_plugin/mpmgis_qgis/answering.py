@@ -22,6 +22,7 @@ from .fields import (
 from .verbs import (
     BAND,
     CRS_OF_FILES,
+    DASK,
     DEM_OF_FRAMES,
     DENSITY_OF_FRAMES,
     FOREIGN,
@@ -95,7 +96,7 @@ EXPORT = Verb(
             "COG", SWITCH, "Cloud Optimized GeoTIFFs", "--cog", "With overviews, for a web server.", default=False
         ),
         advanced("WORKERS", INTEGER, "Frames at a time", "--workers", "Processes. Empty: one for each core.", least=1),
-        advanced("DASK", TEXT, "Dask cluster: address of its scheduler", "--dask", "For example tcp://10.0.0.1:8786."),
+        DASK,
         advanced(
             QGIS_MIN, CHOICE, "Oldest QGIS that must open it", "--qgis-min",
             "Before 3.38 an animation takes a layer for each step.", default="3.38", choices=("3.38", "3.22"),

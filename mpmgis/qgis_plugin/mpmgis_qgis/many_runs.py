@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .fields import CHOICE, FILE, FILES, INTEGER, NUMBER, RASTER, SWITCH, TEXT, TEXTS, Field
-from .verbs import LAW, THREADS, Verb, advanced, folder, load, optional, overwrite, scene, start_unasked
+from .verbs import DASK, LAW, THREADS, Verb, advanced, folder, load, optional, overwrite, scene, start_unasked
 
 GROUP = "Many runs"
 
@@ -124,7 +124,7 @@ ENSEMBLE = Verb(
         ),
         start_unasked("over an hour, or most of the memory"),
         advanced("WORKERS", INTEGER, "Runs at a time", "--workers", "Processes. Empty: one for each core.", least=1),
-        advanced("DASK", TEXT, "Dask cluster: address of its scheduler", "--dask", "For example tcp://10.0.0.1:8786."),
+        DASK,
         LAW,
         Field(
             "OVERWRITE", SWITCH, "Replace the ensemble of another plan in the folder", "--overwrite",

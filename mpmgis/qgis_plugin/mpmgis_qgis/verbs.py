@@ -178,3 +178,4 @@ LAW = advanced(
     files="Python (*.py)",
 )
 THREADS = advanced("THREADS", INTEGER, "Processor threads", "--threads", "Empty: all. The result is the same.", least=1)
+DASK = advanced("DASK", TEXT, "Dask cluster: address of its scheduler", "--dask", "For example tcp://10.0.0.1:8786.")
