@@ -51,9 +51,9 @@ def cache_folder(own_laws=()):
 # instead of 1.7 where others use the cores too (measured 2026-11-21). Read by GCC's OpenMP runtime at its start.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
-# OpenMP before TBB, which numba would take first wherever some program has installed it: of two sessions of tests side
-# by side on two cores each took some 80 ms for a step of 500 columns with TBB, of two plain runs 0.8 ms where OpenMP
-# takes 0.3 (measured 2026-11-22).
+# OpenMP before TBB, which numba would take first wherever some program has installed it: late in a session of tests a
+# step of 500 columns took some 80 ms with TBB; two plain runs side by side take 0.8 ms, with OpenMP 0.3 (measured
+# 2026-11-22).
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 _CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # beside numba's own variable, so that a child knows that no user gave that one
 
