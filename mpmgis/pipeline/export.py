@@ -245,7 +245,10 @@ def tell(request, plan, tally, say):
         say(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
     grid = plan.averaging.grid
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
-        say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
+        say(
+            f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
+            "finer raster, without more detail"
+        )
     _tell_of_time(request, plan, tally, say)
 
 

@@ -110,9 +110,9 @@ def write_rasters(request, plan, folder, pool, spool, progress):
             if values.outside == values.count:
                 refuse_nowhere(entry, plan.terrain)
             tally.add(entry.path.name, values)
-            maxima.absorb(values.index, values.values, values.time)
+            maxima.absorb(values.index, values.values, values.time, values.least)
             if second is not None:
-                second.absorb(*values.second, values.time)
+                second.absorb(*values.second, values.time, values.least)
             peaks = _peaks_up_to(plan, frame)
             _absorb_peaks(averaging, peaks, maxima, second)
             if frame in step_of:

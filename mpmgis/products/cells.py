@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..kernels import binning
+from .node_fields import SPLINE_REACH, Lattice, column_sums
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,47 @@ def _take_percentile(top, slot, distance, mass, percentile):
     binning.cell_quantiles(start, order, distance, mass, percentile / 100.0, top)
 
 
+def column_spacing(frame):
+    """Node spacing [m] of the depth-averaged run that made the columns of `frame`; None for all other particles.
+
+    Columns of a run are samples of the flow, which its solver spreads over nodes. Those of a seed, of a conversion or
+    of another code tile the ground: each fills the square of its area.
+    """
+    said = frame.header.get("cell_size") if frame.dimension == 2 else None
+    return None if said is None else float(said)
+
+
+def column_side(frame):
+    """What the columns of `frame` resolve [m]: their run's node spacing, else the side of the mean column's square.
+
+    0 for points.
+    """
+    if frame.dimension == 3:
+        return 0.0
+    spacing = column_spacing(frame)
+    return float(np.sqrt(frame.particles.area.mean())) if spacing is None else spacing
+
+
+def column_reach(frame):
+    """float64[n] [m]: how far from its position each column of `frame` gives flow to cells."""
+    spacing = column_spacing(frame)
+    if spacing is None:
+        return 0.5 * np.sqrt(frame.particles.area)
+    return np.full(len(frame.particles), SPLINE_REACH * spacing)
+
+
 def _bin_columns(frame, placed, bed, grid, row, column, _, percentile, totals):
+    spacing = column_spacing(frame)
+    if spacing is None:
+        return _bin_squares(frame, placed, bed, grid, row, column, totals)
+    lattice = Lattice.of_solver(spacing, bed.grid)
+    found, count = column_sums(frame, placed, bed, grid, row, column, lattice)
+    sloped = found.sums[:, binning.SLOPED] > 0
+    top = np.where(sloped, found.top / totals["density"], np.nan)
+    return Cells(found.index, top, np.where(sloped, 0.0, np.nan), count, found.sums, spacing=0.0, **totals)
+
+
+def _bin_squares(frame, placed, bed, grid, row, column, totals):
     particles = frame.particles
     footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)

@@ -6,8 +6,9 @@ import numpy as np
 
 from ..geo.grid import Grid
 from .bed import Bed, place
-from .cells import bin_frame
+from .cells import bin_frame, column_side, column_spacing
 from .depth_average import map_speed
+from .maxima import least_depth
 from .table import cell_values
 
 _ROUNDING = 1e-3  # particles closer than this share of the code's cell to the bed are on it, not below
@@ -63,7 +64,9 @@ class FrameValues:
     below, lowest : float, float [m]
         Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
     column_side : float [m]
-        Side of the mean column, 0 for points.
+        What columns resolve: the node spacing of their run, else the side of the mean column; 0 for points.
+    least : float [m]
+        Depth below which a cell holds only the tail of columns' splines; 0 where particles have none.
     fastest : float [m s-1]
         Largest depth-averaged speed in the map plane where the flow is at least min_depth deep.
     """
@@ -80,6 +83,7 @@ class FrameValues:
     below: float
     lowest: float
     column_side: float
+    least: float
     fastest: float
 
 
@@ -110,7 +114,8 @@ def average_frame(frame, averaging):
         without_slope=cells.without_slope,
         below=below,
         lowest=lowest,
-        column_side=float(np.sqrt(frame.particles.area.mean())) if frame.dimension == 2 else 0.0,
+        column_side=column_side(frame),
+        least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
         fastest=_fastest(cells, values["h"], averaging.min_depth),
     )
 

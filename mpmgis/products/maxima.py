@@ -30,6 +30,14 @@ MAXIMA_BANDS = (*PEAKS, ARRIVAL)
 RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # in every step, where `--products maxima` asks for them
 PRODUCTS_NEEDED = tuple(dict.fromkeys(peak.product for peak in PEAKS.values()))
 
+ARRIVAL_THICKNESS = 0.05  # [m] of the solver, where its frames do not say another
+THINNEST = 1e-3  # [m] no flow, whatever --min-depth says
+
+
+def least_depth(min_depth, arrival_thickness=ARRIVAL_THICKNESS):
+    """Depth [m] from which a field of columns is flow; below it is the tail of their splines."""
+    return max(THINNEST, min(min_depth, arrival_thickness))
+
 
 class RunningMaxima:
     """The largest (or smallest) value that every cell of a grid has seen.
@@ -52,8 +60,22 @@ class RunningMaxima:
         self.values = {name: np.zeros(cells, np.float32) for name in names}
         self.seen = {name: np.zeros(cells, bool) for name in names}
 
-    def absorb(self, index, values, time):
-        """Take in one frame: `index` int64[k] of its cells, `values` product -> float[k], `time` [s]."""
+    def absorb(self, index, values, time, least=0.0):
+        """Take in one frame.
+
+        Parameters
+        ----------
+        index : int64[k]
+            Its cells.
+        values : dict of str to float[k]
+            By product.
+        time : float [s]
+        least : float [m]
+            Cells with a smaller `h` hold no flow (`least_depth`); 0 for particles that have no tails.
+        """
+        if least > 0.0:
+            flow = ~(np.asarray(values["h"]) < least)
+            index, values = index[flow], {name: value[flow] for name, value in values.items()}
         for name, peak in self.peaks.items():
             self._keep(name, index, values[peak.product], np.maximum if peak.larger else np.minimum)
         arrived = np.where(np.asarray(values["h"], np.float32) >= self.min_depth, time, np.nan)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .bed import place
-from .cells import bin_frame, grid_spacing
+from .cells import bin_frame, column_reach, grid_spacing
 from .depth_average import map_speed, volume_thickness
 from .sampling import FrameFacts, export_grid
 
@@ -46,9 +46,9 @@ def survey_frame(frame, bed, density):
 
 
 def _bounds(frame, inside):
-    """(west, south, east, north) [m] of the particles `inside`, of columns with the squares that they fill."""
+    """(west, south, east, north) [m] of the particles `inside`, of columns with the ground that they stand for."""
     x, y = frame.map_xy()
-    half = 0.5 * np.sqrt(frame.particles.area[inside]) if frame.dimension == 2 else 0.0
+    half = column_reach(frame)[inside] if frame.dimension == 2 else 0.0
     x, y = x[inside], y[inside]
     return float((x - half).min()), float((y - half).min()), float((x + half).max()), float((y + half).max())
 

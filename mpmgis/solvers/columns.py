@@ -326,10 +326,10 @@ class ColumnSolver(ParticleStore):
             seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
             area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
         volume = mass / density
+        header = {"density": density, "cell_size": grid.cell_size}
         return replace(
             self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids),
-            time=self.time, step=self.step, solver="columns", header={"density": density}, maxima=self.maxima(),
-            state=self.state(),
+            time=self.time, step=self.step, solver="columns", header=header, maxima=self.maxima(), state=self.state(),
         )  # fmt: skip
 
     def state(self):

@@ -76,7 +76,7 @@ class ExportSweep:
             spent = perf_counter() - began
             for step in steps:
                 began = perf_counter()
-                self.maxima[cell, step].absorb(values.index, values.values, frame.time)
+                self.maxima[cell, step].absorb(values.index, values.values, frame.time, values.least)
                 self.seconds[cell, step] += spent + perf_counter() - began
                 self.frames[cell, step] += 1
         self.count += 1

@@ -68,7 +68,7 @@ def lattice(rows=21, columns=21, spacing=5.0):
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.75, 0.0), (-0.3, 0.6)])
 @pytest.mark.parametrize("cell_size", [5.0, 2.0, 1.25])
 def test_linear_fields_come_out_exactly_with_thickness_normal_to_the_bed(slope, cell_size):
-    """Cells as fine as the nodes or finer take the field at their centre; |U| is along the ground on both sides."""
+    """Cells as fine as the nodes or finer take the mean of the field; |U| is along the ground on both sides."""
     x, y = lattice()
     peaks = peaks_of(1.0 + 0.01 * x + 0.02 * y, speed=4.0, arrival=2.0 + 0.1 * x)
     found = resampled(peaks, plane(slope), cell_size)
@@ -184,7 +184,7 @@ def test_the_size_of_the_strips_changes_nothing(cell_size, monkeypatch):
     random = np.random.default_rng(1)
     peaks, ground = peaks_of(random.uniform(0, 2, (21, 21)), arrival=random.uniform(0, 9, (21, 21))), plane((0.2, 0.4))
     whole = resampled(peaks, ground, cell_size)
-    monkeypatch.setattr(solver_maxima, "STRIP_SAMPLES", 100)
+    monkeypatch.setattr(solver_maxima, "STRIP_CELLS", 100)
     strips = resampled(peaks, ground, cell_size)
     assert all(np.array_equal(whole[name], strips[name], equal_nan=True) for name in whole)
 
