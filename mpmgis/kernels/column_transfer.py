@@ -497,8 +497,8 @@ def _turn(scratch, moved, quads, count, dx, kick, density, gravity, bound_bed, b
     """The bed at the new place, velocities turned with it, and what the survey of the step needs.
 
     The work of the weight is that of the mean of the velocities before and after the step's forces, which act for
-    `kick` [s]; the work of the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads. That
-    c changes under it is no force's work: the model knows the flow as a thin layer.
+    `kick` [s]; the work of the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
+    Changes of c are no work of a force: the model takes the flow as a thin layer.
     """
     inverse_dx = 1.0 / dx
     for k in range(count):

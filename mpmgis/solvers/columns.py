@@ -487,9 +487,10 @@ class ColumnSolver(ParticleStore):
         """Energy that came in, that is there and that left [J], and what took the rest.
 
         What the velocities lose to the transfers between columns and grid, to shocks and to internal friction is the
-        kinetic energy that the work of weight and pressure leaves unexplained. To bends go (with a negative sign where
-        slopes ease) changes of c^2 h / 2, the height of a column's middle, for which a thin layer has no force. The error is what is left then: the
-        potential energy that came in and is gone, less that work, over all energy that came in.
+        kinetic energy that the work of weight and pressure leaves unexplained (`mixing`). Changes of c^2 h / 2, the
+        height of a column's middle, go to `bends`, with a negative sign where slopes ease: a thin layer has no force
+        for them. The error is what is left then: the potential energy that came in and is gone, less that work, over
+        all energy that came in.
         """
         clock, ledger, gravity = self._clock, self._ledger, self.numerics.gravity
         (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
