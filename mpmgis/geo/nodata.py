@@ -18,14 +18,6 @@ def nodata_groups(nodata):
     return labels, set(np.unique(rim[rim > 0]).tolist())
 
 
-def holes_of(nodata):
-    """bool[rows, columns]: cells of bool `nodata` in groups that do not reach the edge."""
-    if not nodata.any():
-        return nodata
-    labels, at_edge = nodata_groups(nodata)
-    return nodata & ~np.isin(labels, list(at_edge))
-
-
 class NodataGroup(NamedTuple):
     """Cells without elevation: their number, and a place on the map [m] amid them."""
 
@@ -40,6 +32,11 @@ class NodataInReach(NamedTuple):
     holes: tuple = ()  # of NodataGroup, whole holes
     collar: NodataGroup | None = None  # only the cells beside reachable ground
 
+    @property
+    def hole(self):
+        """(cells of all holes, east, north [m] of the largest); None where no hole is in reach."""
+        return (sum(hole.cells for hole in self.holes), *self.holes[0][1:]) if self.holes else None
+
     def as_numbers(self):
         """All of it as plain numbers for a record."""
         collar = None if self.collar is None else self.collar._asdict()
@@ -49,11 +46,11 @@ class NodataInReach(NamedTuple):
         """What to tell of it before a run."""
         lines = []
         if self.holes:
-            first, cells = self.holes[0], sum(hole.cells for hole in self.holes)
-            more = "" if len(self.holes) == 1 else f" in {len(self.holes)} holes, {first.cells} of them"
+            cells, east, north = self.hole
+            more = "" if len(self.holes) == 1 else f" in {len(self.holes)} holes, {self.holes[0].cells} of them"
             lines.append(
-                f"the flow can reach nodata amid the DTM: {cells} cells{more} around E {first.east:.1f} N "
-                f"{first.north:.1f}; what flows in there leaves the terrain; fill it: [terrain] fill_nodata = "
+                f"the flow can reach nodata amid the DTM: {cells} cells{more} around E {east:.1f} N "
+                f"{north:.1f}; what flows in there leaves the terrain; fill it: [terrain] fill_nodata = "
                 "'interpolate'"
             )
         if self.collar is not None:

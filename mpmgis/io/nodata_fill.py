@@ -6,7 +6,7 @@ import numpy as np
 from rasterio.fill import fillnodata
 from scipy import ndimage
 
-from ..geo.nodata import holes_of, nodata_groups
+from ..geo.nodata import nodata_groups
 
 INTERPOLATE = "interpolate"
 FILLS = (INTERPOLATE,)
@@ -56,29 +56,40 @@ class NodataFill:
 def filled(terrain):
     """(`terrain` with its holes filled, the NodataFill).
 
-    A hole is a group of cells without elevation that does not reach the edge of the DTM. Each of its cells becomes the
-    mean of the nearest known cells in four quadrants around it, weighted by the inverse of their distance
-    (`rasterio.fill.fillnodata`, GDALFillNodata, without smoothing). Cells with elevation keep their bits.
+    A hole is a group of cells without elevation that does not reach the edge of the DTM. Its cells become the plane of
+    least squares through the cells around it, and what those leave of that plane, interpolated: the mean of the nearest
+    known cells in four quadrants, weighted by the inverse of their distance (`rasterio.fill.fillnodata`, that is
+    GDALFillNodata, without smoothing). On a plane that is exact. Cells with elevation keep their bits.
     """
     nodata = ~terrain.valid
-    holes = holes_of(nodata)
-    left = int(nodata.sum() - holes.sum())
-    if not holes.any():
-        return terrain, NodataFill(0, 0, 0.0, 0.0, 0.0, left)
-    rows, columns = np.nonzero(holes)
-    window = tuple(slice(at.min() - 1, at.max() + 2) for at in (rows, columns))
-    elevation, hole = terrain.elevation[window], holes[window]
-    known = np.isfinite(elevation)
+    labels, at_edge = nodata_groups(nodata)
+    left = int(np.isin(labels, list(at_edge)).sum())
+    elevation, cells, worst = terrain.elevation.copy(), 0, (0.0, (0, 0))
+    windows = enumerate(ndimage.find_objects(labels), 1)
+    holes = [(number, window) for number, window in windows if number not in at_edge]
     sides = [float(np.hypot(*terrain.grid.matrix[:, k])) for k in (1, 0)]
-    apart = ndimage.distance_transform_edt(~known, sampling=sides)
-    datum = elevation[known].mean()  # GDAL interpolates in single precision
-    image = np.where(known, elevation - datum, 0.0).astype(np.float32)
+    for number, inner in holes:
+        window = tuple(slice(part.start - 1, part.stop + 1) for part in inner)
+        hole, known = labels[window] == number, ~nodata[window]
+        elevation[window][hole] = _heights(terrain.elevation[window], hole, known)[hole]
+        apart = np.where(hole, ndimage.distance_transform_edt(~known, sampling=sides), 0.0)
+        row, column = np.unravel_index(np.argmax(apart), apart.shape)
+        cells += int(hole.sum())
+        worst = max(worst, (float(apart[row, column]), (int(row) + window[0].start, int(column) + window[1].start)))
+    if not holes:
+        return terrain, NodataFill(0, 0, 0.0, 0.0, 0.0, left)
+    east, north = terrain.grid.xy(*worst[1])
+    fill = NodataFill(len(holes), cells, worst[0], float(east), float(north), left)
+    return replace(terrain, elevation=elevation), fill
+
+
+def _heights(elevation, hole, known):
+    """Heights [m] in the cells `hole` of a window from those that are `known` in it."""
+    around = ndimage.binary_dilation(hole, np.ones((3, 3))) & known
+    row, column = np.indices(hole.shape)
+    terms = np.stack([np.ones(hole.shape), row, column], axis=-1)
+    plane = terms @ np.linalg.lstsq(terms[around], elevation[around], rcond=None)[0]
+    beside = np.where(known, elevation - plane, 0.0).astype(np.float32)
     reach = float(np.hypot(*hole.shape)) + 1.0
-    made = fillnodata(image, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)
-    whole = terrain.elevation.copy()
-    whole[window] = np.where(hole, made + datum, elevation)
-    worst = np.unravel_index(np.argmax(np.where(hole, apart, 0.0)), hole.shape)
-    east, north = terrain.grid.xy(*(at + part.start for at, part in zip(worst, window, strict=True)))
-    count = len(np.unique(nodata_groups(nodata)[0][holes]))
-    fill = NodataFill(count, len(rows), float(apart[worst]), float(east), float(north), left)
-    return replace(terrain, elevation=whole), fill
+    made = fillnodata(beside, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)
+    return plane + made

@@ -222,7 +222,7 @@ def _stage(scene, terrain, grid, start, reached, later, say):
     require_ground(scene.solver, scene.numerics.edges, in_reach)
     for line in in_reach.lines():
         say(line)
-    facts = facts._replace(**start.facts)
+    facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
     effects, decisions = resolve(deciding, facts)
     if scene.solver == "points":
         numerics, places = _point_numerics(scene, grid, start), known.in_3d(effects)

@@ -174,14 +174,14 @@ def require_ground(solver, edges, in_reach):
     ------
     SceneError
     """
-    holes, collar = in_reach.holes, in_reach.collar
+    hole, collar = in_reach.hole, in_reach.collar
     window = "a [terrain] window = [west, south, east, north] without it"
-    if holes and (solver == "points" or edges == "wall"):
+    if hole is not None and (solver == "points" or edges == "wall"):
         who = "the 3D solver" if solver == "points" else "[numerics] edges = 'wall'"
-        cells, first = sum(hole.cells for hole in holes), holes[0]
+        cells, east, north = hole
         raise SceneError(
             f"{who} needs ground without holes where the flow can get, got {cells} cells of nodata around "
-            f"E {first.east:.1f} N {first.north:.1f}; set [terrain] fill_nodata = 'interpolate', or take {window}"
+            f"E {east:.1f} N {north:.1f}; set [terrain] fill_nodata = 'interpolate', or take {window}"
         )
     if collar is not None and edges == "wall":
         raise SceneError(
