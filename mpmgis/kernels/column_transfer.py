@@ -492,13 +492,14 @@ def _read_bed(moved, quads, place, count, bed):
 
 
 @jit
-def _turn(scratch, moved, quads, count, dx, kick, density, gravity, bound_bed, bound_energy, pressure_factor,
+def _turn(scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy, pressure_factor,
           metric, curvature, entrainment):  # fmt: skip
     """The bed at the new place, velocities turned with it, and what the survey of the step needs.
 
     The work of the weight is that of the mean of the velocities before and after the step's forces, which act for
     `kick` [s]; the work of the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
-    Changes of c are no work of a force: the model takes the flow as a thin layer.
+    Changes of c are no work of a force: the model takes the flow as a thin layer. The forces of the next step act from
+    `ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
     """
     inverse_dx = 1.0 / dx
     for k in range(count):
@@ -522,12 +523,16 @@ def _turn(scratch, moved, quads, count, dx, kick, density, gravity, bound_bed, b
         spread = mass * mass * (1.0 / get(scratch, L_AREA, k) - 1.0 / area)
         c2_before = _cosine_squared(mx, my)
         put(moved, L_WORK, k, per_area * c2_before * spread - 0.5 * mass * gravity * kick * climbed)
+        climbs = u * slope_x + v * slope_y
         u, v = curvature.turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
+        turned = mass * gravity * ahead * (u * slope_x + v * slope_y - climbs)
         mx, my = metric.metric_gradient(slope_x, slope_y)
         c2 = _cosine_squared(mx, my)
-        put(moved, L_BENT, k, per_area * mass * mass / area * (c2 - c2_before))
+        put(moved, L_BENT, k, per_area * mass * mass / area * (c2 - c2_before) - turned)
         if entrainment.entrainment_active():
             grown = get(moved, L_MASS, k)
+            late = (grown - mass) * gravity * ahead * (u * slope_x + v * slope_y)
+            put(moved, L_WORK, k, get(moved, L_WORK, k) + late)
             thicker = per_area * c2 * (grown * grown - mass * mass) / area
             put(moved, L_TAKEN, k, (grown - mass) * gravity * bed_here + thicker)
         w = u * mx + v * my
@@ -671,8 +676,8 @@ def grid_to_particles(
             _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
             _read_bed(moved, quads, place, count, bed)
             _turn(
-                scratch, moved, quads, count, dx, kick, density, gravity, bound_bed, bound_energy, pressure_factor,
-                metric, curvature, entrainment,
+                scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy,
+                pressure_factor, metric, curvature, entrainment,
             )  # fmt: skip
             _survey(moved, stays, count, mine, dx, gravity, entrainment)
             _give_rows(rows, order, first, count, moved)

@@ -137,7 +137,7 @@ def scene_of(folder, **more):
 def in_3d(folder, **more):
     return {
         "solver": "points", **scene_of(folder, numerics={"cell_size": 4.0}, **more),
-        "friction": {"law": "Coulomb", "mu": 0.6}, "material": {"law": "Fluid", "viscosity": 100.0},
+        "friction": {"law": "Coulomb", "mu": 0.6}, "material": {"law": "Fluid", "viscosity": 100.0, "bulk_modulus": 1e6},
     }  # fmt: skip
 
 
