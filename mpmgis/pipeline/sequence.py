@@ -210,7 +210,7 @@ class Sequence:
         }
         come = account["released"] + account["entrained"]
         found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]
-        places = sorted((place for b in told for place in b["left_places"]), key=lambda place: -place["mass"])
+        places = sorted((p for b in told for p in b.get("left_places", ())), key=lambda place: -place["mass"])
         return account | {
             "error_relative": (found - come) / come, "left_places": places, "energy": self._energy_account(told),
         }  # fmt: skip

@@ -8,6 +8,8 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
@@ -137,7 +139,8 @@ def scene_of(folder, **more):
 def in_3d(folder, **more):
     return {
         "solver": "points", **scene_of(folder, numerics={"cell_size": 4.0}, **more),
-        "friction": {"law": "Coulomb", "mu": 0.6}, "material": {"law": "Fluid", "viscosity": 100.0, "bulk_modulus": 1e6},
+        "friction": {"law": "Coulomb", "mu": 0.6},
+        "material": {"law": "Fluid", "viscosity": 100.0, "bulk_modulus": 1e6},
     }  # fmt: skip
 
 
@@ -187,3 +190,21 @@ def test_a_seed_over_a_hole_is_refused_and_made_on_filled_ground(tmp_path, capsy
     assert "filled 12 cells" in capsys.readouterr().err
     particles = read_frame(tmp_path / "seed.h5").particles
     assert np.isfinite(particles.position).all() and particles.volume.sum() > 1600.0 * 2.0
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    east=st.floats(100.0, 380.0), north=st.floats(10.0, 110.0), share=st.floats(0.5, 3.0), mu=st.floats(0.05, 0.5),
+)  # fmt: skip
+def test_whatever_a_hole_takes_was_told_before(tmp_path_factory, east, north, share, mu):
+    """Small holes anywhere below the release, on cells of half to three times the DTM's."""
+    folder = tmp_path_factory.mktemp("hole")
+    write_site(folder, [(east, north)])
+    friction, cells = {"law": "Voellmy", "mu": mu, "xi": 1000.0}, {"cell_size": share * PIXEL}
+    prepared = prepare(scene_of(folder, friction=friction, numerics=cells, curvature={"use": "on"}))
+    solver = prepared.solver()
+    solver.advance(20.0)
+    taken = [place for place in solver.balances()["left_places"] if place["where"] == "hole"]
+    assert not taken or prepared.stages[0].nodata.holes
+    for place in taken:
+        assert np.hypot(place["east"] - WEST - east, place["north"] - SOUTH - north) <= 20.0 + 2.0 * share * PIXEL
