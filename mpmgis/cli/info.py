@@ -15,6 +15,7 @@ mpmgis info --json seed.h5 -o seed.json
 mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 
+_TAKERS = ("ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding")  # of energy
 UNITS = {
     **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
     **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),
@@ -24,6 +25,8 @@ UNITS = {
     **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
     **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
     **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
+    **dict.fromkeys(("energy_start", "energy_released_later", "energy_entrained", "energy_lifted", "energy_out"), "J"),
+    **{f"energy_lost_to_{name}": "J" for name in _TAKERS},
     **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),
     **dict.fromkeys(("bbox", "cell_size"), "m"),
     "density": "kg m-3",

@@ -52,6 +52,12 @@ def _add_terrain_options(group):
         "--crs", metavar="EPSG:n|local", help="CRS of a DTM that carries none; local: metres without a place"
     )
     group.add_argument("--dem-band", type=_count, metavar="N", help="band of the DTM, where it has several")
+    group.add_argument(
+        "--fill-nodata",
+        choices=("interpolate",),
+        help="holes amid the DTM: heights interpolated from the ground around them (default: a release over one is "
+        "refused)",
+    )
 
 
 def _add_material_options(group):
@@ -123,6 +129,7 @@ def run(arguments):
     asked = {
         "crs": arguments.crs,
         "dem_band": arguments.dem_band,
+        "fill_nodata": arguments.fill_nodata,
         "thickness": arguments.thickness,
         "thickness_mode": arguments.thickness_mode or "normal",
         "surface": arguments.surface,

@@ -30,6 +30,7 @@ from ..geo.georeference import (
 )
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
+from .nodata_fill import INTERPOLATE, filled
 
 METRES = {"", "m", "metre", "metres", "meter", "meters"}
 _OTHER_UNITS = {  # unit type of a band -> metres
@@ -48,7 +49,7 @@ _ROWS_AT_ONCE = 512
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
 
 
-def read_terrain(path, crs=None, band=None, say=None):
+def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
     """The DTM at `path`, or a refusal with its cure.
 
     Parameters
@@ -61,12 +62,14 @@ def read_terrain(path, crs=None, band=None, say=None):
         Counted from 1; needed where there are several.
     say : callable, optional
         Told in one line what the user should know.
+    fill_nodata : {"interpolate"}, optional
+        What to do with holes amid the DTM (`io.nodata_fill`).
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return TerrainFile(path, crs, band, say).whole()
+    return TerrainFile(path, crs, band, say, fill_nodata).whole()
 
 
 class TerrainFile:
@@ -76,22 +79,24 @@ class TerrainFile:
 
     Parameters
     ----------
-    path, crs, band, say : as for `read_terrain`
+    path, crs, band, say, fill_nodata : as for `read_terrain`
 
     Attributes
     ----------
     grid : Grid
         Of the whole file.
     path : str
+    fill : NodataFill or None
+        What was filled of the piece that was read last.
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
 
-    def __init__(self, path, crs=None, band=None, say=None):
+    def __init__(self, path, crs=None, band=None, say=None, fill_nodata=None):
         say = say or (lambda text: None)
-        self._file, self._say = Path(path), say
+        self._file, self._say, self._fills, self.fill = Path(path), say, fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = _band(source, path, band)
@@ -131,6 +136,10 @@ class TerrainFile:
             elevation = _values(source, self._file, self._band, window=window)
         mask_false_heights(elevation, self._file, self._say)
         terrain = Terrain(grid, elevation, self.path, self.sha256)
+        if self._fills:
+            terrain, self.fill = filled(terrain)
+            for line in self.fill.lines(grid.cell_size):
+                self._say(line)
         _tell_of_cliffs(terrain, self._file, self._say)
         return terrain
 

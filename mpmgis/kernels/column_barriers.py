@@ -8,7 +8,7 @@ import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .column_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
+from .column_rows import BLOCK, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 from .jit import jit, jit_inline, jit_parallel, prange
 
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
@@ -17,14 +17,15 @@ from .jit import jit, jit_inline, jit_parallel, prange
 WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, BARRIER_ENTRIES = range(8)
 # what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
 IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
+BARRIER_LOSS = BARRIER_SUMS  # of a chunk's report only: kinetic energy lost to the barrier [J]
 PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], beside a barrier's sums
 LOOK = 64  # [cells] how far a node in a wall looks for the flow outside
 
 
 @jit_parallel
 def hold_at_barriers(
-    nodes, bed, slot, touched, n_touched, west, south, width, height, report, dx, dt, density, gravity, wall, walls,
-    barrier,
+    nodes, bed, node_gradient, slot, touched, n_touched, west, south, width, height, report, dx, dt, density, gravity,
+    wall, walls, barrier, metric,
 ):  # fmt: skip
     """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
 
@@ -56,7 +57,9 @@ def hold_at_barriers(
                         u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], open_speed
                     )
                     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
-                    own = mass * _share_within(j, i, rows, columns, wall)
+                    own = mass * share_within(j, i, rows, columns, wall)
+                    slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+                    sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
                     sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
                     sums[IMPULSE_X] += own * (u - u_held)
                     sums[IMPULSE_Y] += own * (v - v_held)
@@ -108,7 +111,25 @@ def _mass_now(nodes, slot, window, j, i):
 
 
 @jit_inline
-def _share_within(j, i, rows, columns, wall):
+def _loss_at_wall(node, u, v, u_held, v_held, slopes):
+    """Energy that a wall takes from a kilogram of a node, (U - U_held) (U_before + U_held) / 2 [J kg-1].
+
+    U_before has the direction of U and the speed of the columns before the step's forces. The node's kinetic energy
+    becomes that of what is held, for the loss to friction that follows.
+    """
+    w, w_held = u * slopes[0] + v * slopes[1], u_held * slopes[0] + v_held * slopes[1]
+    speed2 = u * u + v * v + w * w
+    if speed2 == 0.0:
+        return 0.0
+    held2 = u_held * u_held + v_held * v_held + w_held * w_held
+    along = u * u_held + v * v_held + w * w_held
+    share = np.sqrt(2.0 * node[NODE_KINETIC] / (node[NODE_MASS] * speed2))
+    node[NODE_KINETIC] *= held2 / speed2
+    return 0.5 * (share * (speed2 - along) + along - held2)
+
+
+@jit_inline
+def share_within(j, i, rows, columns, wall):
     """Share of a node's mass that is no mirror image: walls around the domain double the mass on them."""
     share = 1.0
     if wall:
@@ -122,10 +143,16 @@ def _share_within(j, i, rows, columns, wall):
 
 @jit
 def collect_barriers(barrier_report, sums, dt):
-    """Reduce the chunks' barrier reports in their order; `sums` float64[barriers, BARRIER_SUMS + 1]."""
+    """Reduce the chunks' barrier reports in their order; `sums` float64[barriers, BARRIER_SUMS + 1].
+
+    Answers the kinetic energy that barriers took in this step [J].
+    """
+    lost = 0.0
     for k in range(sums.shape[0]):
         before = sums[k, IMPULSE]
         for c in range(CHUNKS):
             for entry in range(BARRIER_SUMS):
                 sums[k, entry] += barrier_report[c, k, entry]
+            lost += barrier_report[c, k, BARRIER_LOSS]
         sums[k, PEAK_FORCE] = max(sums[k, PEAK_FORCE], (sums[k, IMPULSE] - before) / dt)
+    return lost

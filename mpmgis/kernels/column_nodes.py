@@ -6,11 +6,15 @@ from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .column_rows import BLOCK, NODE_GAIN, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
+from .column_barriers import share_within
+from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
 from .jit import jit, jit_inline, jit_parallel, prange
 
-# what each chunk of the node loop reports
-WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, NODE_REPORT = range(5)
+# what each chunk of the node loop reports; energies [J]: lost to friction on the bed, to the mass taken up, which is at
+# rest, and the potential energy that the flow loses where the bed under it is lowered
+(
+    WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, NODE_REPORT,
+) = range(8)  # fmt: skip
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
@@ -75,10 +79,14 @@ def mirror_walls(nodes):
 @jit_parallel
 def update_nodes(
     nodes, bed, node_gradient, wet, touched, n_touched, west, south, width, report, dx, dt, density, gravity,
-    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible,
+    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, wall,
     friction, zones, cohesion, metric, curvature, entrainment,
 ):  # fmt: skip
     """Momentum to velocity; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
+
+    An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
+    step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up
+    at rest takes the rest, m gain U_before U_after / 2.
 
     Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
     they gain what the bed loses.
@@ -122,6 +130,8 @@ def update_nodes(
                         viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
                         drag = law.drag_coefficient(gravity, normal_thickness, speed)
                         per_mass = 1.0 / (density * normal_thickness)
+                        own = mass * share_within(j, i, rows, columns, wall)
+                        before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
                         slowed = _slowed_speed(speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness)
                         for _ in range(CHORDS - 1):
                             if viscous > 0.0 and slowed > 0.0:
@@ -140,7 +150,11 @@ def update_nodes(
                             gain = eroded * dx * dx / mass
                             erodible[j, i] -= eroded
                             bed[j, i] -= eroded * entrainment.bed_lowering()
+                            report[c, LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
                             u, v = u / (1.0 + gain), v / (1.0 + gain)
+                        after = slowed / (1.0 + gain)
+                        report[c, FRICTION_LOSS] += 0.5 * own * (speed - slowed) * (before + after)
+                        report[c, MERGING_LOSS] += 0.5 * own * gain * before * after
                     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
                     if entrainment.entrainment_active():
                         nodes[j, i, NODE_MASS] = mass * (1.0 + gain)

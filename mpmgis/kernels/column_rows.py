@@ -11,8 +11,10 @@ from .jit import jit, jit_inline
 
 # columns of a particle's row
 X, Y, U, V, CXX, CXY, CYX, CYY, MASS, AREA, GX, GY, ROW = range(13)
-# entries of a node: mass [kg]; momentum, then velocity, east and north; the share of mass gained by erosion
+# entries of a node: mass [kg]; momentum, then velocity, east and north; the kinetic energy [J] that the columns bring,
+# then the share of mass gained by erosion
 NODE_MASS, NODE_X, NODE_Y, NODE_GAIN = range(4)
+NODE_KINETIC = NODE_GAIN
 
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a particle of the block reaches two nodes further
@@ -82,7 +84,7 @@ def grid_areas(rows, shape, dx):
 
 
 @jit
-def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density, least):
+def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density, least, tilted):
     """Set the area of the columns in marked cells to m / (rho h_g): as thick as the grid sees all of them together.
 
     Columns laid over others are each too thin and push too little (the push is the sum of A h^2).
@@ -99,11 +101,13 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
     density : float [kg m-3]
     least : float
         Only columns that become at least so many times as thick; 0 for all.
+    tilted : bool
+        Thickness is normal to the bed: the middle of a column lies c^2 h / 2 above the bed, not h / 2.
 
     Returns
     -------
     (float, float, float)
-        The thickest of these columns [m], its |u| [m s-1] at most, and the sum of m (h after - h before) [kg m].
+        The thickest of these columns [m], its |u| [m s-1] at most, and the sum of m c^2 (h after - h before) [kg m].
     """
     height, width = marked.shape[0] + 8, marked.shape[1] + 8
     south, west = first_row - 2, first_column - 2  # nodes, and columns' base nodes, that bear on the window
@@ -135,7 +139,8 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
                 before, after = rows[p, MASS] / (density * rows[p, AREA]), here / (density * dx * dx)
                 if after >= least * before:
                     rows[p, AREA] = rows[p, MASS] / (density * after)
-                    lifted += rows[p, MASS] * (after - before)
+                    steep = rows[p, GX] ** 2 + rows[p, GY] ** 2 if tilted else 0.0
+                    lifted += rows[p, MASS] * (after - before) / (1.0 + steep)
                     thickest = max(thickest, after)
                     fastest = max(fastest, np.hypot(rows[p, U], rows[p, V]))
         if not reading:

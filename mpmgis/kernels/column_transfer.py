@@ -37,8 +37,12 @@ from .lanes import get, get_of_four, lanes, load, multiply_add, prefetch, put, p
     BLOCK_NORTH,
     STIFF,  # columns whose apparent viscosity was cut to what the time step allows
     ENTRAINED,  # mass taken up from the bed [kg]
+    ENTRAINED_POTENTIAL,  # potential energy of that mass where it joins the flow, from elevation 0 [J]
+    WORK,  # work of weight and pressure on the columns [J]
+    BENT,  # potential energy that columns gain as the bed under them changes its slope [J]
+    LIMITED_LOSS,  # kinetic energy taken by the speed bound [J]
     OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
-) = range(19)
+) = range(23)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -59,9 +63,9 @@ BATCH = 32
     L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
     L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and what it makes of second differences in a moment
     L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
-    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED,
-) = range(0, 33 * BATCH, BATCH)  # fmt: skip
-LINES = 33 * BATCH
+    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
+) = range(0, 36 * BATCH, BATCH)  # fmt: skip
+LINES = 36 * BATCH
 QUAD = 4 * BATCH  # groups of four numbers, one group a column
 QUADS = 6 * QUAD
 
@@ -97,7 +101,7 @@ def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, d
               metric, lake, earth_pressure, viscosity):  # fmt: skip
     """What each column of the batch gives to its nodes, as weights and four-number groups; answers capped viscosities.
 
-    Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, nothing).
+    Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
     """
     inverse_dx = 1.0 / dx
     stiff = 0
@@ -138,6 +142,8 @@ def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, d
             push_yx -= drawn * (dxy * along_xx + cyy * along_xy)
             push_yy -= drawn * (dxy * along_xy + cyy * along_yy)
         pull = dt * driven * gravity * c2
+        w = u * metric_x + v * metric_y
+        kinetic = 0.5 * mass * (u * u + v * v + w * w)
         mdx = mass * dx
         cxx, cxy, cyx, cyy = mdx * cxx, mdx * cxy, mdx * cyx, mdx * cyy
         # momentum at the column's own place, carried to the first node: -f cells away in each axis
@@ -151,15 +157,15 @@ def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, d
         put(scratch, L_WY2, k, wy2)
         put_four(
             quads, 0 * QUAD, k, wx0 * mass, wx0 * qx + push_xx * (fx - 1.5),
-            wx0 * qy + push_yx * (fx - 1.5), 0.0,
+            wx0 * qy + push_yx * (fx - 1.5), wx0 * kinetic,
         )  # fmt: skip
         put_four(
             quads, 1 * QUAD, k, wx1 * mass, wx1 * (qx + cxx) + push_xx * (2.0 - 2.0 * fx),
-            wx1 * (qy + cyx) + push_yx * (2.0 - 2.0 * fx), 0.0,
+            wx1 * (qy + cyx) + push_yx * (2.0 - 2.0 * fx), wx1 * kinetic,
         )  # fmt: skip
         put_four(
             quads, 2 * QUAD, k, wx2 * mass, wx2 * (qx + 2.0 * cxx) + push_xx * (fx - 0.5),
-            wx2 * (qy + 2.0 * cyx) + push_yx * (fx - 0.5), 0.0,
+            wx2 * (qy + 2.0 * cyx) + push_yx * (fx - 0.5), wx2 * kinetic,
         )  # fmt: skip
         put_four(quads, 3 * QUAD, k, 0.0, push_xy * (fy - 1.5), push_yy * (fy - 1.5), 0.0)
         line = 2.0 - 2.0 * fy
@@ -399,10 +405,11 @@ def _all_stay(moved, stays, count, length_x, length_y):
 
 
 @jit
-def _book_out(scratch, moved, stays, count, bed, inside, mine, dx, density, gravity, metric):
+def _book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric):
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
-    `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either.
+    `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either. Potential energy is
+    that of the place after the share `driven` of the step, for which the velocities hold, on the plane of the bed.
     """
     inverse_dx = 1.0 / dx
     ny, nx = inside.shape
@@ -429,12 +436,16 @@ def _book_out(scratch, moved, stays, count, bed, inside, mine, dx, density, grav
             mx, my = metric.metric_gradient(get(scratch, L_GX, k), get(scratch, L_GY, k))
             w = u * mx + v * my
             bed_last = bed_at(bed, get(scratch, L_X, k), get(scratch, L_Y, k), inverse_dx)[0]
+            slope_x, slope_y = get(scratch, L_GX, k), get(scratch, L_GY, k)
+            fallen = slope_x * (x - get(scratch, L_X, k)) + slope_y * (y - get(scratch, L_Y, k))
+            bed_last += driven * fallen
+            thickness = mass / (density * area) * _cosine_squared(mx, my)
             out = OUT + edge * OUT_ENTRIES
             mine[out] += mass
             mine[out + 1] += mass * u
             mine[out + 2] += mass * v
             mine[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
-            mine[out + 4] += mass * gravity * (bed_last + 0.5 * mass / (density * area))
+            mine[out + 4] += mass * gravity * (bed_last + 0.5 * thickness)
             mine[out + 5] += 1.0
             stays[k] = 0
         if stays[k] == 0:
@@ -481,9 +492,15 @@ def _read_bed(moved, quads, place, count, bed):
 
 
 @jit
-def _turn(scratch, moved, quads, count, dx, dt, density, gravity, bound_bed, bound_energy, pressure_factor,
-          metric, curvature):  # fmt: skip
-    """The bed at the new place, velocities turned with it, and what the survey of the step needs."""
+def _turn(scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy, pressure_factor,
+          metric, curvature, entrainment):  # fmt: skip
+    """The bed at the new place, velocities turned with it, and what the survey of the step needs.
+
+    The work of the weight is that of the mean of the velocities before and after the step's forces, which act for
+    `kick` [s]; the work of the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
+    Changes of c are no work of a force: the model takes the flow as a thin layer. The forces of the next step act from
+    `ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
+    """
     inverse_dx = 1.0 / dx
     for k in range(count):
         row0, row1 = get_of_four(quads, Q_BED, k, 0), get_of_four(quads, Q_BED, k, 1)
@@ -499,8 +516,25 @@ def _turn(scratch, moved, quads, count, dx, dt, density, gravity, bound_bed, bou
         slope_x, slope_y = slope_x * inverse_dx, slope_y * inverse_dx
         u, v = get(moved, L_U, k), get(moved, L_V, k)
         old_x, old_y = get(scratch, L_GX, k), get(scratch, L_GY, k)
+        mass, area = get(scratch, L_MASS, k), get(moved, L_AREA, k)
+        climbed = (get(scratch, L_U, k) + u) * old_x + (get(scratch, L_V, k) + v) * old_y
+        mx, my = metric.metric_gradient(old_x, old_y)
+        per_area = 0.5 * gravity / density
+        spread = mass * mass * (1.0 / get(scratch, L_AREA, k) - 1.0 / area)
+        c2_before = _cosine_squared(mx, my)
+        put(moved, L_WORK, k, per_area * c2_before * spread - 0.5 * mass * gravity * kick * climbed)
+        climbs = u * slope_x + v * slope_y
         u, v = curvature.turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
+        turned = mass * gravity * ahead * (u * slope_x + v * slope_y - climbs)
         mx, my = metric.metric_gradient(slope_x, slope_y)
+        c2 = _cosine_squared(mx, my)
+        put(moved, L_BENT, k, per_area * mass * mass / area * (c2 - c2_before) - turned)
+        if entrainment.entrainment_active():
+            grown = get(moved, L_MASS, k)
+            late = (grown - mass) * gravity * ahead * (u * slope_x + v * slope_y)
+            put(moved, L_WORK, k, get(moved, L_WORK, k) + late)
+            thicker = per_area * c2 * (grown * grown - mass * mass) / area
+            put(moved, L_TAKEN, k, (grown - mass) * gravity * bed_here + thicker)
         w = u * mx + v * my
         horizontal2 = u * u + v * v
         wave2 = pressure_factor * gravity * get(moved, L_MASS, k) / (density * get(moved, L_AREA, k))
@@ -523,9 +557,13 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
     """
     signal2_max, speed2_max, ratio = mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO]
     kinetic, moving, flowing, entrained = mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED]
+    work, bent, taken, limited = mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS]
     for k in range(count):
+        work += get(moved, L_WORK, k)
+        bent += get(moved, L_BENT, k)
         if entrainment.entrainment_active():
             entrained += get(moved, L_GAINED, k)
+            taken += get(moved, L_TAKEN, k)
         if stays[k] == 0:
             continue
         mass, speed2, bound = get(moved, L_MASS, k), get(moved, L_SPEED2, k), get(moved, L_BOUND, k)
@@ -542,6 +580,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
             drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
             if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
                 mine[WILD] += mass
+            limited += 0.5 * mass * (speed2 - bound)
             horizontal2, speed2 = horizontal2 * bound / speed2, bound
         speed2_max = max(speed2_max, horizontal2)
         kinetic += mass * speed2
@@ -551,6 +590,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
                 flowing += mass
     mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO] = signal2_max, speed2_max, ratio
     mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED] = kinetic, moving, flowing, entrained
+    mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS] = work, bent, taken, limited
 
 
 @jit
@@ -594,14 +634,15 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
 @jit_parallel
 def grid_to_particles(
     rows, keys, order, start, block, bounds, west, south, width, nodes, bed, inside, report,
-    dx, dt, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
+    dx, dt, kick, ahead, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
     metric, curvature, entrainment,
 ):  # fmt: skip
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
     APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `clamp` a column
     stays below `clamp` times the grid's thickness where the flow spreads, and above 1/clamp of it where it converges.
-    No column is faster than its drop in height allows. Columns that leave through an open edge or onto nodata (looked
+    No column is faster than its drop in height allows. Velocities are those of `ahead` [s] before the end of the step
+    (leapfrog). Columns that leave through an open edge or onto nodata (looked
     for only if the terrain has `holes`) go to the ledger and get the key GONE.
     """
     inverse_dx = 1.0 / dx
@@ -630,12 +671,13 @@ def grid_to_particles(
             if wall:
                 _keep_in(moved, count, dx, nx * dx, ny * dx)
             if not _all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
-                _book_out(scratch, moved, stays, count, bed, inside, mine, dx, density, gravity, metric)
+                driven = 1.0 - ahead / dt
+                _book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric)
             _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
             _read_bed(moved, quads, place, count, bed)
             _turn(
-                scratch, moved, quads, count, dx, dt, density, gravity, bound_bed, bound_energy, pressure_factor,
-                metric, curvature,
+                scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy,
+                pressure_factor, metric, curvature, entrainment,
             )  # fmt: skip
             _survey(moved, stays, count, mine, dx, gravity, entrainment)
             _give_rows(rows, order, first, count, moved)

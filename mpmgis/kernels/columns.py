@@ -14,12 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
-from .column_barriers import BARRIER_ENTRIES, BARRIER_SUMS, collect_barriers, hold_at_barriers
+from .column_barriers import BARRIER_ENTRIES, BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import block_key, initial_keys, sort_by_block, touched_blocks
 from .column_nodes import (
     AIRBORNE_MASS,
     ARMED,
     DEEPEST,
+    FRICTION_LOSS,
+    LOWERING_LOSS,
+    MERGING_LOSS,
     NODE_REPORT,
     REACHED,
     TRIGGERED,
@@ -49,6 +52,7 @@ from .column_rows import (
     weights,
 )
 from .column_transfer import (
+    BENT,
     BLOCK_EAST,
     BLOCK_NORTH,
     BLOCK_SOUTH,
@@ -59,9 +63,11 @@ from .column_transfer import (
     CLAMPED,
     EDGES,
     ENTRAINED,
+    ENTRAINED_POTENTIAL,
     FLOWING,
     KINETIC,
     LIMITED,
+    LIMITED_LOSS,
     MOVING,
     NOT_FINITE,
     OUT,
@@ -71,22 +77,28 @@ from .column_transfer import (
     SPEED_MAX,
     STIFF,
     WILD,
+    WORK,
     gather_tiles,
     grid_to_particles,
     particles_to_grid,
 )
 from .jit import jit
+from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 
 __all__ = [  # what the solver needs beside its own
     "AREA",
     "ARMED",
     "BARRIER_ENTRIES",
+    "BARRIER_SUMS",
     "GONE",
     "GX",
     "GY",
+    "LEFT_BLOCK",
+    "LEFT_ENTRIES",
     "MASS",
     "REACHED",
     "ROW",
+    "WAYS",
     "U",
     "V",
     "X",
@@ -145,8 +157,15 @@ __all__ = [  # what the solver needs beside its own
     ENTRAINED_TOTAL,  # [kg]
     BOUND_BED,  # highest bed of any release [m]
     BOUND_ENERGY,  # 4 g h_max and the square of the initial speed [m2 s-2]
+    FRICTION_TOTAL,  # energy lost to friction on the bed [J], and what follows, to mass taken up from the bed
+    MERGING_TOTAL,
+    BARRIER_TOTAL,  # to barriers
+    LIMITED_TOTAL,  # to the bound of the speed
+    WORK_TOTAL,  # work of weight and pressure [J]
+    BENT_TOTAL,  # potential energy that came of changes of the bed's slope [J]
+    ENTRAINED_POTENTIAL_TOTAL,  # what the mass taken up adds to the potential energy, from elevation 0 [J]
     CLOCK,
-) = range(31)
+) = range(38)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
 
@@ -196,6 +215,16 @@ def next_time_step(clock, step, settings):
 
 
 @jit
+def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
+    """Add the columns that left in this step of `dt` [s] to `left_cells`, where they came to (see `book_left`)."""
+    for q in range(alive):
+        p = order[q]
+        if keys[p] == GONE:
+            x, y = rows[p, X] + dt * rows[p, U], rows[p, Y] + dt * rows[p, V]
+            book_left(left_cells, shape, x, y, dx, rows[p, MASS])
+
+
+@jit
 def collect(report, node_report, ledger, clock, counts):
     """Reduce the chunks' reports in their order into clock, counts and ledger."""
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
@@ -207,6 +236,12 @@ def collect(report, node_report, ledger, clock, counts):
         stiff += mine[STIFF]
         clock[ENTRAINED_TOTAL] += mine[ENTRAINED]
         clock[TOTAL_MASS] += mine[ENTRAINED]
+        clock[ENTRAINED_POTENTIAL_TOTAL] += mine[ENTRAINED_POTENTIAL] - node_report[c, LOWERING_LOSS]
+        clock[WORK_TOTAL] += mine[WORK]
+        clock[BENT_TOTAL] += mine[BENT]
+        clock[LIMITED_TOTAL] += mine[LIMITED_LOSS]
+        clock[FRICTION_TOTAL] += node_report[c, FRICTION_LOSS]
+        clock[MERGING_TOTAL] += node_report[c, MERGING_LOSS]
         triggered += node_report[c, TRIGGERED]
         clock[SIGNAL] = max(clock[SIGNAL], mine[SIGNAL_MAX])
         clock[SPEED] = max(clock[SPEED], mine[SPEED_MAX])
@@ -271,7 +306,7 @@ def stop_rule(clock, counts):
 @jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
-    until, max_steps, settings, fields, effects,
+    left_cells, until, max_steps, settings, fields, effects,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
 
@@ -281,7 +316,7 @@ def advance(
     dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
-    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_SUMS))
+    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_LOSS + 1))
     bounds = np.zeros(CHUNKS + 1, np.int64)
     histogram = np.zeros((CHUNKS, 16), np.int32)
     slot = np.zeros(16, np.int32)
@@ -344,13 +379,13 @@ def advance(
             fold_walls(nodes)
         if effects.barrier.barrier_active():
             hold_at_barriers(
-                nodes, fields.bed, slot, touched, n_touched, west, south, width, height, barrier_report,
-                dx, kick, density, gravity, wall, fields.barriers, effects.barrier,
+                nodes, fields.bed, fields.gradient, slot, touched, n_touched, west, south, width, height,
+                barrier_report, dx, kick, density, gravity, wall, fields.barriers, effects.barrier, effects.metric,
             )  # fmt: skip
         update_nodes(
             nodes, fields.bed, fields.gradient, wet, touched, n_touched, west, south, width, node_report,
             dx, kick, density, gravity, settings.thickness_floor, settings.wet_thickness, fields.trigger_thickness,
-            fields.zone_values, fields.erodible,
+            fields.zone_values, fields.erodible, wall,
             effects.friction, effects.zones, effects.cohesion, effects.metric, effects.curvature,
             effects.entrainment,
         )  # fmt: skip
@@ -365,7 +400,8 @@ def advance(
             mirror_walls(nodes)
         grid_to_particles(
             rows, keys, order, start, block, bounds, west, south, width, nodes, fields.bed, fields.inside, report,
-            dx, dt, density, gravity, settings.clamp, wall, settings.holes, clock[BOUND_BED], clock[BOUND_ENERGY],
+            dx, dt, kick, clock[KICK_BEFORE], density, gravity, settings.clamp, wall, settings.holes, clock[BOUND_BED],
+            clock[BOUND_ENERGY],
             effects.earth_pressure.largest_factor(), effects.metric, effects.curvature, effects.entrainment,
         )  # fmt: skip
 
@@ -373,9 +409,11 @@ def advance(
         clock[TIME] = until if last else clock[TIME] + dt
         gone, triggered = collect(report, node_report, ledger, clock, counts)
         if effects.barrier.barrier_active():
-            collect_barriers(barrier_report, barrier_sums, kick)
+            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, barrier_sums, kick)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
+        if gone > 0:
+            book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
         if clock[WILD_NOW] > settings.wild_stop:
             return TOO_FAST
         if counts[ALIVE] == 0:

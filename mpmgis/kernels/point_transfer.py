@@ -60,6 +60,7 @@ from .point_rows import (
     UNDER_X,
     UNDER_Y,
     UNDER_Z,
+    UNDER_ENERGY,  # potential energy that lifting gives [J]
     NOT_FINITE,  # points
     BAD_X,
     BAD_Y,
@@ -69,8 +70,8 @@ from .point_rows import (
     BLOCK_NORTH,
     BLOCK_TALL,
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(18)
-EDGES = 4  # west, south, east, north
+) = range(19)
+EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
 
@@ -472,8 +473,8 @@ def _settle(scratch, integers):
 
 
 @kernel_part
-def _book_out(scratch, integers, count, block, west, south, east, north, dx, gravity, mine):
-    """Book the points that left over an edge or are not finite; they wait at their last place."""
+def _book_out(scratch, integers, count, block, inside, west, south, east, north, dx, gravity, mine):
+    """Book the points that left over an edge or onto nodata, or are not finite; they wait at their last place."""
     for q in range(count):
         x, y, z = scratch[L_X + q], scratch[L_Y + q], scratch[L_Z + q]
         if (x + y + z) * 0.0 != 0.0:  # NaN or infinite
@@ -482,6 +483,8 @@ def _book_out(scratch, integers, count, block, west, south, east, north, dx, gra
             mine[BAD_Y] = (scratch[L_FY + q] + (block[1] * BLOCK - GHOSTS)) * dx
             integers[I_STAYS + q] = 0
         edge = 0 if x < west else 1 if y < south else 2 if x >= east else 3 if y >= north else EDGES
+        if edge == EDGES and integers[I_STAYS + q] == 1 and inside[int(y - south), int(x - west)] == 0:
+            edge = EDGES - 1
         if edge < EDGES and integers[I_STAYS + q] == 1:
             out, mass = OUT + edge * OUT_ENTRIES, float(scratch[L_MASS + q])
             mine[out] += mass
@@ -498,7 +501,7 @@ def _book_out(scratch, integers, count, block, west, south, east, north, dx, gra
 
 
 @kernel_part
-def _lift(scratch, integers, q, block, ground, dx, mine):
+def _lift(scratch, integers, q, block, ground, dx, gravity, mine):
     """A point more than a cell under the ground is laid on it, and what it moves into the ground is taken from it."""
     i, j = integers[I_COLUMN + q] + block[0] * BLOCK, integers[I_ROW + q] + block[1] * BLOCK
     slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
@@ -509,8 +512,10 @@ def _lift(scratch, integers, q, block, ground, dx, mine):
     x, y = x - west, y - south  # between four nodes: at a cliff a node's plane stands metres above the ground near by
     surface = (1.0 - y) * ((1.0 - x) * ground[south, west, GROUND_HEIGHT] + x * ground[south, west + 1, GROUND_HEIGHT])
     surface += y * ((1.0 - x) * ground[south + 1, west, GROUND_HEIGHT] + x * ground[south + 1, west + 1, GROUND_HEIGHT])
-    if (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx < surface - dx:
+    height = (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx
+    if height < surface - dx:
         mine[UNDER] += scratch[L_MASS + q]
+        mine[UNDER_ENERGY] += float(scratch[L_MASS + q]) * gravity * (surface - height)
         steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         nx, ny, nz = -slope_x / steep, -slope_y / steep, 1.0 / steep
         into = min(scratch[L_PX + q] * nx + scratch[L_PY + q] * ny + scratch[L_PZ + q] * nz, 0.0)
@@ -527,7 +532,7 @@ def _lift(scratch, integers, q, block, ground, dx, mine):
 
 
 @kernel_part
-def _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, mine):
+def _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, gravity, mine):
     """Blocks of the next step for those that leave theirs, which widen the window; who is under the ground is lifted.
 
     `deepest` [cells from the block's] is where in the block one may be under the ground at all.
@@ -541,7 +546,7 @@ def _give_keys(scratch, integers, keys, order, first, count, block, ground, lowe
             i, j = integers[I_COLUMN + q] + block[0] * BLOCK, integers[I_ROW + q] + block[1] * BLOCK
             level = block[2] + integers[I_BLOCK_Z + q]
             if (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx < ground[j, i, GROUND_DEEP]:
-                _lift(scratch, integers, q, block, ground, dx, mine)
+                _lift(scratch, integers, q, block, ground, dx, gravity, mine)
         if integers[I_BLOCK_X + q] | integers[I_BLOCK_Y + q] | integers[I_BLOCK_Z + q]:
             column, row = block[0] + integers[I_BLOCK_X + q], block[1] + integers[I_BLOCK_Y + q]
             level = block[2] + integers[I_BLOCK_Z + q] - lowest[row, column, 0]
@@ -602,8 +607,8 @@ def _lines_of_group(group):
 
 @jit_borrowing
 def _advance_blocks(
-    rows, keys, order, start, first_block, end_block, blocks, targets, nodes, tiles, ground, lowest, mine, scratch,
-    quads, integers, dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
+    rows, keys, order, start, first_block, end_block, blocks, targets, nodes, tiles, ground, lowest, inside, mine,
+    scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material, softening,
 ):  # fmt: skip
     """`grid_to_points` for the active blocks `first_block` to `end_block`."""
     row, real = rows.shape[1], scratch.dtype.type
@@ -630,10 +635,10 @@ def _advance_blocks(
                 _yield_work(scratch, count)
             if wall:
                 _keep_in(scratch, west, south, east, north)
-            if not _all_within(scratch, integers, west, south, east, north):
-                _book_out(scratch, integers, count, block, west, south, east, north, dx, gravity, mine)
+            if not _all_within(scratch, integers, west, south, east, north) or holes:
+                _book_out(scratch, integers, count, block, inside, west, south, east, north, dx, gravity, mine)
             _settle(scratch, integers)
-            _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, mine)
+            _give_keys(scratch, integers, keys, order, first, count, block, ground, lowest, dx, deepest, gravity, mine)
             _give_rows(rows, order, first, count, row, scratch)
 
 
@@ -649,14 +654,15 @@ def _deepest(ground, block, dx):
 
 @jit_parallel
 def grid_to_points(
-    rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground, lowest, report,
-    dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
+    rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground, lowest, inside, report,
+    dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material, softening,
 ):  # fmt: skip
     """Read the velocity field back, move the points, strain them and give them the stress of the next step.
 
     APIC: v_p = sum w_i v_i, C_p = 4/dx^2 sum w_i v_i (x_i - x_p)^T (Jiang et al. 2015); the deformation follows C.
-    `blocks` int32[active, 3] are the active blocks' places (x, y, z); `material` and `softening` have parameters of the
-    rows' precision.
+    Points that leave over an edge or into a cell without elevation, `inside` uint8[cells_y, cells_x] = 0 (looked for
+    only with `holes`), go to the ledger. `blocks` int32[active, 3] are the active blocks' places (x, y, z); `material`
+    and `softening` have parameters of the rows' precision.
     """
     for c in prange(CHUNKS):
         mine = report[c]
@@ -666,8 +672,9 @@ def grid_to_points(
         scratch, quads = np.zeros(LINES, rows.dtype), np.zeros(QUADS, rows.dtype)
         integers = np.zeros(INTEGERS, np.int32)
         _advance_blocks(
-            rows, keys, order, start, bounds[c], bounds[c + 1], blocks, targets, nodes, tiles, ground, lowest, mine,
-            scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, cells_x, cells_y, material, softening,
+            rows, keys, order, start, bounds[c], bounds[c + 1], blocks, targets, nodes, tiles, ground, lowest, inside,
+            mine, scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material,
+            softening,
         )  # fmt: skip
         for q in range(BATCH):
             mine[SHEAR_MAX] = max(mine[SHEAR_MAX], scratch[L_SHEAR_MOST + q])

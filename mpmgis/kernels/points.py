@@ -13,6 +13,7 @@ import numpy as np
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
 from .jit import jit
+from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 from .point_barriers import (
     IMPULSE_X,
     IMPULSE_Z,
@@ -55,10 +56,12 @@ from .point_rows import (
     AXX,
     AXY,
     AXZ,
+    BLOCK,
     BLOCK_SIZE,
     GHOSTS,
     MASS,
     PX,
+    PY,
     PZ,
     ROW_LONG,
     ROW_SHORT,
@@ -70,6 +73,7 @@ from .point_rows import (
     STATE,
     TILE_SIZE,
     X,
+    Y,
     Z,
 )
 from .point_transfer import (
@@ -91,6 +95,7 @@ from .point_transfer import (
     SHEAR_MAX,
     SPEED2_MAX,
     UNDER,
+    UNDER_ENERGY,
     UNDER_X,
     UNDER_Y,
     UNDER_Z,
@@ -109,6 +114,8 @@ __all__ = [  # what the solver needs beside its own
     "GROUND_ENTRIES",
     "IMPULSE_X",
     "IMPULSE_Z",
+    "LEFT_BLOCK",
+    "LEFT_ENTRIES",
     "MASS",
     "POINT_BARRIER_ENTRIES",
     "POINT_BARRIER_SUMS",
@@ -117,6 +124,7 @@ __all__ = [  # what the solver needs beside its own
     "ROW_LONG",
     "ROW_SHORT",
     "STATE",
+    "WAYS",
     "Ground",
     "X",
     "Z",
@@ -158,8 +166,9 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     GROUND_LOSS,  # work done against the ground's friction and drag [J]
     BARRIER_LOSS,  # and against that of barriers [J]
     PLASTIC_LOSS,  # work done in yielding [J]
+    LIFTED_ENERGY,  # potential energy given to what was laid back onto the ground [J]
     CLOCK,
-) = range(25)
+) = range(26)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -180,6 +189,7 @@ class Settings(NamedTuple):
     cells_y: int
     leak_stop: float  # share of the mass under the ground in one step
     wall: bool
+    holes: bool  # the terrain has cells without elevation
 
 
 @jit
@@ -211,6 +221,20 @@ def set_next_step(clock, counts, time, until, after, settings):
 
 
 @jit
+def book_points_left(rows, keys, order, start, active, blocks, dt, dx, shape, left_cells):
+    """Add the points that left in this step of `dt` [s] to `left_cells`, where they came to (see `book_left`)."""
+    for a in range(active):
+        east, north = (blocks[a, 0] * BLOCK - GHOSTS) * dx, (blocks[a, 1] * BLOCK - GHOSTS) * dx
+        for q in range(start[a], start[a + 1]):
+            p = order[q]
+            if keys[p] == GONE:
+                mass = float(rows[p, MASS])
+                x = east + rows[p, X] * dx + dt * rows[p, PX] / mass
+                y = north + rows[p, Y] * dx + dt * rows[p, PY] / mass
+                book_left(left_cells, shape, x, y, dx, mass)
+
+
+@jit
 def collect(report, ledger, clock, counts, window):
     """Reduce the chunks' reports in their order into clock, counts, ledger and window."""
     clock[SPEED_NOW] = clock[SHEAR] = 0.0
@@ -224,6 +248,7 @@ def collect(report, ledger, clock, counts, window):
         clock[FAR_TOTAL] += mine[FAR]
         clock[PLASTIC_LOSS] += mine[PLASTIC]
         lifted += mine[UNDER]
+        clock[LIFTED_ENERGY] += mine[UNDER_ENERGY]
         clock[IMPULSE_GROUND_X] += mine[UNDER_X]
         clock[IMPULSE_GROUND_Y] += mine[UNDER_Y]
         clock[IMPULSE_GROUND_Z] += mine[UNDER_Z]
@@ -296,8 +321,8 @@ def _more_state(rows, p):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, barrier_sums, ground, lowest, zone_values, barriers,
-    until, after, max_steps, settings, effects,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
+    zone_values, barriers, until, after, max_steps, settings, effects,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 
@@ -386,9 +411,9 @@ def advance(
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
-            rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, report,
-            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.cells_x, settings.cells_y,
-            effects.material, effects.softening,
+            rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, inside, report,
+            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.holes, settings.cells_x,
+            settings.cells_y, effects.material, effects.softening,
         )  # fmt: skip
         counts[STEP] += 1
         clock[TIME] = end
@@ -399,5 +424,6 @@ def advance(
         if lifted > settings.leak_stop * clock[TOTAL_MASS]:
             return LEAKED
         if counts[ALIVE] < before:
+            book_points_left(rows, keys, order, start, active, blocks, dt, dx, inside.shape, left_cells)
             counts[SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
     return REACHED_TIME if clock[TIME] >= until else RUNNING

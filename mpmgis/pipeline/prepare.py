@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..errors import InputError, SceneError
+from ..geo.nodata import nodata_in_reach
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
 from ..io.raster import READ_WHOLE, TerrainFile
@@ -50,6 +51,7 @@ class Prepared:
     seen: object  # Frame
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
+    fill: object = None  # NodataFill of the terrain, where the scene asks for it
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
@@ -121,7 +123,8 @@ def prepare(given, say=lambda text: None, laws=None):
 
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
-    say, terrain = _once(say), _terrain(scene, say)
+    say = _once(say)
+    terrain, fill = _terrain(scene, say)
     scene = _completed(scene, terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
@@ -138,8 +141,9 @@ def prepare_scene(scene, say=lambda text: None):
     digest = scene.digest(start_digest(terrain, frame, start.events, *(s.places for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
     return Prepared(
-        scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine
-    )
+        scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
+        fill,
+    )  # fmt: skip
 
 
 def _once(say):
@@ -155,12 +159,12 @@ def _once(say):
 
 
 def _terrain(scene, say):
-    """The terrain, or the window of it that the scene asks for, of which no more is read."""
+    """(the terrain, or the window of it that the scene asks for, of which no more is read; its NodataFill or None)."""
     table = scene.terrain
-    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say), table.window
+    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say, table.fill_nodata), table.window
     if window is None:
         _tell_of_size(file.path, file.grid.shape, say)
-        return file.whole()
+        return file.whole(), file.fill
     west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
         raise SceneError(
@@ -176,7 +180,7 @@ def _terrain(scene, say):
             f"[terrain] window = [west, south, east, north] reaches beyond the DTM to the {', '.join(beyond)}; it is "
             f"cut there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
         )
-    return file.cropped(window, 0)
+    return file.cropped(window, 0), file.fill
 
 
 def _tell_of_size(name, shape, say):
@@ -211,18 +215,21 @@ def _stage(scene, terrain, grid, start, reached, later, say):
 
     `reached` (mu) answers as `_reached`.
     """
-    require_ground(grid, scene.solver, scene.numerics.edges)
     at_start = start.frame if start.frame.dimension == 2 else start.seen
     known = read_places(scene, terrain, grid, at_start, start.seen, say)
-    facts, deciding = _facts(terrain, start.seen, reached, known)
-    facts = facts._replace(**start.facts)
+    reach, facts, deciding = _facts(terrain, start.seen, reached, known)
+    in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
+    require_ground(scene.solver, scene.numerics.edges, in_reach)
+    for line in in_reach.lines():
+        say(line)
+    facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
     effects, decisions = resolve(deciding, facts)
     if scene.solver == "points":
         numerics, places = _point_numerics(scene, grid, start), known.in_3d(effects)
     else:
         thickness = start.reference_thickness or (facts.release_thickness if later else None)
         numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
-    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls)
+    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, nodata=in_reach)
 
 
 def _column_numerics(scene, grid, start, reference_thickness):
@@ -285,10 +292,11 @@ def scene_to_prepare(given, laws=None):
 
 
 def _facts(terrain, frame, reached, known):
-    """(the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
+    """(the Reach, the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
     reach, facts = reached(known.mu_least())
     of_places = known.facts(terrain, reach, frame, facts["release_thickness"])
-    return TerrainFacts(**facts, **of_places, density=frame.header["density"]), known.completed(reach, terrain)
+    facts = TerrainFacts(**facts, **of_places, density=frame.header["density"])
+    return reach, facts, known.completed(reach, terrain)
 
 
 def _reached(terrain, frame, mu):

@@ -57,6 +57,7 @@ class SeedingOptions(TypedDict, total=False):
 
     crs: str
     dem_band: int
+    fill_nodata: Literal["interpolate"]
     thickness: float | str | Path
     thickness_mode: Literal["normal", "vertical"]
     surface: str | Path

@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +208,7 @@ def march_into(folder, sequence, resumed, expected):
             predicted_seconds=expected, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
-            troubles=sequence.troubles,
+            troubles=sequence.troubles, nodata=_record_of_nodata(prepared),
             **_record_of_stages(sequence),
         )  # fmt: skip
         return wall
@@ -235,6 +235,12 @@ def march_into(folder, sequence, resumed, expected):
         record("refused")
         raise
     return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed else expected)
+
+
+def _record_of_nodata(prepared):
+    """What a record holds of cells without elevation: what was filled, and the most that a stage can reach."""
+    in_reach = max((stage.nodata for stage in prepared.stages), key=lambda found: sum(h.cells for h in found.holes))
+    return {"filled": None if prepared.fill is None else asdict(prepared.fill), "in_reach": in_reach.as_numbers()}
 
 
 def _record_of_stages(sequence):

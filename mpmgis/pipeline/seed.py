@@ -35,6 +35,7 @@ def seed_file(
     *,
     crs=None,
     dem_band=None,
+    fill_nodata=None,
     thickness=None,
     thickness_mode=NORMAL,
     surface=None,
@@ -49,7 +50,7 @@ def seed_file(
     dem, release : str or Path
     output : str or Path, optional
         Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
-    crs, dem_band : as for `read_terrain`
+    crs, dem_band, fill_nodata : as for `read_terrain`
     thickness, thickness_mode, surface : as for `read_release`
     overwrite : bool
     say : callable
@@ -63,7 +64,7 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = _terrain(dem, crs, dem_band, say)
+    terrain = _terrain(dem, crs, dem_band, fill_nodata, say)
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
@@ -74,10 +75,13 @@ def seed_file(
     return Seeded(path, seed.count, seed.record)
 
 
-def _terrain(dem, crs, band, say):
-    """The DTM, or of a very large one the file, of which no more is read than lies under the release."""
-    file = TerrainFile(dem, crs, band, say)
-    if file.pixels <= READ_WHOLE:
+def _terrain(dem, crs, band, fill_nodata, say):
+    """The DTM, or of a very large one the file, of which no more is read than lies under the release.
+
+    Holes are filled in the whole DTM: where a hole ends is not known of a part.
+    """
+    file = TerrainFile(dem, crs, band, say, fill_nodata)
+    if file.pixels <= READ_WHOLE or fill_nodata is not None:
         return file.whole()
     rows, columns = file.grid.shape
     say(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
@@ -90,6 +94,7 @@ def seed_frame(
     *,
     crs=None,
     dem_band=None,
+    fill_nodata=None,
     thickness=None,
     thickness_mode=NORMAL,
     surface=None,
@@ -97,7 +102,7 @@ def seed_frame(
     **options,
 ):
     """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
-    terrain = read_terrain(dem, crs=crs, band=dem_band, say=say)
+    terrain = read_terrain(dem, crs=crs, band=dem_band, say=say, fill_nodata=fill_nodata)
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)
     seed = _planned(terrain, area, options, say)
     slabs = [particles.arrays() for particles in seed.slabs()]

@@ -210,4 +210,21 @@ class Sequence:
         }
         come = account["released"] + account["entrained"]
         found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]
-        return account | {"error_relative": (found - come) / come}
+        places = sorted((p for b in told for p in b.get("left_places", ())), key=lambda place: -place["mass"])
+        return account | {
+            "error_relative": (found - come) / come, "left_places": places, "energy": self._energy_account(told),
+        }  # fmt: skip
+
+    def _energy_account(self, told):
+        """What became of energy in stages and between them [J]; `told` are the balances of the stages.
+
+        A switch changes energy: columns that become points get another vertical velocity and height, and the other way
+        round. So does each column that comes into a window around which columns march on.
+        """
+        parts = [part for b in told for part in (b, b.get("outside_columns")) if part is not None]
+        kinds = ("kinetic_horizontal", "kinetic_vertical", "potential")
+        changed = sum(part.get("exchanged_energy_lost", 0.0) for part in parts)
+        for switch in (stage["switch"] for stage in self.past):
+            sums = {name: sum(switch[name][kind] for kind in kinds) for name in ("before", "after", "outside", "off")}
+            changed += 2.0 * sums["before"] - sum(sums.values())
+        return {"lost_in_stages": sum(part["energy_lost"] for part in parts), "lost_at_switches": changed}

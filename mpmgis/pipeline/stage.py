@@ -1,6 +1,6 @@
 """A stage of a run: one solver with all that it needs, decided before the run begins, and what ends it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..conversion.points import columns_to_points
 from ..conversion.starting import kirchhoff_stress, point_options
 from ..conversion.switching import switch_to_columns, switch_to_points
 from ..errors import SceneError
+from ..geo.nodata import NodataInReach
 from ..io.by_place import read_area
 from ..scene.stages import CLIFF, WALLS
 from ..scene.tables import StageTable
@@ -30,7 +31,7 @@ class Stage:
     """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
 
     `known_walls` are all barriers of the scene; `window` and `area` (shapely) what becomes points, and the area that
-    the flow has to come near to.
+    the flow has to come near to; `nodata` is what the flow can reach of it.
     """
 
     scene: object
@@ -44,6 +45,7 @@ class Stage:
     table: StageTable | None = None
     window: shapely.Geometry | None = None
     area: shapely.Geometry | None = None
+    nodata: NodataInReach = field(default_factory=NodataInReach)
 
     @property
     def walls(self):

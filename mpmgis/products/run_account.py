@@ -6,6 +6,9 @@ from ..fields import GRAVITY
 
 AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
+SHOWN_SHARE = 1e-5  # of the mass that left at one place, from which the place is named
+SHOWN_PLACES = 4  # the largest that are named
+CLOSES = 1e-3  # of the energy put in, above which an energy balance is said not to close
 STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1], of the mass as a whole; solids swing as they settle
 STILL_FALL = 0.05  # [m] that the mass as a whole may have come down for all that
 
@@ -54,6 +57,8 @@ def account(balances, solver, mass=None):
     list of str
     """
     lines = [] if mass is None else [*_of_stages(mass), f"of the last stage, of {solver}:"]
+    if mass is not None and "left_places" in mass:  # of all stages, the last one's are among them
+        balances = {**balances, "left_places": []}
     return lines + (_of_points if solver == "points" else _of_columns)(balances)
 
 
@@ -66,20 +71,26 @@ def _of_stages(mass):
     shares = f"{on:.2f} % on the terrain, {left:.2f} % left it, {outside:.2f} % stayed outside windows"
     lines.append(f"mass of all stages: {mass['released']:.6g} kg released{entrained}; {shares}, error "
              f"{mass['error_relative']:.1e}")  # fmt: skip
+    lines += _where_it_left(mass.get("left_places", ()), come)
+    if "energy" in mass:
+        energy = mass["energy"]
+        lines.append(
+            f"energy of all stages: {energy['lost_in_stages']:.4g} J lost within stages, "
+            f"{energy['lost_at_switches']:.4g} J where columns became points or points columns"
+        )
     return lines
 
 
 def _of_columns(b):
     """Balances of a depth-averaged run."""
     lines = []
-    out = b["mass_out"] / max(b["mass_released"] + b["mass_entrained"], 1e-300)
+    come = max(b["mass_released"] + b["mass_entrained"], 1e-300)
+    out = b["mass_out"] / come
     later = b["mass_released"] - b["mass_start"]
     came = f", {later:.6g} kg came in later" if later > 1e-9 * b["mass_released"] else ""
     mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
-    lines += [f"{mass}, error {b['mass_error_relative']:.1e}", *_lost_to_sight(out)]
-    lines.append(
-        f"energy: {b['energy_lost']:.4g} J lost to the bed and to mixing, kinetic now {b['kinetic_energy']:.3g} J"
-    )
+    lines += [f"{mass}, error {b['mass_error_relative']:.1e}", *_where_it_left(b.get("left_places", ()), come)]
+    lines += [*_lost_to_sight(out), *_energy_of_columns(b)]
     bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"
     lines.append(f"largest thickness {b['thickness_max']:.2f} m, {bound}, footprint {b['footprint_area'] / 1e4:.2f} ha")
     if b["speed_limited_share_max"] > 0:
@@ -102,11 +113,63 @@ def _of_columns(b):
     return lines
 
 
+def _energy_of_columns(b):
+    """What was put into a depth-averaged run and what took it, and whether that closes."""
+    later, taken = b["energy_released_later"], b["energy_entrained"]
+    put_in = b["energy_start"] + later + taken
+    sources = [(later, "came in later"), (taken, "with eroded mass")]
+    more = "".join(f", {joules:.4g} J {word}" for joules, word in sources if abs(joules) > 1e-9 * abs(put_in))
+    takers = {
+        "friction on the bed": "ground", "eroded mass that was at rest": "eroded_mass", "barriers": "barriers",
+        "the limit of the speed": "speed_limit", "mixing and the grid": "mixing", "bends of the bed": "bends",
+    }  # fmt: skip
+    lines = [
+        f"energy: {b['energy_start']:.4g} J at the start{more}; {_lost(b, takers)}; kinetic now "
+        f"{b['kinetic_energy']:.3g} J; the balance closes to {abs(b['energy_error_relative']):.1g} of what was put in"
+    ]
+    if abs(b["energy_error_relative"]) > CLOSES:
+        lines.append(
+            f"the energy balance is off by {100 * b['energy_error_relative']:+.2g} % of what was put in; take a "
+            "smaller [numerics] cfl or smaller cells"
+        )
+    return lines
+
+
+def _lost(b, takers):
+    """The energy that was lost, and what took it, in words."""
+    taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
+    least, lost = 1e-6 * abs(b["energy_lost"]), f"{b['energy_lost']:.4g} J lost"
+    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if abs(joules) > least)
+    return f"{lost}: {to}" if to else lost
+
+
+def _where_it_left(places, come):
+    """Where mass left the terrain, the largest places first, with what to do about it; `come` [kg] is all mass."""
+    shown = [place for place in places if place["mass"] > SHOWN_SHARE * come]
+    lines = [_left_at(place, come) for place in shown[:SHOWN_PLACES]]
+    rest = sum(place["mass"] for place in shown[SHOWN_PLACES:])
+    if rest:
+        lines.append(f"  {100 * rest / come:.2g} % ({rest:.4g} kg) at {len(shown) - SHOWN_PLACES} more places")
+    return lines
+
+
+def _left_at(place, come):
+    at = f"at E {place['east']:.1f} N {place['north']:.1f}"
+    much = f"  {100 * place['mass'] / come:.3g} % ({place['mass']:.4g} kg)"
+    if place["where"] == "hole":
+        return f"{much} flowed into a hole of the DTM {at}: set [terrain] fill_nodata = 'interpolate'"
+    if place["where"] == "collar":
+        return f"{much} flowed into the nodata around the DTM {at}: take a DTM with data there"
+    if place["where"] == "elsewhere":
+        return f"{much} at smaller places, in the mean {at}"
+    return f"{much} over the {place['where']} edge of the DTM {at}"
+
+
 def _lost_to_sight(share):
     """What it means that this `share` of the mass left the terrain, where it is more than a rim."""
     if share <= LEFT_SHARE:
         return []
-    return ["runout, maps and deposit end at the edge that it left by; take a larger DTM or [terrain] window"]
+    return ["runout, maps and deposit end where it left; over an edge, take a larger DTM or [terrain] window"]
 
 
 def _of_points(b):
@@ -115,12 +178,12 @@ def _of_points(b):
     out = b["mass_out"] / max(b["mass_start"], 1e-300)
     mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"
     errors = f"error {b['mass_error_relative']:.1e}; momentum error {b['momentum_error_relative']:.1e}"
-    lines += [f"{mass}, {errors}", *_lost_to_sight(out)]
-    takers = {"the bed": "ground", "barriers": "barriers", "yielding": "yielding"}
-    taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
-    to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if joules > 1e-6 * b["energy_lost"])
-    rest = f"{b['energy_lost'] - sum(taken.values()):.3g} J to blows, viscosity and the grid"
-    lines.append(f"energy: {b['energy_lost']:.4g} J lost: {to + ', ' if to else ''}{rest}")
+    lines += [f"{mass}, {errors}", *_where_it_left(b.get("left_places", ()), max(b["mass_start"], 1e-300))]
+    lines += _lost_to_sight(out)
+    takers = {
+        "the bed": "ground", "barriers": "barriers", "yielding": "yielding", "blows, viscosity and the grid": "mixing",
+    }  # fmt: skip
+    lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
     lines.append(f"largest speed {b['speed_max']:.1f} m/s, {b['mach_max']:.2f} times that of pressure waves")
     if b["mass_lifted_onto_ground"] > 0:

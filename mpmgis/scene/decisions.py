@@ -50,6 +50,7 @@ class TerrainFacts(NamedTuple):
     slope_steep: float = 0.0  # 99 % quantile
     detachment_ratio: float = 0.0  # p99 of U^2 curvature / (g cos) over convex ground; above 1 the flow takes off
     edge_distance: float | None = None  # [m] from reachable ground to where the terrain ends; 0: it gets there
+    hole_in_reach: tuple | None = None  # (cells, E [m], N [m]) of nodata amid the DTM that the flow can reach
     release_thickness: float = 0.0  # [m] h0, vertical, mean over the mass
     release_length: float = 0.0  # [m] L0, along the mean slope under the release
     density: float = 1000.0  # [kg m-3]

@@ -43,6 +43,12 @@ def decide_outflow(scene, facts, slots):
         reason = f"the energy line ends {facts.edge_distance:.0f} m before the edge of the terrain"
     else:
         reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); what leaves is booked"
+    if facts.hole_in_reach is not None:
+        cells, east, north = facts.hole_in_reach
+        reason += (
+            f"; {cells} cells of nodata amid the DTM are in reach, around E {east:.1f} N {north:.1f}: "
+            "[terrain] fill_nodata = 'interpolate' fills them"
+        )
     return Decision("outflow", "on", "scene", None, None, reason)
 
 

@@ -54,6 +54,9 @@ class TerrainTable:
     band: int | None = _key("band with the elevation, where the DTM has several", None, kind=int, low=1, example=1)
     window: tuple | None = _key("only this part of it: [west, south, east, north] [m]", None, kind=list,
                                 example=(600000, 5200000, 601000, 5201000))  # fmt: skip
+    fill_nodata: str | None = _key("holes amid the DTM: interpolated from the ground around them; without it what "
+                                   "flows into one has left the terrain", None, kind=str, choices=("interpolate",),
+                                   example="interpolate")  # fmt: skip
 
 
 @dataclass(frozen=True)

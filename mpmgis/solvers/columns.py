@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects.metric import SlopeMetric, WaterMetric
+from ..effects.metric import SlopeMetric, WaterMetric, cosine_squared
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
 from ..kernels import columns as kernel
@@ -13,8 +13,9 @@ from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
 from .flow import Flow
-from .grid import ColumnGrid, require_ground
-from .particle_store import ParticleStore, named_sums
+from .grid import ColumnGrid
+from .left_places import left_places
+from .particle_store import LEFT_STATE, ParticleStore, named_sums
 from .places import Places
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
@@ -28,6 +29,12 @@ NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks
 LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
+LOSSES = {  # what takes energy of a flow, and the clock's entry for it
+    "ground": kernel.FRICTION_TOTAL,
+    "eroded_mass": kernel.MERGING_TOTAL,
+    "barriers": kernel.BARRIER_TOTAL,
+    "speed_limit": kernel.LIMITED_TOTAL,
+}
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
 
@@ -80,7 +87,6 @@ class ColumnSolver(ParticleStore):
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
         self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
-        require_ground(self.grid, "columns", numerics.edges)
         if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
             raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
         self._load(frame, gradient)
@@ -98,6 +104,7 @@ class ColumnSolver(ParticleStore):
         self._peaks = np.zeros((*shape, 4)) if numerics.maxima else np.zeros((1, 1, 4))
         self._peaks[..., 3] = -1.0
         self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
+        self._left = self._no_mass_left(grid)
         self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
         self._clock = np.zeros(kernel.CLOCK)
         self._clock[kernel.TIME] = frame.time
@@ -259,7 +266,7 @@ class ColumnSolver(ParticleStore):
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
             self._rows[now, :n], self._keys[now, :n], kernel.GONE, window.marked, window.row, window.column, walls,
-            self.grid.cell_size, self._settings.density, least,
+            self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
         )  # fmt: skip
         self._expect(thickest, fastest, 0.0)
         return 0.5 * self.numerics.gravity * lifted
@@ -301,7 +308,7 @@ class ColumnSolver(ParticleStore):
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
-            self._ledger, self._peaks, self._barrier_sums, float(until), int(max_steps),
+            self._ledger, self._peaks, self._barrier_sums, self._left, float(until), int(max_steps),
             settings, self.fields, self.effects,
         )  # fmt: skip
 
@@ -335,7 +342,7 @@ class ColumnSolver(ParticleStore):
     def state(self):
         """What a restart needs besides the frame's particles: the arrays that change, as they are."""
         rows, _, _ = self._alive()
-        arrays = {name: array.copy() for name, array in self._changing().items()}
+        arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
             arrays |= self._peaks_state()
         return arrays | {"rows": rows, "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
@@ -367,7 +374,7 @@ class ColumnSolver(ParticleStore):
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
         peaks = {"peaks", "peak_nodes"} if self.numerics.maxima else set()
-        if not {"rows", "reached", *peaks, *changing} <= set(state) or ids is None:
+        if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows = state["rows"]
@@ -384,6 +391,7 @@ class ColumnSolver(ParticleStore):
         self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
         for name, array in changing.items():
             array[:] = state[name]
+        self._restore_left(state)
         if self.numerics.maxima:
             self._peaks[..., :3], self._peaks[..., 3] = 0.0, -1.0
             self._peaks.reshape(-1, 4)[state["peak_nodes"]] = state["peaks"]
@@ -426,7 +434,11 @@ class ColumnSolver(ParticleStore):
         return peaks | {"arrival_thickness": float(self.numerics.arrival_thickness)}
 
     def energy(self):
-        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid."""
+        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.
+
+        The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
+        stands normal to the bed: that is the energy whose gradient the pressure force is.
+        """
         rows, _, _ = self._alive()
         x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
         return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
@@ -434,8 +446,9 @@ class ColumnSolver(ParticleStore):
     def _energy_of(self, rows, bed):
         mass, gravity = rows[:, kernel.MASS], self.numerics.gravity
         u, v = rows[:, kernel.U], rows[:, kernel.V]
-        w = u * rows[:, kernel.GX] + v * rows[:, kernel.GY] if isinstance(self.effects.metric, SlopeMetric) else 0.0
-        thickness = mass / (self.numerics.density * rows[:, kernel.AREA])
+        mx, my = self.effects.metric.metric_gradient(rows[:, kernel.GX], rows[:, kernel.GY])
+        w = u * mx + v * my
+        thickness = mass / (self.numerics.density * rows[:, kernel.AREA]) * cosine_squared(mx, my)
         potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
         return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
 
@@ -444,10 +457,6 @@ class ColumnSolver(ParticleStore):
         rows, _, _ = self._alive()
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
-        kinetic, potential = self.energy()
-        datum = self.numerics.gravity * float(self.grid.bed.min())
-        energy_out = float(self._ledger[:, 3].sum() + self._ledger[:, 4].sum()) - mass_out * datum
-        energy_in = float(self._inserted[INSERTED_KINETIC] + self._inserted[INSERTED_POTENTIAL])
         clock = self._clock
         released = float(clock[kernel.TOTAL_MASS] - clock[kernel.ENTRAINED_TOTAL])
         over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
@@ -459,10 +468,8 @@ class ColumnSolver(ParticleStore):
             "mass_entrained": float(clock[kernel.ENTRAINED_TOTAL]),
             "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / (clock[kernel.TOTAL_MASS] or 1.0),
             "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
-            "kinetic_energy": kinetic,
-            "kinetic_energy_peak": max(kinetic, float(clock[kernel.KINETIC_PEAK])),
-            "potential_energy": potential,
-            "energy_lost": sum(self.energy_start) + energy_in - kinetic - potential - energy_out,
+            "left_places": left_places(self.grid, self._left),
+            **self._energy_balance(),
             "speed_max_now": float(clock[kernel.SPEED]),
             "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
             "thickness_max_now": float(clock[kernel.DEPTH_NOW]),
@@ -474,6 +481,40 @@ class ColumnSolver(ParticleStore):
             "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
             "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
+        }
+
+    def _energy_balance(self):
+        """Energy that came in, that is there and that left [J], and what took the rest.
+
+        What the velocities lose to the transfers between columns and grid, to shocks and to internal friction is the
+        kinetic energy that the work of weight and pressure leaves unexplained (`mixing`). Changes of c^2 h / 2, the
+        height of a column's middle, go to `bends`, with a negative sign where slopes ease: a thin layer has no force
+        for them. The error is what is left then: the potential energy that came in and is gone, less that work, over
+        all energy that came in.
+        """
+        clock, ledger, gravity = self._clock, self._ledger, self.numerics.gravity
+        (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
+        datum = gravity * float(self.grid.bed.min())
+        kinetic_out, potential_out = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
+        kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
+        taken = float(clock[kernel.ENTRAINED_POTENTIAL_TOTAL] - clock[kernel.ENTRAINED_TOTAL] * datum)
+        lost_to = {name: float(clock[entry]) for name, entry in LOSSES.items()}
+        work = float(clock[kernel.WORK_TOTAL])
+        lost_to["mixing"] = work + kinetic_start + kinetic_later - kinetic - kinetic_out - sum(lost_to.values())
+        lost_to["bends"] = -float(clock[kernel.BENT_TOTAL])
+        put_in = kinetic_start + potential_start + kinetic_later + potential_later + taken
+        lost = put_in - kinetic - potential - kinetic_out - potential_out
+        return {
+            "energy_start": kinetic_start + potential_start,
+            "energy_released_later": kinetic_later + potential_later,
+            "energy_entrained": taken,
+            "energy_out": kinetic_out + potential_out,
+            "kinetic_energy": kinetic,
+            "kinetic_energy_peak": max(kinetic, float(clock[kernel.KINETIC_PEAK])),
+            "potential_energy": potential,
+            "energy_lost": lost,
+            **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
+            "energy_error_relative": (lost - sum(lost_to.values())) / (put_in or 1.0),
         }
 
     def trouble(self):

@@ -54,7 +54,7 @@ class CoupledSolver:
     def __init__(self, points, columns, inside, as_points):
         self.points_solver, self.columns_solver = points, columns
         self.inside, self.as_points = inside, as_points
-        self.exchanged_mass, self.exchanged_columns = 0.0, 0
+        self.exchanged_mass, self.exchanged_columns, self.exchanged_energy = 0.0, 0, 0.0
         self._next_id = len(points.frame().particles)
 
     effects = property(lambda self: self.points_solver.effects)
@@ -146,6 +146,16 @@ class CoupledSolver:
         self.points_solver.insert(replace(frame, particles=replace(frame.particles, id=ids)), stress, gradient)
         self.exchanged_mass += float(taken.particles.mass.sum())
         self.exchanged_columns += len(taken.particles)
+        self.exchanged_energy += self._energy_of(taken) - self._energy_of(frame)
+
+    def _energy_of(self, frame):
+        """Kinetic and potential energy [J] of columns or points, from elevation 0."""
+        particles = frame.particles
+        middle = particles.position[:, 2] + frame.origin[2]
+        if particles.thickness is not None:
+            middle = middle + 0.5 * particles.thickness
+        speed2 = (particles.velocity**2).sum(axis=1)
+        return float((particles.mass * (0.5 * speed2 + self.numerics.gravity * middle)).sum())
 
     # ------------------------------------------------------------------------------------------------- what it is like
 
@@ -177,6 +187,7 @@ class CoupledSolver:
         return {
             "points": self.points_solver.started(), "columns": self.columns_solver.started(), "next_id": self._next_id,
             "exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns,
+            "exchanged_energy": self.exchanged_energy,
         }  # fmt: skip
 
     def start_from(self, started):
@@ -185,6 +196,7 @@ class CoupledSolver:
         self.columns_solver.start_from(started["columns"])
         self._next_id = started["next_id"]
         self.exchanged_mass, self.exchanged_columns = started["exchanged_mass"], started["exchanged_columns"]
+        self.exchanged_energy = started["exchanged_energy"]
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries the state of both."""
@@ -210,11 +222,15 @@ class CoupledSolver:
         both = {name: points[name] + columns[name] for name in ("mass_start", "mass_now", "mass_out")}
         both["mass_released"] = points["mass_start"] + columns["mass_released"]
         both["mass_entrained"] = columns["mass_entrained"]
+        places = points["left_places"] + columns["left_places"]
+        both["left_places"] = sorted(places, key=lambda place: -place["mass"])
         found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
-        energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost")
-        kept = ("mass_now", "mass_out", "outflow", *energies, "barriers")
-        outside = {name: columns[name] for name in kept}
+        kept = ("mass_now", "mass_out", "outflow", "left_places", "barriers")
+        energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy")
+        outside = {name: value for name, value in columns.items()
+                   if name in (*kept, *energies) or name.startswith("energy_")}  # fmt: skip
         outside |= {"exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns}
+        outside["exchanged_energy_lost"] = self.exchanged_energy
         return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}
 
 

@@ -159,20 +159,36 @@ class ColumnGrid:
         return np.column_stack([along, (along * gradient).sum(axis=1)])
 
 
-def require_ground(grid, solver, edges):
-    """Refuse a ColumnGrid with cells that the DTM does not cover where `solver`, or its `edges`, wants them all.
+def require_ground(solver, edges, in_reach):
+    """Refuse nodata that the flow can reach where `solver`, or its `edges`, needs ground.
+
+    The 3D solver needs ground without holes, walls at the edges also ground up to the edge of the DTM.
+
+    Parameters
+    ----------
+    solver : {"columns", "points"}
+    edges : {"open", "wall"}
+    in_reach : NodataInReach
 
     Raises
     ------
     SceneError
     """
-    if grid.inside.all() or (solver == "columns" and edges == "open"):
-        return
-    who, cure = ("the 3D solver", "") if solver == "points" else ("[numerics] edges = 'wall'", ", or edges = 'open'")
-    raise SceneError(
-        f"{who} wants a DTM without nodata, north-up or south-up; give a [terrain] window = [west, south, east, north] "
-        f"within it, or fill it{cure}"
-    )
+    hole, collar = in_reach.hole, in_reach.collar
+    window = "a [terrain] window = [west, south, east, north] without it"
+    if hole is not None and (solver == "points" or edges == "wall"):
+        who = "the 3D solver" if solver == "points" else "[numerics] edges = 'wall'"
+        cells, east, north = hole
+        raise SceneError(
+            f"{who} needs ground without holes where the flow can get, got {cells} cells of nodata around "
+            f"E {east:.1f} N {north:.1f}; set [terrain] fill_nodata = 'interpolate', or take {window}"
+        )
+    if collar is not None and edges == "wall":
+        raise SceneError(
+            "[numerics] edges = 'wall' needs a DTM without nodata around it where the flow can get, got "
+            f"{collar.cells} cells, for example at E {collar.east:.1f} N {collar.north:.1f}; take {window}, or "
+            "edges = 'open'"
+        )
 
 
 def bed_at_nodes(grid):

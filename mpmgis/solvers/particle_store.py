@@ -2,6 +2,8 @@
 
 import numpy as np
 
+LEFT_STATE = ("left_blocks", "left_sums")  # of a frame's state: where mass left the terrain
+
 
 class ParticleStore:
     """Rows, ids and keys of particles, twice, because a step reads the one and writes the other; clock and counts.
@@ -38,6 +40,23 @@ class ParticleStore:
         now, n = self._counts[self.kernel.CURRENT], self._counts[self.kernel.ROWS]
         keep = self._keys[now, :n] != self.kernel.GONE
         return self._rows[now, :n][keep], self._ids[now, :n][keep], self._keys[now, :n][keep]
+
+    def _no_mass_left(self, grid):
+        """Sums of what leaves the terrain by blocks of the cells of `grid`, see `kernels.left_cells`."""
+        rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
+        return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
+
+    def _left_state(self):
+        """Where mass left, of the few blocks where any did."""
+        sums = self._left.reshape(-1, self._left.shape[-1])
+        blocks = np.flatnonzero(sums[:, 0])
+        return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
+
+    def _restore_left(self, state):
+        """Go on with what `_left_state` gave."""
+        blocks, sums = (state[name] for name in LEFT_STATE)
+        self._left[:] = 0.0
+        self._left.reshape(-1, self._left.shape[-1])[blocks] = sums
 
     def _require_room(self, count):
         """Make the arrays long enough for `count` rows, and some more."""

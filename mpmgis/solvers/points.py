@@ -15,11 +15,12 @@ from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
 from .flow import Flow
-from .grid import ColumnGrid, bed_at_nodes, require_ground
+from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
-from .particle_store import ParticleStore, named_sums
+from .left_places import left_places
+from .particle_store import LEFT_STATE, ParticleStore, named_sums
 
-EDGE_NAMES = ("west", "south", "east", "north")
+EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_energy", "potential_energy", "particles")
 # of what a barrier took up: impulse into its faces and by axis [N s], moment about its foot [N m s], mass that passed
@@ -28,6 +29,11 @@ BARRIER_SUMS = (
     "normal_impulse", "impulse_east", "impulse_north", "impulse_up", "moment_impulse_east", "moment_impulse_north",
     "moment_impulse_up", "overtopped_mass", "peak_normal_force",
 )  # fmt: skip
+LOSSES = {  # what takes energy of a flow, and the clock's entry for it
+    "ground": kernel.GROUND_LOSS,
+    "barriers": kernel.BARRIER_LOSS,
+    "yielding": kernel.PLASTIC_LOSS,
+}
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
@@ -106,7 +112,6 @@ class PointSolver(ParticleStore):
         self._effects = effects._replace(material=self._in_precision(effects.material),
                                          softening=self._in_precision(effects.softening))  # fmt: skip
         grid = ColumnGrid.on(terrain, numerics.cell_size)
-        require_ground(grid, "points", numerics.edges)
         self.grid = grid
         self._set_ground(frame)
         self._zone_values = NO_PLACES if zone_values is None else self._padded(zone_values)
@@ -164,10 +169,12 @@ class PointSolver(ParticleStore):
         """The state of a run that starts with the points of `frame`."""
         particles, material, numerics = frame.particles, self.effects.material, self.numerics
         place = particles.position + (np.asarray(frame.origin) - self._origin)
-        off = (place[:, :2] < 0.0).any(axis=1) | (place[:, 0] >= self._lengths[0]) | (place[:, 1] >= self._lengths[1])
+        off = ~self.grid.holds(*frame.map_xy())
         if off.any():
+            x, y = (values[int(np.argmax(off))] for values in frame.map_xy())
             raise SceneError(
-                f"{int(off.sum())} of {len(off)} points start outside the terrain; move them or use a larger DTM"
+                f"{int(off.sum())} of {len(off)} points start outside the terrain's whole cells, the first at "
+                f"E {x:.1f} N {y:.1f}; move them, use a larger DTM or set [terrain] fill_nodata = 'interpolate'"
             )
         n, row = len(particles), kernel.ROW_SHORT if material.state_count() <= 4 else kernel.ROW_LONG
         self._rows = np.zeros((2, n, row), self._real)
@@ -178,6 +185,7 @@ class PointSolver(ParticleStore):
         self._clock, self._counts = np.zeros(kernel.CLOCK), np.zeros(kernel.COUNTS, np.int64)
         self._rest = np.array([0.0, -1.0])  # peak of the kinetic energy [J]; since when it is low [s], -1: it is not
         self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
+        self._left = self._no_mass_left(self.grid)
         self._counts[kernel.ROWS] = self._counts[kernel.ALIVE] = n
         self._clock[kernel.TIME] = frame.time
         self.mass_start = float(particles.mass.astype(self._real).sum(dtype=float))
@@ -234,6 +242,7 @@ class PointSolver(ParticleStore):
             cells_y=ny,
             leak_stop=self._leak_stop(),
             wall=numerics.edges == "wall",
+            holes=not self.grid.inside.all(),
         )
 
     def _make_impulses(self, until, after):
@@ -296,8 +305,8 @@ class PointSolver(ParticleStore):
             self._make_impulses(float(until), float(after))
         ready_threads()
         return kernel.advance(
-            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger,
-            self._barrier_sums, self._known_ground, self._lowest, self._zone_values, self._barriers,
+            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
+            self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._barriers,
             float(until), float(after), int(max_steps), self._settings, self._effects,
         )  # fmt: skip
 
@@ -339,7 +348,7 @@ class PointSolver(ParticleStore):
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
-        return state | {name: array.copy() for name, array in self._changing().items()}
+        return state | self._left_state() | {name: array.copy() for name, array in self._changing().items()}
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
@@ -355,7 +364,7 @@ class PointSolver(ParticleStore):
             No state in it, or the state of another run.
         """
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not {"rows", "keys", *self._changing()} <= set(state) or ids is None:
+        if not {"rows", "keys", *LEFT_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
         if rows.dtype != self._real or rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
@@ -365,6 +374,7 @@ class PointSolver(ParticleStore):
         self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]
+        self._restore_left(state)
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
@@ -463,6 +473,9 @@ class PointSolver(ParticleStore):
         given -= self._barrier_sums[:, kernel.IMPULSE_X : kernel.IMPULSE_Z + 1].sum(axis=0)
         parts = clock[kernel.IMPULSE_GROUND_X : kernel.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
         held = np.abs(rows[:, kernel.PX : kernel.PZ + 1]).sum()
+        put_in, energy_out = sum(self.energy_start) + clock[kernel.LIFTED_ENERGY], float(ledger[:, 4:6].sum())
+        lost = float(put_in - kinetic - potential - stored - energy_out)
+        lost_to = {name: float(clock[entry]) for name, entry in LOSSES.items()}
         passed = max(np.abs(parts).max(), np.abs(given).max(), np.abs(momentum).max(), held, 1e-300)
         return {
             "mass_start": self.mass_start,
@@ -474,14 +487,17 @@ class PointSolver(ParticleStore):
             "outflow": {
                 edge: sums for edge, sums in named_sums(EDGE_NAMES, ledger, LEDGER).items() if sums["particles"] > 0
             },
+            "left_places": left_places(self.grid, self._left),
+            "energy_start": sum(self.energy_start),
+            "energy_lifted": float(clock[kernel.LIFTED_ENERGY]),
+            "energy_out": energy_out,
             "kinetic_energy": kinetic,
             "kinetic_energy_peak": max(kinetic, self.kinetic_peak),
             "potential_energy": potential,
             "elastic_energy": stored,
-            "energy_lost": sum(self.energy_start) - kinetic - potential - stored - float(ledger[:, 4:6].sum()),
-            "energy_lost_to_ground": float(clock[kernel.GROUND_LOSS]),
-            "energy_lost_to_barriers": float(clock[kernel.BARRIER_LOSS]),
-            "energy_lost_to_yielding": float(clock[kernel.PLASTIC_LOSS]),
+            "energy_lost": lost,
+            **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
+            "energy_lost_to_mixing": lost - sum(lost_to.values()),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
             "mach_max": self.mach,

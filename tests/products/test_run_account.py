@@ -17,7 +17,9 @@ def test_points_that_were_laid_back_are_told_by_their_share_of_the_mass():
 
 
 def test_energy_of_points_is_told_by_what_took_it_and_the_rest_is_left_over():
-    lost = balances(energy_lost=100.0, energy_lost_to_ground=60.0, energy_lost_to_yielding=30.0)
+    lost = balances(
+        energy_lost=100.0, energy_lost_to_ground=60.0, energy_lost_to_yielding=30.0, energy_lost_to_mixing=10.0
+    )
     (line,) = (line for line in account(lost, "points") if line.startswith("energy"))
     assert line == "energy: 100 J lost: 60 J to the bed, 30 J to yielding, 10 J to blows, viscosity and the grid"
 
@@ -27,6 +29,39 @@ def test_what_left_and_what_came_in_later_are_shares_of_all_that_was_released():
     assert lines[0].startswith("mass: 150 kg at the start, 50 kg came in later, 0.50 % left the terrain")
     assert not any("larger DTM" in line for line in lines)
     assert any("larger DTM" in line for line in account(balances(mass_out=10.0), "columns"))
+
+
+def test_energy_of_columns_is_told_by_what_brought_it_and_what_took_it():
+    told = balances(
+        energy_start=900.0, energy_released_later=50.0, energy_entrained=50.0, energy_lost=100.0,
+        energy_lost_to_ground=60.0, energy_lost_to_eroded_mass=45.0, energy_lost_to_bends=-5.0, kinetic_energy=3.0,
+        energy_error_relative=2e-4,
+    )  # fmt: skip
+    (line,) = (line for line in account(told, "columns") if "energy" in line)
+    assert line == (
+        "energy: 900 J at the start, 50 J came in later, 50 J with eroded mass; 100 J lost: 60 J to friction on the "
+        "bed, 45 J to eroded mass that was at rest, -5 J to bends of the bed; kinetic now 3 J; the balance closes to "
+        "0.0002 of what was put in"
+    )
+    told["energy_error_relative"] = -2e-3
+    assert any("is off by -0.2 %" in line for line in account(told, "columns"))
+
+
+def test_places_where_mass_left_are_told_with_what_to_do():
+    places = [
+        {"where": "hole", "mass": 100.0, "east": 600.04, "north": 50.0},
+        {"where": "west", "mass": 20.0, "east": 0.0, "north": 7.0},
+        {"where": "collar", "mass": 4.0, "east": 3.0, "north": 8.0},
+        *({"where": "east", "mass": 1.0, "east": 9.0, "north": float(k)} for k in range(3)),
+        {"where": "south", "mass": 1e-4, "east": 9.0, "north": 0.0},
+    ]
+    for solver in ("columns", "points"):
+        lines = account(balances(mass_out=127.0, left_places=places), solver)
+        hole = "  50 % (100 kg) flowed into a hole of the DTM at E 600.0 N 50.0: set [terrain] fill_nodata ="
+        assert any(line.startswith(hole) for line in lines)
+        assert "  10 % (20 kg) over the west edge of the DTM at E 0.0 N 7.0" in lines
+        assert any(line.startswith("  2 % (4 kg) flowed into the nodata around the DTM at E 3.0") for line in lines)
+        assert "  1 % (2 kg) at 2 more places" in lines
 
 
 def test_what_was_taken_up_is_told_beside_the_release():

@@ -234,7 +234,7 @@ def test_settled_areas_are_those_of_a_plain_loop():
         walls = np.array((0, 0, cells + 2, cells + 2) if wall else (-9, -9, -9, -9))
         marked = np.ones((cells, 4), np.uint8)
         marked[3, 2] = 0
-        kernel.settle_areas(got, keys, kernel.GONE, marked, 0, 4, walls, dx, 1000.0, 0.0)
+        kernel.settle_areas(got, keys, kernel.GONE, marked, 0, 4, walls, dx, 1000.0, 0.0, False)
         for p in range(n):
             x, y = rows[p, kernel.X] / dx, rows[p, kernel.Y] / dx
             if keys[p] == kernel.GONE or x < 4 or (int(y), int(x)) == (3, 6):

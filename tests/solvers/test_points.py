@@ -67,6 +67,23 @@ def test_what_leaves_is_booked():
     assert balances["momentum_error_relative"] <= 1e-10
 
 
+def test_points_over_nodata_have_left_and_their_place_is_known():
+    """A hole 10 m long across the way: what gets there is booked as nodata, at the hole, and a restart knows it too."""
+    holed = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
+    holed.elevation[:, 8:10][2:-2] = np.nan
+    block = block_of((4, 4, 4), 0.5, (20, 20, 30), velocity=(40.0, 0.0, 30.0))
+    solver, again = (points_on(holed, block, 1.0, ICE) for _ in range(2))
+    march_to(solver, 0.42)
+    again.restore(solver.frame())
+    for one in (solver, again):
+        assert one.advance(10.0) == kernel.ALL_LEFT
+        balances = one.balances()
+        (place,) = balances["left_places"]
+        assert place["where"] == "hole" and place["mass"] == pytest.approx(balances["mass_start"])
+        assert 37.0 <= place["east"] <= 42.0 and 20.0 <= place["north"] <= 22.5
+        assert set(balances["outflow"]) == {"nodata"} and balances["momentum_error_relative"] <= 1e-10
+
+
 def test_walls_keep_the_points_in():
     solver = flying(velocity=(40.0, 0.0, 0.0), edges="wall")
     march_to(solver, 1.5)

@@ -22,6 +22,9 @@ FIELDS = (
     Field("DEM", RASTER, "Terrain model (DTM)", help="Elevation in metres, in a projected CRS in metres."),
     Field("RELEASE", RELEASE.kind, RELEASE.label, help=RELEASE.help),
     Field("THICKNESS", THICKNESS.kind, THICKNESS.label, help=THICKNESS.help, optional=True),
+    Field("FILL_NODATA", SWITCH, "Fill holes of the terrain model",
+          help="Heights without data amid the terrain are interpolated from the ground around them; off: what flows "
+          "into a hole has left the terrain.", default=False, advanced=True),
     Field("DENSITY", NUMBER, "Density [kg/m3]",
           help="Of the release [kg/m3]: dense snow 200 to 400, debris 1600 to 2200.",
           default=1000.0, least=0),
@@ -50,7 +53,7 @@ def scene_text(values):
     if values.get("XI") is not None:  # 0 is refused by the command, not another law
         friction = {"law": "Voellmy", "mu": values["MU"], "xi": values["XI"]}
     tables = {
-        "terrain": {"dem": values["DEM"]},
+        "terrain": {"dem": values["DEM"], "fill_nodata": "interpolate" if values.get("FILL_NODATA") else None},
         "release": {
             "source": values["RELEASE"],
             "thickness": _number_or_name(values.get("THICKNESS")),

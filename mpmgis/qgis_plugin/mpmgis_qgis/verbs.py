@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .fields import CRS, FILE, FOLDER, INTEGER, NEW_FOLDER, NUMBER, POLYGONS, RASTER, SWITCH, TEXT, Field
+from .fields import CHOICE, CRS, FILE, FOLDER, INTEGER, NEW_FOLDER, NUMBER, POLYGONS, RASTER, SWITCH, TEXT, Field
 
 OUTPUT = "OUTPUT"
 QGIS_MIN = "QGIS_MIN"  # its default is the QGIS that asks
@@ -122,6 +122,14 @@ BAND = advanced(
     "--dem-band",
     "Its number, from 1. Empty: the only one.",
     least=1,
+)
+FILL_NODATA = advanced(
+    "FILL_NODATA",
+    CHOICE,
+    "Holes amid the terrain model",
+    "--fill-nodata",
+    "interpolate: heights from the ground around them. Empty: a release over one is refused.",
+    choices=("interpolate",),
 )
 DENSITY_OF_FRAMES = advanced(
     "DENSITY",

@@ -1,0 +1,95 @@
+"""Holes of a DTM filled by interpolation from the ground around them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from rasterio.fill import fillnodata
+from scipy import ndimage
+
+from ..geo.nodata import nodata_groups
+
+INTERPOLATE = "interpolate"
+FILLS = (INTERPOLATE,)
+FAR_PIXELS = 10.0  # from known ground, above which the heights of a filled hole are hardly known
+
+
+@dataclass(frozen=True)
+class NodataFill:
+    """What was filled of a DTM.
+
+    Parameters
+    ----------
+    holes, cells : int
+        Number of holes amid the DTM, and of their cells, all of which were filled.
+    distance : float [m]
+        From the centre of a filled cell to that of the nearest cell with elevation, the largest.
+    east, north : float [m]
+        Where that is.
+    left : int
+        Cells without elevation that reach the edge of the DTM, which stay as they are.
+    """
+
+    holes: int
+    cells: int
+    distance: float
+    east: float
+    north: float
+    left: int
+
+    def lines(self, pixel):
+        """What to tell of it, on a DTM with pixels of `pixel` [m]."""
+        stay = f"; {self.left} cells of nodata that reach the edge of the DTM stay" if self.left else ""
+        if not self.cells:
+            return [f"[terrain] fill_nodata: the DTM has no hole{stay}"]
+        lines = [
+            f"filled {self.cells} cells without elevation in {self.holes} holes amid the DTM, up to "
+            f"{self.distance:.4g} m from known ground (E {self.east:.1f} N {self.north:.1f}){stay}"
+        ]
+        if self.distance > FAR_PIXELS * pixel:
+            lines.append(
+                f"heights {self.distance:.4g} m from known ground are a guess; if the flow gets there, use a DTM "
+                "without that hole"
+            )
+        return lines
+
+
+def filled(terrain):
+    """(`terrain` with its holes filled, the NodataFill).
+
+    A hole is a group of cells without elevation that does not reach the edge of the DTM. Its cells become the plane of
+    least squares through the cells around it, and what those leave of that plane, interpolated: the mean of the nearest
+    known cells in four quadrants, weighted by the inverse of their distance (`rasterio.fill.fillnodata`, that is
+    GDALFillNodata, without smoothing). On a plane that is exact. Cells with elevation keep their bits.
+    """
+    nodata = ~terrain.valid
+    labels, at_edge = nodata_groups(nodata)
+    left = int(np.isin(labels, list(at_edge)).sum())
+    elevation, cells, worst = terrain.elevation.copy(), 0, (0.0, (0, 0))
+    windows = enumerate(ndimage.find_objects(labels), 1)
+    holes = [(number, window) for number, window in windows if number not in at_edge]
+    sides = [float(np.hypot(*terrain.grid.matrix[:, k])) for k in (1, 0)]
+    for number, inner in holes:
+        window = tuple(slice(part.start - 1, part.stop + 1) for part in inner)
+        hole, known = labels[window] == number, ~nodata[window]
+        elevation[window][hole] = _heights(terrain.elevation[window], hole, known)[hole]
+        apart = np.where(hole, ndimage.distance_transform_edt(~known, sampling=sides), 0.0)
+        row, column = np.unravel_index(np.argmax(apart), apart.shape)
+        cells += int(hole.sum())
+        worst = max(worst, (float(apart[row, column]), (int(row) + window[0].start, int(column) + window[1].start)))
+    if not holes:
+        return terrain, NodataFill(0, 0, 0.0, 0.0, 0.0, left)
+    east, north = terrain.grid.xy(*worst[1])
+    fill = NodataFill(len(holes), cells, worst[0], float(east), float(north), left)
+    return replace(terrain, elevation=elevation), fill
+
+
+def _heights(elevation, hole, known):
+    """Heights [m] in the cells `hole` of a window from those that are `known` in it."""
+    around = ndimage.binary_dilation(hole, np.ones((3, 3))) & known
+    row, column = np.indices(hole.shape)
+    terms = np.stack([np.ones(hole.shape), row, column], axis=-1)
+    plane = terms @ np.linalg.lstsq(terms[around], elevation[around], rcond=None)[0]
+    beside = np.where(known, elevation - plane, 0.0).astype(np.float32)
+    reach = float(np.hypot(*hole.shape)) + 1.0
+    made = fillnodata(beside, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)
+    return plane + made

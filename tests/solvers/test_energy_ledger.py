@@ -1,0 +1,235 @@
+"""The energy balance of the depth-averaged solver closes for each thing that brings, takes or moves energy."""
+
+import numpy as np
+import pytest
+import shapely
+from column_scenes import G, columns_of, seeded, solver_on, terrain_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_columns_events import area, nothing, table
+
+from mpmgis.effects.barrier import Barrier
+from mpmgis.effects.curvature import Curvature, NoCurvature
+from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
+from mpmgis.effects.friction import Voellmy
+from mpmgis.effects.metric import SlopeMetric, WaterMetric
+from mpmgis.effects.zones import FrictionZones
+from mpmgis.geo.barriers import Wall, wall_nodes
+from mpmgis.solvers.events import Events, inlet_of, secondary_releases
+from mpmgis.solvers.grid import ColumnGrid
+from mpmgis.solvers.march import March
+from mpmgis.solvers.places import Places, barrier_entries
+
+DX, LENGTH, WIDTH = 4.0, 240.0, 48.0
+CLOSES = 1e-3  # of the energy put in
+ENERGY, SPEED = ErosionEnergy(500.0), ErosionSpeed(5e-3)
+FORMS = {"slope": SlopeMetric(), "swe": WaterMetric()}
+
+
+def hillside(x, y):
+    """30 degrees that ease to level ground, with a shallow gully."""
+    return 0.5 * np.tan(np.radians(30)) * np.maximum(160.0 - x, 0.0) ** 2 / 80.0 + 0.0005 * (y - 0.5 * WIDTH) ** 2
+
+
+def plane(degrees):
+    return lambda x, y: np.tan(np.radians(degrees)) * (LENGTH - x)
+
+
+def hill_solver(frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0.0, wall=None, mu=0.15, hole=None,
+                **numerics):  # fmt: skip
+    """Voellmy with zones, erosion and barriers: all of them are on, and act as far as their numbers say."""
+    terrain = terrain_of(bed, LENGTH, WIDTH, DX)
+    if hole is not None:
+        terrain.elevation[hole] = np.nan
+    grid = ColumnGrid.on(terrain, DX)
+    x, y = grid.node_axes()
+    zones = np.zeros((*grid.bed.shape, 2))
+    zones[..., 0], zones[..., 1] = np.where(y < 0.5 * WIDTH, mu, 1.5 * mu)[:, None], 800.0
+    walls = [] if wall is None else [wall]
+    places = Places(
+        zone_values=zones, erodible=np.full(grid.bed.shape, float(erodible)),
+        barriers=barrier_entries(wall_nodes(walls, x, y, grid.bed, DX)) if walls else None,
+        barrier_names=tuple(one.name for one in walls),
+    )  # fmt: skip
+    laws = {"entrainment": erosion, "zones": FrictionZones(), "barrier": Barrier()}
+    turns = Curvature() if form == "slope" else NoCurvature()
+    settings = {"reference_thickness": 1.0, **numerics}
+    return solver_on(terrain, frame, DX, Voellmy(mu, 800.0), FORMS[form], turns, places=places, laws=laws, **settings)
+
+
+def release(thickness=2.0, velocity=(0.0, 0.0), west=12.0, east=44.0):
+    return seeded(thickness, west, east, 12, 36, DX, velocity=velocity)
+
+
+def closed(solver, most=CLOSES):
+    """The balances of a solver, whose energy is found to close."""
+    b = solver.balances()
+    parts = {name: value for name, value in b.items() if name.startswith("energy_lost_to_")}
+    put_in = b["energy_start"] + b["energy_released_later"] + b["energy_entrained"]
+    there = b["kinetic_energy"] + b["potential_energy"] + b["energy_out"]
+    assert b["energy_lost"] == pytest.approx(put_in - there, abs=1e-9 * abs(put_in))
+    left = b["energy_lost"] - sum(parts.values())
+    assert b["energy_error_relative"] == pytest.approx(left / put_in, abs=1e-9)
+    assert abs(b["energy_error_relative"]) <= most, b
+    bends = parts.pop("energy_lost_to_bends")
+    for name, joules in parts.items():
+        assert joules >= -most * put_in, (name, joules / put_in)
+    assert abs(b["mass_error_relative"]) <= 1e-12
+    assert sum(place["mass"] for place in b["left_places"]) == pytest.approx(b["mass_out"], rel=1e-9)
+    assert abs(bends) <= 0.05 * put_in
+    return b | {"put_in": put_in}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("velocity", [(0.0, 0.0), (12.0, 3.0)])
+def test_a_release_at_rest_and_one_with_speed(form, velocity):
+    solver = hill_solver(release(velocity=velocity), form=form)
+    solver.advance(15.0)
+    b = closed(solver)
+    mass = solver.mass_start
+    assert b["energy_lost_to_ground"] > 0.2 * b["put_in"] and b["energy_entrained"] == 0.0
+    assert abs(b["energy_lost_to_mixing"]) < 0.03 * b["put_in"] and mass > 0.0
+
+
+@pytest.mark.parametrize("degrees", [5.0, 20.0, 40.0])
+@pytest.mark.parametrize("form", FORMS)
+def test_friction_takes_what_the_law_says(form, degrees):
+    """A sheet far from its rims slides as a block does: its loss to the ground is mu c per metre of way along it."""
+    frame = columns_of(0.05, 0, 400, 0, 40, 2.5, velocity=(8.0, 0.0))
+    slope, mu = np.tan(np.radians(degrees)), 0.3
+    terrain = terrain_of(lambda x, y: slope * (2000 - x), 2000, 40, 5.0)
+    solver = solver_on(terrain, frame, 5.0, Voellmy(mu, 1e9), FORMS[form], edges="wall")
+    solver.advance(3.0)
+    b, p = closed(solver), solver.frame().particles
+    before = frame.particles.position[:, 0]
+    middle = (before > 100) & (before < 300)
+    way = (p.position[np.argsort(p.id), 0] - before)[middle].mean()
+    weight = solver.mass_start * G
+    assert b["energy_lost_to_ground"] == pytest.approx(mu * weight * way, rel=0.01)
+    assert abs(b["energy_lost_to_mixing"]) <= 0.01 * b["energy_lost_to_ground"] + CLOSES * b["put_in"]
+
+
+@pytest.mark.parametrize("lowering", [0.0, 1.0 / 1600.0])
+@pytest.mark.parametrize(("form", "law"), [("slope", ErosionEnergy), ("slope", ErosionSpeed), ("swe", ErosionEnergy)])
+def test_erosion_by_both_laws_and_with_a_lowered_bed(form, law, lowering):
+    erosion = law({ErosionEnergy: 200.0, ErosionSpeed: 5e-3}[law], lowering)
+    solver = hill_solver(release(), form=form, erosion=erosion, erodible=500.0)
+    solver.advance(15.0)
+    b = closed(solver)
+    assert b["mass_entrained"] > 0.1 * b["mass_start"]
+    assert b["energy_lost_to_eroded_mass"] > 0.0 and b["energy_lost"] > 0.0
+    assert b["energy_entrained"] > 0.0
+
+
+def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
+    """Without weight momentum is kept: the kinetic energy is m0 / m of what it was, and all the loss has this name."""
+    frame = columns_of(2.0, 50, 250, 0, 40, 1.25, velocity=(10.0, 0.0))
+    terrain = terrain_of(lambda x, y: 0 * x, 600.0, 40.0, 5.0)
+    places = Places(erodible=np.full(ColumnGrid.on(terrain, 5.0).bed.shape, 1e9))
+    solver = solver_on(terrain, frame, 5.0, edges="wall", gravity=1e-9, places=places,
+                       laws={"entrainment": ErosionSpeed(0.02)})  # fmt: skip
+    solver.advance(15.0)
+    b = closed(solver)
+    kept = b["mass_start"] / b["mass_now"]
+    assert kept < 0.6
+    assert b["kinetic_energy"] == pytest.approx(kept * b["energy_start"], rel=0.03)
+    assert b["energy_lost_to_eroded_mass"] == pytest.approx(b["energy_lost"], rel=0.03)
+
+
+@pytest.mark.parametrize("given", ["discharge", "thickness", "speed", "rest"])
+def test_inflow(given):
+    """What a hydrograph brings is its mass with its speed, at the height of the inlet."""
+    flow = {
+        "discharge": table([0, 8], discharge=[30, 50]),
+        "speed": table([0, 8], discharge=[40, 40], speed=[8, 8]),
+        "thickness": table([0, 4], thickness=[1.0, 1.0], speed=[6, 6]),
+        "rest": table([0, 4], thickness=[1.0, 0.5]),
+    }[given]
+    solver = hill_solver(nothing())
+    inlet = inlet_of(area(16, 28, 16, 32, 1.0), flow, solver.grid, 12.0)
+    list(March(solver, 12.0, 4.0, events=Events([inlet])))
+    b = closed(solver)
+    speed = {"discharge": 0.0, "rest": 0.0, "speed": 8.0, "thickness": 6.0}[given]
+    height = hillside(22.0, 24.0) - solver.grid.bed.min()
+    wanted = b["mass_released"] * (0.5 * speed**2 + G * height)
+    assert b["energy_start"] == 0.0 and b["energy_released_later"] == pytest.approx(wanted, rel=0.04)
+
+
+def test_a_secondary_release():
+    solver = hill_solver(release())
+    lower = area(80, 100, 16, 32, 1.0, 0.8)
+    events = Events((), secondary_releases([("lower", lower, None)], solver.grid))
+    list(March(solver, 15.0, 5.0, events=events))
+    b = closed(solver)
+    mass = lower.particles.mass.sum()
+    assert b["mass_released"] == pytest.approx(b["mass_start"] + mass)
+    height = np.mean([hillside(x, 24.0) for x in np.linspace(80, 100, 21)]) - solver.grid.bed.min() + 0.4
+    assert b["energy_released_later"] == pytest.approx(mass * G * height, rel=0.05)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("height", [3.0, 100.0])
+def test_a_barrier(form, height):
+    wall = Wall("dam", shapely.box(119.0, -9, 122.0, 99), height)
+    solver = hill_solver(release(), form=form, wall=wall)
+    solver.advance(15.0)
+    b = closed(solver)
+    assert b["energy_lost_to_barriers"] > 0.02 * b["put_in"]
+
+
+def test_a_wall_takes_the_energy_across_it():
+    """A sheet against a high wall at 20 m/s: what is booked to the barrier and to mixing is what it had."""
+    frame = columns_of(2.0, 60, 90, 12, 36, 1.0, velocity=(20.0, 0.0))
+    solver = hill_solver(frame, bed=plane(0.0), wall=Wall("w", shapely.box(110, -9, 114, 99), 100.0), mu=0.0)
+    solver.advance(4.0)
+    b = closed(solver)
+    assert b["energy_lost_to_barriers"] > 0.2 * b["put_in"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_outflow_over_edges_and_into_a_hole(form):
+    """What left is told by place: over the east edge and into the hole, with their masses."""
+    hole = np.s_[5:7, 20:22]  # rows from the north: N 20 to 28, E 80 to 88
+    solver = hill_solver(release(velocity=(15.0, 0.0)), bed=plane(20.0), form=form, hole=hole, mu=0.05)
+    solver.advance(18.0)
+    b = closed(solver)
+    places = {place["where"]: place for place in b["left_places"]}
+    assert b["mass_out"] > 0.5 * b["mass_start"] and {"hole", "east"} <= set(places)
+    assert abs(places["hole"]["east"] - 84.0) < 10.0 and abs(places["hole"]["north"] - 24.0) < 10.0
+    assert places["east"]["east"] == pytest.approx(LENGTH, abs=DX)
+    assert places["hole"]["mass"] == pytest.approx(b["outflow"]["nodata"]["mass"], rel=1e-9)
+
+
+def test_water_in_a_basin_without_friction_keeps_its_energy():
+    terrain = terrain_of(lambda x, y: 0.02 * (x - 100) ** 2 / 100, 200, 20, 5.0)
+    frame = columns_of(lambda x, y: np.where(x < 100, 6.0, 5.0), 50, 150, 0, 20, 1.25)
+    solver = solver_on(terrain, frame, 5.0, metric=WaterMetric(), edges="wall")
+    solver.advance(20.0)
+    b = closed(solver)
+    assert abs(b["energy_lost"]) <= 0.02 * b["put_in"]
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    form=st.sampled_from(list(FORMS)), degrees=st.floats(3.0, 40.0), thickness=st.floats(0.3, 6.0),
+    speed=st.floats(0.0, 25.0), mu=st.floats(0.0, 0.5), erodible=st.sampled_from([0.0, 100.0, 2000.0]),
+    lowering=st.sampled_from([0.0, 1 / 1800]), height=st.sampled_from([None, 2.0, 50.0]), inflow=st.booleans(),
+    later=st.booleans(), holed=st.booleans(), edges=st.sampled_from(["open", "wall"]), until=st.floats(2.0, 20.0),
+)  # fmt: skip
+def test_any_mixture_of_sources_closes(form, degrees, thickness, speed, mu, erodible, lowering, height, inflow, later,
+                                       holed, edges, until):  # fmt: skip
+    wall = None if height is None else Wall("dam", shapely.box(139.0, -9, 142.0, 99), height)
+    hole = np.s_[5:7, 20:22] if holed else None
+    solver = hill_solver(
+        release(thickness, (speed, 0.2 * speed)), bed=plane(degrees), form=form, wall=wall, mu=mu, hole=hole,
+        erosion=ENERGY._replace(lowering=lowering), erodible=erodible, edges=edges,
+    )  # fmt: skip
+    inlets = []
+    if inflow:
+        flow = table([0.5, 6.0], discharge=[20, 60], speed=[speed, speed])
+        inlets = [inlet_of(area(16, 28, 16, 32, 1.0), flow, solver.grid, until)] if until > 0.5 else []
+    lower = [("lower", area(100, 116, 16, 32, 1.0, 0.8), None)] if later else []
+    events = Events(inlets, secondary_releases(lower, solver.grid) if lower else ())
+    list(March(solver, until, 5.0, events=events))
+    closed(solver)
