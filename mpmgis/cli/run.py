@@ -2,7 +2,7 @@
 
 import sys
 
-from ..products.run_account import account
+from ..products.run_account import account, extreme_lines
 from . import talk
 from .progress import interruptible, run_progress, without_bar
 
@@ -76,6 +76,9 @@ def tell(summary):
     talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
     for line in account(summary.balances, summary.solver, summary.mass):
         talk.say(line)
+    if summary.mass is not None:
+        for line in extreme_lines(summary.extremes):
+            talk.say(line)
     if summary.result_digest:
         talk.say(f"digest of the result: {summary.result_digest}")
     if not summary.wall_seconds:

@@ -37,8 +37,9 @@ from .lanes import get, get_of_four, lanes, load, multiply_add, prefetch, put, p
     BLOCK_NORTH,
     STIFF,  # columns whose apparent viscosity was cut to what the time step allows
     ENTRAINED,  # mass taken up from the bed [kg]
+    FASTEST2,  # max of |U|^2 [m2 s-2]
     OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
-) = range(19)
+) = range(20)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -523,6 +524,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
     """
     signal2_max, speed2_max, ratio = mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO]
     kinetic, moving, flowing, entrained = mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED]
+    fastest2 = mine[FASTEST2]
     for k in range(count):
         if entrainment.entrainment_active():
             entrained += get(moved, L_GAINED, k)
@@ -544,6 +546,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
                 mine[WILD] += mass
             horizontal2, speed2 = horizontal2 * bound / speed2, bound
         speed2_max = max(speed2_max, horizontal2)
+        fastest2 = max(fastest2, speed2)
         kinetic += mass * speed2
         if speed2 > MOVING_SPEED * MOVING_SPEED:
             moving += mass
@@ -551,6 +554,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
                 flowing += mass
     mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO] = signal2_max, speed2_max, ratio
     mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED] = kinetic, moving, flowing, entrained
+    mine[FASTEST2] = fastest2
 
 
 @jit

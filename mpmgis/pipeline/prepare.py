@@ -15,6 +15,7 @@ from ..io.raster import READ_WHOLE, TerrainFile
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..machine import memory_lack
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
+from ..scene.tables import DENSITY
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.cost import MEMORY_SHARE
@@ -122,7 +123,7 @@ def prepare(given, say=lambda text: None, laws=None):
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
     say, terrain = _once(say), _terrain(scene, say)
-    scene = _completed(scene, terrain.grid.cell_size)
+    scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
@@ -131,6 +132,7 @@ def prepare_scene(scene, say=lambda text: None):
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
         stage = _stage(one, terrain, grid, start, reached, number > 0, say)
         stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
+    _tell_of_friction(stages, say)
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0], say)
@@ -251,6 +253,27 @@ def _point_numerics(scene, grid, start):
         precision=scene.numerics.precision,
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
+
+
+def _with_density(scene, say):
+    """The scene with the density of its release, where that is not given: what flows in has it, else it is assumed."""
+    release, named = scene.release, scene.densities()
+    if release is not None and release.particles is not None:
+        return scene
+    if not named:
+        say(f"no density is given: {DENSITY:g} kg m-3 is assumed (masses, forces and pressures follow it)")
+    if release is None or release.density is not None:
+        return scene
+    return replace(scene, release=replace(release, density=named[0][1] if named else DENSITY))
+
+
+def _tell_of_friction(stages, say):
+    """Say where nothing resists on the bed, which is rarely meant."""
+    for number, stage in enumerate(stages, 1):
+        for decision in stage.decisions:
+            if decision.effect == "friction" and decision.state == "off":
+                where = f"stage {number}: " if len(stages) > 1 else ""
+                say(f"{where}there is no friction: {decision.reason}")
 
 
 def _completed(scene, cell_size):

@@ -11,7 +11,7 @@ from ..io.frames import read_frame
 from ..io.hydrograph import read_hydrograph
 from ..io.vector import read_release
 from ..particles import Particles
-from ..scene.tables import ReleaseTable
+from ..scene.tables import DENSITY, ReleaseTable
 from ..seeding.columns import seed_columns
 from ..solvers.events import Events, inlet_of, secondary_releases
 
@@ -74,7 +74,7 @@ def _release(scene, terrain, say):
     if table is None:
         return None
     if table.particles is not None:
-        return columns_of(scene.path(table.particles), terrain, table.density, say)
+        return columns_of(scene.path(table.particles), terrain, DENSITY, say)
     return _area(scene, table, terrain, say)
 
 
@@ -112,17 +112,14 @@ def _seeded(scene, terrain, grid, area, density, table=None):
 def _density(scene, frame):
     """The one density of a scene [kg m-3]; refused where its tables differ."""
     named = [] if frame is None else [("[release]", float(frame.header["density"]))]
-    if _used(scene.hydrograph) and scene.hydrograph.density is not None:
-        named.append(("[hydrograph]", scene.hydrograph.density))
-    secondary = [table.density for table in scene.secondary_release if _used(table)]
-    named += [("[[secondary_release]]", density) for density in secondary if density is not None]
+    named += [(name, density) for name, density in scene.densities() if name != "[release]"]
     for name, density in named[1:]:
         if abs(density - named[0][1]) > 1e-9 * density:
             raise SceneError(
                 f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; all that flows has "
                 "one density, take one out"
             )
-    return named[0][1] if named else ReleaseTable.density
+    return named[0][1] if named else DENSITY
 
 
 def _used(table):

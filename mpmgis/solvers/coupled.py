@@ -212,7 +212,8 @@ class CoupledSolver:
         both["mass_entrained"] = columns["mass_entrained"]
         found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
         energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost")
-        kept = ("mass_now", "mass_out", "outflow", *energies, "barriers")
+        peaks = (f"{name}_max{what}" for name in ("thickness", "speed") for what in ("", "_at", "_time"))
+        kept = ("mass_now", "mass_out", "outflow", *energies, *peaks, "barriers")
         outside = {name: columns[name] for name in kept}
         outside |= {"exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns}
         return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}
