@@ -27,7 +27,7 @@ MAPS = (  # band of the result, of the looks, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
     ("p_max", "p_max", "Largest impact pressure"),
-    ("deposit_h", "h", "Depth in the last frame"),
+    ("h_deposit", "h", "Depth in the last frame"),
 )
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames: for the pressure, for what maps show
 PASCAL_PER_KILOPASCAL = 1000.0
@@ -141,7 +141,7 @@ def _key_figures(request, gathered):
         ("h_max", "m", 1.0, "flow depth"),
         ("Ut_max", "m/s", 1.0, "speed along the slope"),
         ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
-        ("deposit_h", "m", 1.0, "depth in the last frame"),
+        ("h_deposit", "m", 1.0, "depth in the last frame"),
     ):
         words += _direction(band, flow)
         if band in peaks:
@@ -154,7 +154,7 @@ def _key_figures(request, gathered):
 
 def _direction(band, flow):
     """How the depth of a band is measured, in words: known of frames and exports, not of other codes' rasters."""
-    depth = band in ("h_max", "deposit_h")
+    depth = band in ("h_max", "h_deposit")
     return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
 
 
