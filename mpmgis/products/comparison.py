@@ -128,10 +128,10 @@ def footprint_bands(pairs, asked=None, complete=True):
 
 
 def _beside_only_band(pairs, asked):
-    """The band `asked` for of one result beside the only band of the other; None where there is no such pair."""
+    """The band `asked` for of one result beside the only band of the other, which nothing else matches; else None."""
     names = [[pair[k] for pair in pairs if pair[k] is not None] for k in (0, 1)]
     for k in (0, 1):
-        if asked in names[k] and len(names[1 - k]) == 1:
+        if asked in names[k] and len(names[1 - k]) == 1 and all(None in pair for pair in pairs):
             return (asked, names[1][0]) if k == 0 else (names[0][0], asked)
     return None
 

@@ -146,7 +146,8 @@ def test_runout_and_compare_tell_the_same_runout(discs, capsys, tmp_path, start)
         told = json.loads(capsys.readouterr().out)
         for key in ("runout_m", "farthest_along_line_m"):
             assert told[key] == found[side][key] > 0, key
-        assert told["farthest_along_line_m"] > told["runout_m"] - 1.0
+        if name == "one":
+            assert (told["farthest_along_line_m"] > told["runout_m"]) == (start < 90)  # where the flow begins
     deposit = write_peak(tmp_path / "lying.tif", disc(grid, 200, 200, radius=30), grid, "value")
     found, _ = compared(capsys, tmp_path / "one", deposit, *given)
     behind = found["b"]["farthest_along_line_m"] - found["a"]["farthest_along_line_m"]
