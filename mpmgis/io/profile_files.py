@@ -30,7 +30,7 @@ def write_profile_plot(path, found):
             _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
         dress(ground, "elevation [m]", title=f"{found.name}: profile")
         legend(ground, loc="best")
-        dress(depths, "h (full), t (dashed) [m]")
+        dress(depths, "h (full), t (dashed), normal [m]")
         dress(speeds, "Ut (full), Un (dashed) [m/s]", "distance along the line [m]")
         speeds.axhline(0, color="#999999", linewidth=0.6)
         speeds.set_xlim(found.along[0], found.along[-1])

@@ -132,7 +132,6 @@ def test_the_folder_of_a_run_has_the_maxima_that_its_solver_kept(site):
     both = ours.h_max.notnull() & exported.h_max.notnull()
     assert float((exported.h_max - ours.h_max).where(both).min()) >= -1e-6  # frames may add, never take away
     assert float((exported.h_max == ours.h_max).where(both).mean()) > 0.3
-    assert float(abs(exported.h_max.max() / ours.h_max.max() - 1)) < 0.25
     assert {"Ut_max", "t_arrival"}.isdisjoint(mpmgis.open_results(site / "peaks", min_depth=0.2))
     assert "h_max" not in mpmgis.open_results(site / "results")
     assert "h_max" not in mpmgis.depth_average(sorted((site / "peaks").glob("*.h5"))[-1])
