@@ -251,7 +251,7 @@ def given_instead(law):
 
 
 def turbulent_coefficient(k):
-    """xi [m s-2] of Voellmy's drag rho g u^2 / xi for the turbulent friction coefficient `k` [1] of rho k u^2."""
+    """xi [m s-2] of Voellmy's drag rho g u^2 / xi that is rho k u^2 with the turbulent friction coefficient `k` [1]."""
     return GRAVITY / k
 
 

@@ -52,6 +52,10 @@ def write_series_plot(path, found):
             for point, label in enumerate(names):
                 colour = COLOURS[point % len(COLOURS)]
                 axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
+            if not np.isfinite(values[:, : len(names)]).any() or not np.nan_to_num(found.values["h"]).any():
+                axes[row, 0].text(
+                    0.5, 0.5, "the flow never came here", transform=axes[row, 0].transAxes, ha="center", va="center"
+                )
             unit = look.unit.partition(";")[0]
             last = row == len(found.values) - 1
             title = f"{found.name}: series{of_all}" if row == 0 else ""

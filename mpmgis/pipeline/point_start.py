@@ -64,7 +64,7 @@ def read_point_start(scene, terrain, grid, say):
 def _columns_of(scene, path, terrain, grid, say):
     """Columns out of the file at `path`, or seeded in the release."""
     if path is not None:
-        return columns_of(path, terrain, DENSITY, say, with_state=True)
+        return columns_of(path, terrain, DENSITY, say, with_state=True, window=_window(scene, terrain, say))
     return read_sources(scene, terrain, grid, say).frame
 
 
@@ -97,7 +97,7 @@ def _tell_of_outside(outside, mass, say):
 
 def _points_of(path, terrain, cell_size, density, window, say):
     """Points out of the frame at `path`, those in `window`."""
-    frame = placed_on(read_frame(path), path, terrain, density, say)
+    frame = placed_on(read_frame(path), path, terrain, density, say, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
         frame = lying_in(frame, window)

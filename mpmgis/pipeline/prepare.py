@@ -1,5 +1,6 @@
 """What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -30,6 +31,13 @@ from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
 BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
+# option of `mpmgis seed` in a message -> key of a scene; `rio edit-info FILE --crs` is another program's
+_KEYS_OF_OPTIONS = (
+    (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
+    (r"--dem-band (\w+)", r"[terrain] band = \1"),
+    (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
+    (r"--(thickness|surface|density)\b", r"[release] \1"),
+)
 CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
@@ -117,7 +125,14 @@ def prepare(given, say=lambda text: None, laws=None):
         raise
     except InputError as error:  # told in the words of `seed`; say whose file they are about
         where = "scene" if isinstance(given, Mapping) else Path(given).name
-        raise type(error)(f"{where}: {error}") from error
+        raise type(error)(f"{where}: {in_scene_words(str(error))}") from error
+
+
+def in_scene_words(message):
+    """A `message` that names options of `mpmgis seed`, with the keys of a scene in their place."""
+    for option, key in _KEYS_OF_OPTIONS:
+        message = re.sub(option, key, message)
+    return message
 
 
 def prepare_scene(scene, say=lambda text: None):

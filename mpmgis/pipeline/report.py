@@ -171,6 +171,8 @@ def _solver(flow, record):
     if not flow.entries:
         return None
     first = flow.entries[0]
+    if record.get("stages"):
+        return ", then ".join(str(stage.get("solver")) for stage in record["stages"])
     return (record.get("scene") or {}).get("solver", first.header.solver or first.reader)
 
 
