@@ -135,7 +135,9 @@ def open_results(
     """A folder of results as a lazy xarray.Dataset (time, y, x) with its CRS.
 
     An exported folder is opened as it is: the steps' bands, `h_max` and the other maxima, `h_deposit`, `elevation`. A
-    folder of frames, of mpmgis or of another code, is averaged step by step where values are asked for.
+    folder of frames, of mpmgis or of another code, is averaged step by step where values are asked for. Where the
+    solver kept maxima of every step (`maxima = true`), they are there too: `h_max`, `t_max`, and `Ut_max`, `p_max`,
+    `t_arrival` where `min_depth` is the solver's arrival thickness.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def add_arguments(parser):
     parser.add_argument(
         "--band",
         metavar="NAME",
-        help="band whose footprint is compared, for example deposit_h with a mapped deposit (default: peak thickness, "
+        help="band whose footprint is compared, for example h_deposit with a mapped deposit (default: peak thickness, "
         "pft or h_max)",
     )
     parser.add_argument(

@@ -12,7 +12,7 @@ def add_arguments(parser):
     """Declare the verb's options."""
     parser.add_argument("-o", "--output", metavar="DIR", default="mpmgis_demo", help="folder (default: mpmgis_demo)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier demo in that folder")
-    parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all)")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: by the particles)")
 
 
 def run(arguments):

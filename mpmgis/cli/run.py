@@ -2,7 +2,7 @@
 
 import sys
 
-from ..products.run_account import account
+from ..products.run_account import account, extreme_lines
 from . import talk
 from .progress import interruptible, run_progress, without_bar
 
@@ -18,7 +18,9 @@ def add_arguments(parser):
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for frames (default: results/ beside the scene)")
     parser.add_argument("--overwrite", action="store_true", help="replace the frames of an earlier run in that folder")
     parser.add_argument("--resume", action="store_true", help="go on after the last whole frame in that folder")
-    parser.add_argument("--threads", type=int, metavar="N", help="processor threads (default: all); same result")
+    parser.add_argument(
+        "--threads", type=int, metavar="N", help="processor threads (default: by the particles); same result"
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask about predicted time and memory")
     parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
     parser.add_argument("--template", action="store_true", help="print a commented scene and stop")
@@ -76,6 +78,9 @@ def tell(summary):
     talk.say(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
     for line in account(summary.balances, summary.solver, summary.mass):
         talk.say(line)
+    if summary.mass is not None:
+        for line in extreme_lines(summary.extremes):
+            talk.say(line)
     if summary.result_digest:
         talk.say(f"digest of the result: {summary.result_digest}")
     if not summary.wall_seconds:

@@ -13,11 +13,16 @@ mpmgis vertical results --points points.gpkg --at-times 4,6,8 --width 10 --layer
 DESCRIPTION = """
 Density, velocities along (Ut) and across the bed (Un) and impact pressure over the height above the bed, of 3D frames,
 in square cells around points. Heights are along the bed's normal. Layer by layer a cell is averaged as in an export;
-the pressure of a layer is its density times the square of its mean speed, and its sum over the height a force per
-width, with the height at which it acts. These are the flow's own values where it passes: a wall would change them (a
-[[barrier]] in a run of points has forces in barriers.csv).
+the pressure p of a layer is its density times the square of its mean speed, and its sum over the height the flux of
+momentum: a force per width, with the height at which it acts. It does not hold the pressure of the weight above, which
+presses at rest, too: that is the overburden, with a force per width and a height of its own. These are the flow's own
+values where it passes: a wall would change them (a [[barrier]] in a run of points has forces in barriers.csv).
 """
-HEADINGS = ("time [s]", "h [m]", "force [kN/m]", "at height [m]", "largest p [kPa]")
+HEADINGS = (
+    "time [s]", "h normal [m]", "momentum [kN/m]", "at height [m]", "largest p [kPa]", "overburden [kN/m]",
+    "at height [m]",
+)  # fmt: skip
+COLUMN_WIDTH = 19
 
 
 def add_arguments(parser):
@@ -51,10 +56,10 @@ def run(arguments):
 def screen(found):
     """Lines of text about a VerticalFound."""
     width = max(map(len, (*found.names, "point"))) + 2
-    lines = [f"{'point':<{width}}" + "".join(f"{word:>17}" for word in HEADINGS)]
-    for name, _, _, time, depth, force, height, largest in found.load_rows():
-        cells = (time, depth, force / 1e3, height, largest / 1e3)
-        lines.append(f"{name:<{width}}" + "".join(f"{_text(value):>17}" for value in cells))
+    lines = [f"{'point':<{width}}" + "".join(f"{word:>{COLUMN_WIDTH}}" for word in HEADINGS)]
+    for name, _, _, time, depth, momentum, height, largest, weight, height_of_weight in found.load_rows():
+        cells = (time, depth, momentum / 1e3, height, largest / 1e3, weight / 1e3, height_of_weight)
+        lines.append(f"{name:<{width}}" + "".join(f"{_text(value):>{COLUMN_WIDTH}}" for value in cells))
     return lines
 
 

@@ -89,6 +89,7 @@ def _printed(report):
         "asked for",
         f"  E5: vertical velocity 0 (Eq 3) is not along the slope: the flow takes off at up to {report.launch:.3g} "
         f"m/s, kinetic energy is {after.kinetic:.6g} J (columns: {before.kinetic:.6g} J)",
+        "  Eq (3)'s horizontal accelerations are left out: an explicit MPM computes them anew in every step",
         "  E7: no stress to start with: layers first drop onto their own elasticity",
         f"  E8: columns up to {report.widest:.3g} m wide are not split sideways",
         f"  E12: Eq (4) gives eps_m = {report.mass_scatter:.4g} kg and {report.momentum_scatter:.4g} kg m s-1: the "

@@ -12,6 +12,7 @@ from .options import LAY, REFUSE, ColumnOptions
 from .sums import NOTHING, Sums, sums_of
 
 GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
+WIDEST_SLICE = 1.5  # spacings of a conversion that a single point may stand for
 NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
 LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
 SPREAD = 2.0  # times its own footprint over which the points of a column may be strewn and still stand together
@@ -266,14 +267,25 @@ def _point_cell(frame, options):
 
 
 def _flight(over, groups):
-    """(gap [m], Un, Ut [m s-1]) of each column: its lowest point's distance from the bed, its mean velocity."""
+    """(gap [m], Un, Ut [m s-1]) of each column: the distance of its lowest slice from the bed, its mean velocity."""
     mass = groups.sum(over.mass)
     slopes = [groups.sum(over.mass * slope) / mass for slope in (over.slope_east, over.slope_north)]
     cosine = slope_cosine(*slopes)
     u, v, w = (groups.sum(over.mass * over.velocity[:, axis]) / mass for axis in range(3))
     across = (w - u * slopes[0] - v * slopes[1]) * cosine
     along = np.sqrt(np.maximum(u * u + v * v + w * w - across**2, 0.0))
-    return groups.least(over.height) * cosine, across, along
+    clear = np.maximum(groups.least(over.height) - _half_slice(over.frame), 0.0)
+    return clear * cosine, across, along
+
+
+def _half_slice(frame):
+    """What a column's lowest point may be above the bed because it stands in the middle of its slice [m].
+
+    Points that a conversion has just made stand in slices of up to 1.5 times its spacing (`PointOptions.points_in`): a
+    column thinner than that is one point, half its thickness above the bed. Of other points nothing is known.
+    """
+    spacing = frame.header.get("converted_spacing")
+    return 0.0 if spacing is None else 0.5 * WIDEST_SLICE * float(spacing)
 
 
 def _detached(over, groups, point_cell, normal_share=NORMAL_SHARE):

@@ -13,6 +13,8 @@ The first is what does not vanish with speed, the second what is taken as linear
 from math import asin, sin, sqrt
 from typing import NamedTuple
 
+from ..fields import GRAVITY
+
 
 class Frictionless(NamedTuple):
     """No resistance at all: the null law of the slot."""
@@ -234,6 +236,23 @@ LAWS = {
         },
     ),
 }
+
+
+# what a scene may give in place of a parameter: name -> (the parameter, what is given)
+IN_PLACE_OF = {
+    "k": ("xi", Parameter("1", "turbulent friction, k = g / xi", GRAVITY / _XI.largest, GRAVITY / _XI.smallest)),
+}
+
+
+def given_instead(law):
+    """Name -> (parameter, Parameter) of what a scene may give in place of parameters of the built-in `law`."""
+    known = LAWS.get(law, (None, {}))[1]
+    return {name: told for name, told in IN_PLACE_OF.items() if told[0] in known}
+
+
+def turbulent_coefficient(k):
+    """xi [m s-2] of Voellmy's drag rho g u^2 / xi that is rho k u^2 with the turbulent friction coefficient `k` [1]."""
+    return GRAVITY / k
 
 
 def contradiction(name, parameters):

@@ -84,10 +84,12 @@ def clearing_time(discharge, length, width, slope, speed, gravity=GRAVITY):
 def batch_times(hydrograph, end_time, interval):
     """(start, end) [s] of the intervals, equal and at most `interval` [s] long, whose inflow comes in at their start.
 
-    They cover the discharge up to `end_time` [s]; float64[k, 2].
+    They divide the time of the whole hydrograph. Of those only the intervals before `end_time` [s] are returned, the
+    last one cut there, so that a run with a later end begins with the same batches; float64[k, 2].
     """
-    start, end = hydrograph.time[0], min(hydrograph.time[-1], end_time)
-    if end <= start:
+    start, last = hydrograph.time[0], hydrograph.time[-1]
+    if min(last, end_time) <= start:
         return np.empty((0, 2))
-    edges = np.linspace(start, end, int(np.ceil((end - start) / interval)) + 1)
+    edges = np.linspace(start, last, int(np.ceil((last - start) / interval)) + 1)
+    edges = np.append(edges[edges < end_time], min(last, end_time)) if end_time < last else edges
     return np.column_stack([edges[:-1], edges[1:]])

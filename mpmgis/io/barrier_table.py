@@ -17,7 +17,7 @@ SUMS = {
     "moment_impulse_north": "angular impulse north [N m s]",
     "moment_impulse_up": "angular impulse up [N m s]",
     "overtopped_mass": "overtopped mass [kg]",
-    "peak_normal_force": "peak normal force [N]",
+    "peak_normal_force": "largest normal force of a step so far [N]",
 }
 # sums whose mean rate since the frame before has a column of its own; all but the first in 3D only
 RATES = {
@@ -34,7 +34,8 @@ RATES = {
 class BarrierTable:
     """The file `path`, a row for each frame and barrier; written anew, as a whole, with every frame.
 
-    The mean force is that of the time since the frame before; impulses, mass and peak are those of the run so far.
+    The mean force is that of the time since the frame before; impulses, mass and the largest force of
+    a single step are those of the run so far.
 
     Parameters
     ----------

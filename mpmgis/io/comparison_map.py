@@ -1,5 +1,6 @@
 """A map of two footprints as PNG: what only one of them covers, what both cover, and the line of the runout."""
 
+import math
 import textwrap
 from typing import NamedTuple
 
@@ -28,12 +29,17 @@ LEGEND_LETTERS = 30  # of a name before it is broken
 
 
 class MapSide(NamedTuple):
-    """One side of the map: its `name`, `mask` bool[rows, columns], the area [m2] that it covers `alone`, its runout."""
+    """One side of the map: its `name`, `mask` bool[rows, columns], the area [m2] that it covers `alone`, its runout.
+
+    `farthest` is the farthest place along the line, `runout` [m] the distance to it from the highest place of the flow
+    (NaN: not known).
+    """
 
     name: str
     mask: np.ndarray
     alone: float
-    runout: Runout | None = None
+    farthest: Runout | None = None
+    runout: float = math.nan
 
 
 def write_comparison_map(path, terrain, grid, sides, both_area, line=None, title=""):
@@ -78,7 +84,7 @@ def write_comparison_map(path, terrain, grid, sides, both_area, line=None, title
 
 def _as_far_as_reached(line, sides):
     """The line to where the farther side came, cut or continued straight; None where there is no runout."""
-    reached = [side.runout.distance for side in sides if side.runout is not None]
+    reached = [side.farthest.distance for side in sides if side.farthest is not None]
     return None if line is None or max(reached, default=0.0) <= 0 else up_to(line, max(reached))
 
 
@@ -106,8 +112,8 @@ def _draw_line(axes, line, sides):
     axes.plot(*line.T, color=LINE_COLOUR, linewidth=1.2, linestyle=(0, (5, 2)), zorder=6, path_effects=rim, **still)
     axes.plot(*line[0], "o", color=LINE_COLOUR, markersize=4.5, markeredgecolor="white", zorder=7, **still)
     for side, colour, marker in zip(sides, (ONLY_FIRST, ONLY_SECOND), ("^", "v"), strict=True):
-        if side.runout is not None:
-            place = (side.runout.x, side.runout.y)
+        if side.farthest is not None:
+            place = (side.farthest.x, side.farthest.y)
             axes.plot(*place, marker, color=colour, markersize=8, markeredgecolor="white", zorder=8, **still)
 
 
@@ -128,9 +134,10 @@ def _draw_legend(axes, sides, both_area, has_line, interval):
             Line2D([], [], color=LINE_COLOUR, linestyle=(0, (5, 2)), linewidth=1.2, label="line of the runout")
         )
     for side, colour, marker in zip(sides, (ONLY_FIRST, ONLY_SECOND), ("^", "v"), strict=True):
-        if side.runout is not None:
-            label = f"runout of {side.name}"
-            text = f"{_wrapped(label)}\n{side.runout.distance:.0f} m"
+        if side.farthest is not None:
+            known = math.isfinite(side.runout)
+            label = f"runout of {side.name}" if known else f"farthest place of {side.name} along the line"
+            text = f"{_wrapped(label)}\n{side.runout if known else side.farthest.distance:.0f} m"
             entries.append(Line2D([], [], color=colour, marker=marker, linestyle="", markersize=7, label=text))
     if interval:
         label = f"contours every {interval:g} m"

@@ -96,6 +96,28 @@ def _averaged_block(quantities, grid, frame_values, block_info=None):
     return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])[np.newaxis]
 
 
+def computed_bands(quantities, grid, compute):
+    """Name -> (Quantity, lazy float32[rows, columns]) of bands that are computed together when one is asked for.
+
+    Parameters
+    ----------
+    quantities : list of Quantity
+    grid : Grid
+    compute : callable
+        `compute()` answers name -> float32[rows, columns].
+    """
+    stack = dask.array.map_blocks(
+        _computed_block, chunks=((len(quantities),), *((length,) for length in grid.shape)), dtype=np.float32,
+        meta=np.empty((0, 0, 0), np.float32), names=[quantity.name for quantity in quantities], compute=compute,
+    )  # fmt: skip
+    return {quantity.name: (quantity, stack[k]) for k, quantity in enumerate(quantities)}
+
+
+def _computed_block(names, compute):
+    values = compute()
+    return np.stack([values[name] for name in names])
+
+
 def open_export(folder):
     """The Dataset of an exported folder: bands of the steps, maxima, deposit and terrain, all lazy.
 

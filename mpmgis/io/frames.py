@@ -1,5 +1,6 @@
 """Frames on disk: `*.h5`, one file per saved time; README tells the format."""
 
+import shutil
 from pathlib import Path
 
 import h5py
@@ -122,6 +123,14 @@ def drop_state(path):
             for name in source:
                 if name != "state":
                     source.copy(name, target)
+
+
+def set_digest(path, digest):
+    """Rewrite the frame at `path` as one of the scene with this `digest`; whole at any moment."""
+    with whole_file(path) as part:
+        shutil.copyfile(path, part)
+        with h5py.File(part, "r+") as target:
+            target.attrs["digest"] = digest
 
 
 def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None):

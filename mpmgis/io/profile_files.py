@@ -30,7 +30,7 @@ def write_profile_plot(path, found):
             _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
         dress(ground, "elevation [m]", title=f"{found.name}: profile")
         legend(ground, loc="best")
-        dress(depths, "h (full), t (dashed) [m]")
+        dress(depths, "h (full), t (dashed), normal [m]")
         dress(speeds, "Ut (full), Un (dashed) [m/s]", "distance along the line [m]")
         speeds.axhline(0, color="#999999", linewidth=0.6)
         speeds.set_xlim(found.along[0], found.along[-1])
@@ -52,6 +52,10 @@ def write_series_plot(path, found):
             for point, label in enumerate(names):
                 colour = COLOURS[point % len(COLOURS)]
                 axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
+            if not np.isfinite(values[:, : len(names)]).any() or not np.nan_to_num(found.values["h"]).any():
+                axes[row, 0].text(
+                    0.5, 0.5, "the flow never came here", transform=axes[row, 0].transAxes, ha="center", va="center"
+                )
             unit = look.unit.partition(";")[0]
             last = row == len(found.values) - 1
             title = f"{found.name}: series{of_all}" if row == 0 else ""

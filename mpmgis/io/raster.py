@@ -180,7 +180,11 @@ def open_raster(path):
             source = rasterio.open(path)
         except (RasterioError, OSError, ValueError) as error:
             reason = _reason(error, path)
-            raise FormatError(f"{path} is no raster that GDAL reads, or a truncated one ({reason})") from error
+            swapped = "; vector files are for releases, lines and areas: were two options swapped?"
+            vector = path.suffix.lower() in _VECTOR_SUFFIXES
+            raise FormatError(
+                f"{path} is no raster that GDAL reads, or a truncated one ({reason}){swapped if vector else ''}"
+            ) from error
         with source:
             if source.count == 0:
                 raise FormatError(f"{path} holds no band; name one of its subdatasets (QGIS lists them)")
@@ -188,6 +192,9 @@ def open_raster(path):
                 yield source
             except CPLE_BaseError as error:  # what GDAL found wrong may be raised by any later look at the dataset
                 raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
+
+
+_VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
 def _require_directory(path):

@@ -16,7 +16,7 @@ PEAK_KINDS = {  # ending of the file's name -> quantity, and what its values are
     "ppr": (Quantity("ppr", "Pa", "peak pressure, kPa in the file"), 1000.0),
 }
 UNNAMED = "value"  # the band of a raster that does not say what it is
-DEPOSIT = "deposit_"  # before the names of the bands of an export's last step
+DEPOSIT = "_deposit"  # of an export's last step: ends the name of its file, and the names of its bands here
 _PEAK_NAME = re.compile(r"(?:(.*)_)?(pft|pfv|ppr)\.(?:asc|tif|tiff)", re.IGNORECASE)
 
 
@@ -139,7 +139,7 @@ def _exported(folder):
         )
     run = maxima[0].name.removesuffix("_max.tif")
     bands = _named_bands(maxima[0])
-    deposit = inside / f"{run}_deposit.tif"
+    deposit = inside / f"{run}{DEPOSIT}.tif"
     if deposit.is_file():
         bands |= _named_bands(deposit, DEPOSIT)
     peaks = _peak_files(inside)
@@ -149,14 +149,14 @@ def _exported(folder):
     return Result(shown.resolve().name, "export", bands, terrain if terrain.is_file() else None)
 
 
-def _named_bands(path, before=""):
-    """The bands of a raster by the names in their descriptions, `NAME [unit]`."""
+def _named_bands(path, ending=""):
+    """The bands of a raster by the names in their descriptions, `NAME [unit]`, with an `ending`."""
     bands = {}
     with open_raster(path) as source:
         for number, text in enumerate(source.descriptions, start=1):
             name, _, unit = (text or "").partition(" [")
             if name:
-                quantity = Quantity(before + name, source.units[number - 1] or unit.rstrip("]"), "")
+                quantity = Quantity(name + ending, source.units[number - 1] or unit.rstrip("]"), "")
                 bands[quantity.name] = BandSource(path, number, quantity)
         if not bands and source.count > 1:
             raise InputError(
@@ -195,5 +195,10 @@ def _single(path):
     match = _PEAK_NAME.fullmatch(path.name)
     if match:
         return Result(path.stem, "raster", {match[2].lower(): _peak_band(path, match[2].lower())})
-    bands = _named_bands(path)
-    return Result(path.stem, "raster", bands or {UNNAMED: BandSource(path, 1, Quantity(UNNAMED, "", ""))})
+    bands = _named_bands(path, DEPOSIT if path.stem.endswith(DEPOSIT) else "")
+    terrain = path.parent.parent / "dtm.tif"
+    beside = path.parent.name == "rasters" and terrain.is_file()
+    return Result(
+        path.stem, "raster", bands or {UNNAMED: BandSource(path, 1, Quantity(UNNAMED, "", ""))},
+        terrain if beside else None,
+    )  # fmt: skip

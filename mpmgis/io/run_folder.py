@@ -13,7 +13,7 @@ from .. import __version__
 from ..errors import FormatError, OutputError, one_line
 from .atomic import output_error, refuse_existing, whole_file
 from .frame_digest import result_after, stored
-from .frames import drop_state, read_frame, write_frame
+from .frames import drop_state, read_frame, set_digest, write_frame
 from .lock import LOCK_FILE, sole_writer
 from .raster import file_sha256
 
@@ -115,13 +115,33 @@ class RunFolder:
 
         Newer frames without state, which no run leaves, are not trusted: they are written again.
         """
+        for number, frame in self.restartable():
+            self._go_on_after(number)
+            return frame
+        return None
+
+    def restartable(self):
+        """(number, Frame) of each whole frame that has its state, the newest first."""
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
             frame = read_frame(path)
             if frame.state:
-                self.frames = int(path.stem.rpartition("_")[2]) + 1
-                self.result = stored(path)[1] or None
-                return frame
-        return None
+                yield int(path.stem.rpartition("_")[2]), frame
+
+    def go_back_to(self, number, digest):
+        """Remove the frames after `number`; those that stay belong to the run of another scene, of this `digest`."""
+        try:
+            for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
+                if int(path.stem.rpartition("_")[2]) > number:
+                    path.unlink()
+                else:
+                    set_digest(path, digest)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+        self._go_on_after(number)
+
+    def _go_on_after(self, number):
+        self.frames = number + 1
+        self.result = stored(self._frame_path(number))[1] or None
 
     def open(self):
         """Clear the folder, which is held, of an earlier run's files, or of what a kill left half done."""

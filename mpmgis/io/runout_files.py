@@ -38,8 +38,8 @@ def write_runout_plot(path, found):
             title=f"{found.name}: runout {found.flow.length:.0f} m, drop {found.flow.drop:.0f} m",
         )
         legend(upper, loc="upper right")
-        _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h")
-        _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame")
+        _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h, normal")
+        _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame, normal")
         dress(lower, "h [m]", f"distance along the {_source(found)} [m]")
         highest = float(np.nan_to_num(depth).max(initial=1e-3))
         lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))

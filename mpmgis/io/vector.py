@@ -33,6 +33,7 @@ from .raster import file_sha256, open_raster, read_raster
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
+_ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] a raster of larger values so near to the ground holds elevations
 _LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
 _FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
@@ -422,9 +423,23 @@ def _raster_features(path, terrain, wanted, say):
                 f"{path} holds only 0 and 1, which is a mask; give --thickness, or thickness in the scene's table, as "
                 f"a number of metres or a raster"
             )
+        _refuse_elevations(values, inside, grid, terrain, path)
         own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
         say(f"{path}: its values are taken as thickness in metres")
     return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
+
+
+def _refuse_elevations(values, inside, grid, terrain, path):
+    """Refuse a release raster whose values are the elevations of the terrain under it: a DTM given by mistake."""
+    x, y = grid.xy(*np.nonzero(inside))
+    ground = terrain.sample(x, y)
+    apart = np.abs(values[inside] - ground)
+    least, most = values[inside].min(), values[inside].max()
+    if np.isfinite(apart).any() and least > _ELEVATION and np.nanmedian(apart) < _NEAR_GROUND:
+        raise InputError(
+            f"{path} holds elevations as the DTM does ({least:.6g} to {most:.6g}), wanted a mask or a thickness in "
+            "metres; the surface of the material belongs to --surface, with the release area beside it"
+        )
 
 
 def _outline(inside, grid):

@@ -41,8 +41,9 @@ from .lanes import get, get_of_four, lanes, load, multiply_add, prefetch, put, p
     WORK,  # work of weight and pressure on the columns [J]
     BENT,  # potential energy that columns gain as the bed under them changes its slope [J]
     LIMITED_LOSS,  # kinetic energy taken by the speed bound [J]
+    FASTEST2,  # max of |U|^2 [m2 s-2]
     OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
-) = range(23)
+) = range(24)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -558,6 +559,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
     signal2_max, speed2_max, ratio = mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO]
     kinetic, moving, flowing, entrained = mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED]
     work, bent, taken, limited = mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS]
+    fastest2 = mine[FASTEST2]
     for k in range(count):
         work += get(moved, L_WORK, k)
         bent += get(moved, L_BENT, k)
@@ -583,6 +585,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
             limited += 0.5 * mass * (speed2 - bound)
             horizontal2, speed2 = horizontal2 * bound / speed2, bound
         speed2_max = max(speed2_max, horizontal2)
+        fastest2 = max(fastest2, speed2)
         kinetic += mass * speed2
         if speed2 > MOVING_SPEED * MOVING_SPEED:
             moving += mass
@@ -591,6 +594,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
     mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO] = signal2_max, speed2_max, ratio
     mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED] = kinetic, moving, flowing, entrained
     mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS] = work, bent, taken, limited
+    mine[FASTEST2] = fastest2
 
 
 @jit

@@ -36,9 +36,11 @@ from .column_nodes import (
 )
 from .column_rows import (
     AREA,
+    BLOCK,
     GX,
     GY,
     MASS,
+    NODE_MASS,
     ROW,
     TILE,
     U,
@@ -64,6 +66,7 @@ from .column_transfer import (
     EDGES,
     ENTRAINED,
     ENTRAINED_POTENTIAL,
+    FASTEST2,
     FLOWING,
     KINETIC,
     LIMITED,
@@ -164,8 +167,15 @@ __all__ = [  # what the solver needs beside its own
     WORK_TOTAL,  # work of weight and pressure [J]
     BENT_TOTAL,  # potential energy that came of changes of the bed's slope [J]
     ENTRAINED_POTENTIAL_TOTAL,  # what the mass taken up adds to the potential energy, from elevation 0 [J]
+    DEEPEST_X,  # where and when DEPTH_WORST was [m, m, s]
+    DEEPEST_Y,
+    DEEPEST_TIME,
+    FASTEST,  # largest |U| over the run [m s-1], where and when it was
+    FASTEST_X,
+    FASTEST_Y,
+    FASTEST_TIME,
     CLOCK,
-) = range(38)
+) = range(45)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
 
@@ -279,6 +289,50 @@ def collect(report, node_report, ledger, clock, counts):
     clock[FLOWING_SHARE] = flowing / total_mass
     clock[MOVING_PEAK] = max(clock[MOVING_PEAK], clock[MOVING_SHARE])
     return alive_before - counts[ALIVE], triggered > 0.0
+
+
+@jit
+def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx):
+    """Where and when the flow at a node is thicker than at any before: looked for in the chunk that has it."""
+    most, chunk = clock[DEPTH_WORST], -1
+    for c in range(CHUNKS):
+        if node_report[c, DEEPEST] > most:
+            most, chunk = node_report[c, DEEPEST], c
+    if chunk < 0:
+        return
+    heaviest = 0.0
+    for k in range(chunk * n_touched // CHUNKS, (chunk + 1) * n_touched // CHUNKS):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, nodes.shape[0])):
+            for i in range(i_first, min(i_first + BLOCK, nodes.shape[1])):
+                if nodes[j, i, NODE_MASS] > heaviest:
+                    heaviest = nodes[j, i, NODE_MASS]
+                    clock[DEEPEST_X], clock[DEEPEST_Y] = (i - 1) * dx, (j - 1) * dx
+    clock[DEEPEST_TIME] = clock[TIME]
+
+
+@jit
+def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
+    """The largest speed so far, where and when: looked for among the columns of the chunk that has it."""
+    most, chunk = clock[FASTEST] ** 2, -1
+    for c in range(CHUNKS):
+        if report[c, FASTEST2] > most:
+            most, chunk = report[c, FASTEST2], c
+    if chunk < 0:
+        return
+    fastest2 = -1.0
+    for k in range(start[bounds[chunk]], start[bounds[chunk + 1]]):
+        p = order[k]
+        if keys[p] == GONE:
+            continue
+        mx, my = metric.metric_gradient(rows[p, GX], rows[p, GY])
+        w = rows[p, U] * mx + rows[p, V] * my
+        speed2 = rows[p, U] ** 2 + rows[p, V] ** 2 + w * w
+        if speed2 > fastest2:
+            fastest2 = speed2
+            clock[FASTEST_X], clock[FASTEST_Y] = rows[p, X], rows[p, Y]
+    clock[FASTEST], clock[FASTEST_TIME] = np.sqrt(most), clock[TIME]
 
 
 @jit
@@ -407,6 +461,8 @@ def advance(
 
         counts[STEP] += 1
         clock[TIME] = until if last else clock[TIME] + dt
+        note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx)
+        note_fastest(report, clock, rows, keys, order, start, bounds, effects.metric)
         gone, triggered = collect(report, node_report, ledger, clock, counts)
         if effects.barrier.barrier_active():
             clock[BARRIER_TOTAL] += collect_barriers(barrier_report, barrier_sums, kick)

@@ -167,8 +167,18 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     BARRIER_LOSS,  # and against that of barriers [J]
     PLASTIC_LOSS,  # work done in yielding [J]
     LIFTED_ENERGY,  # potential energy given to what was laid back onto the ground [J]
+    FASTEST_X,  # where and when SPEED_WORST was [m, m, m, s]
+    FASTEST_Y,
+    FASTEST_Z,
+    FASTEST_TIME,
+    HIGHEST,  # place of any point at the start [m]
+    START_SPEED,  # largest of any point at the start [m s-1]
+    DEEPEST,  # largest thickness of the flow that a look saw [m], where and when it was [m, m, s]
+    DEEPEST_X,
+    DEEPEST_Y,
+    DEEPEST_TIME,
     CLOCK,
-) = range(26)
+) = range(36)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -268,6 +278,29 @@ def collect(report, ledger, clock, counts, window):
     clock[LIFTED_MASS] += lifted
     clock[SPEED_WORST] = max(clock[SPEED_WORST], clock[SPEED_NOW])
     return lifted
+
+
+@jit
+def note_fastest(report, clock, rows, keys, order, start, bounds, dx, lowest):
+    """Where and when a point is faster than any before: looked for among the points of the chunk that has it."""
+    most, chunk = clock[SPEED_WORST] ** 2, -1
+    for c in range(CHUNKS):
+        if report[c, SPEED2_MAX] > most:
+            most, chunk = report[c, SPEED2_MAX], c
+    if chunk < 0:
+        return
+    fastest2, fastest = -1.0, -1
+    for k in range(start[bounds[chunk]], start[bounds[chunk + 1]]):
+        p = order[k]
+        if keys[p] == GONE:
+            continue
+        momentum2 = float(rows[p, PX]) ** 2 + float(rows[p, PX + 1]) ** 2 + float(rows[p, PZ]) ** 2
+        if momentum2 > fastest2 * float(rows[p, MASS]) ** 2:
+            fastest2, fastest = momentum2 / float(rows[p, MASS]) ** 2, p
+    if fastest >= 0:
+        place = places_of(rows[fastest : fastest + 1], keys[fastest : fastest + 1], dx, lowest)
+        clock[FASTEST_X], clock[FASTEST_Y], clock[FASTEST_Z] = place[0, 0], place[0, 1], place[0, 2]
+        clock[FASTEST_TIME] = clock[TIME]
 
 
 @jit
@@ -418,6 +451,7 @@ def advance(
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]
+        note_fastest(report, clock, rows, keys, order, start, bounds, dx, lowest)
         lifted = collect(report, ledger, clock, counts, window)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE

@@ -10,7 +10,7 @@ import shapely
 
 from ..errors import GeoreferenceError, InputError
 from ..fields import Quantity
-from ..geo.georeference import name_of
+from ..geo.georeference import name_of, same_place
 from ..geo.grid import Grid
 from ..io.comparison_files import write_classes, write_table
 from ..io.comparison_map import MapSide, write_comparison_map
@@ -19,11 +19,12 @@ from ..io.foreign.readers import OWN, reader_of
 from ..io.frame_list import foreign_files
 from ..io.observed import cells_within, read_outline
 from ..io.outlines import mask_outline
-from ..io.results import names_rasters, open_result
+from ..io.results import UNNAMED, names_rasters, open_result
 from ..io.vector import is_raster
 from ..products import comparison, flow_line
 from ..products.comparison_report import BandFacts, Comparison, Side
 from ..products.outline_distance import outline_distances
+from ..products.runout_figures import ends_along, heights_under
 from .answer_files import checked_output, write_answer
 from .export import ExportRequest
 from .export_inputs import terrain_of_rasters
@@ -32,6 +33,9 @@ from .opened_results import exported_peaks
 
 FILES = ("map.png", "table.csv", "classes.tif")
 OUTLINE = "outline"
+HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
+DEPOSITED = ("h_deposit", "t_vol_deposit")
+PEAK_THICKNESS = ("pft", "h_max")  # bands by whose highest cell a flow begins
 PLAIN = ExportRequest(())  # frames that say all themselves
 
 
@@ -74,10 +78,11 @@ def compare(request, say=lambda text: None):
         footprints, pairs, joint = _footprints(request, sources, say)
         bands = tuple(_band_facts(pair, sources, footprints, joint, say) for pair in pairs)
         terrain = _terrain(request, sources, joint, say)
+        line, line_source = _line(request, footprints, terrain, joint, say)
+        sides = _sides(footprints, sources, line, terrain, request.threshold, say)
     masks = [footprint.on_joint for footprint in footprints]
-    line, line_source = _line(request, footprints, terrain, joint, say)
     found = Comparison(
-        sides=tuple(_side(footprint, line) for footprint in footprints),
+        sides=sides,
         threshold=request.threshold,
         unit=next(footprint.unit for footprint in footprints if footprint.band is not None),
         cell_size=joint.cell_size,
@@ -97,13 +102,25 @@ def compare(request, say=lambda text: None):
 
 @dataclass(frozen=True)
 class _Outline:
-    """An observed outline that is not read yet."""
+    """An observed outline that is not read yet; of a mask that is one, its cells with their Grid."""
 
     name: str
     path: Path
     kind: str = OUTLINE
     bands: tuple = ()
     terrain: None = None
+    mask: tuple | None = None
+
+    def read(self, grid, say):
+        """The polygons in the CRS of `grid`."""
+        if self.mask is None:
+            return read_outline(self.path, grid, say)
+        values, own = self.mask
+        if None not in (own.crs, grid.crs) and not same_place(own.crs, grid.crs):
+            raise GeoreferenceError(
+                f"{self.path} is in {name_of(own.crs)}, the other side in {name_of(grid.crs)}; reproject one of them"
+            )
+        return mask_outline(values, own.transform)
 
 
 def _reader(path, asked):
@@ -143,7 +160,48 @@ def _source(path, request, stack, say):
         raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")
     if plain.suffix.lower() == ".gdb" or (plain.is_file() and not is_raster(path)):
         return _Outline(plain.stem, path)
-    return open_result(path)
+    return _told_apart(open_result(path), path, say)
+
+
+def _told_apart(result, path, say):
+    """A raster that does not say what it holds as what it most likely is; elevations are refused."""
+    if result.kind != "raster" or list(result.bands) != [UNNAMED]:
+        return result
+    values, grid = result.read(UNNAMED)
+    kind = comparison.kind_of_raster(values)
+    if kind == comparison.ELEVATION:
+        raise InputError(
+            f"{path} holds elevations ({np.nanmin(values):.6g} to {np.nanmax(values):.6g}), not a thickness; give the "
+            "difference of two DEMs, after - before (QGIS' raster calculator), and the terrain with --dem"
+        )
+    if kind == comparison.MASK:
+        say(f"{path} is a mask; it is compared as an outline")
+        return _Outline(result.name, path, mask=(np.nan_to_num(values) != 0, grid))
+    if kind == comparison.DIFFERENCE:
+        fallen, area = values[np.isfinite(values) & (values < 0)], grid.cell_area
+        say(
+            f"{path} falls and rises ({np.nanmin(values):.3g} to {np.nanmax(values):.3g} m): taken for a difference of "
+            f"DEMs, after - before. What rises is the deposit; where it falls, {fallen.size * area:.6g} m2 and "
+            f"{-fallen.sum() * area:.6g} m3, is left out. It is vertical, h_deposit normal to the slope"
+        )
+        bands = {HEIGHT_DIFFERENCE: replace(result.bands[UNNAMED], quantity=Quantity(HEIGHT_DIFFERENCE, "m", ""))}
+        return replace(result, kind=kind, bands=bands)
+    return result
+
+
+def _band_asked(request, sources):
+    """The band whose footprint is compared; beside a difference of DEMs, where none is asked for, the deposit's."""
+    comparison.require_present_name(request.band)
+    if request.band is not None or not any(source.kind == comparison.DIFFERENCE for source in sources):
+        return request.band
+    deposit = next((band for source in sources for band in DEPOSITED if band in source.bands), None)
+    if deposit is None and not all(source.kind == comparison.DIFFERENCE for source in sources):
+        other = next(source for source in sources if source.kind != comparison.DIFFERENCE)
+        raise InputError(
+            f"{other.name} has no h_deposit to compare with a difference of DEMs; wanted an export or the folder of a "
+            "run, or give --band"
+        )
+    return deposit
 
 
 def _named_apart(request, sources):
@@ -190,7 +248,7 @@ def _footprints(request, sources, say):
         )
     compared = not any(isinstance(source, _Outline) for source in sources)
     pairs = comparison.matched_bands(*(tuple(source.bands) for source in sources))
-    chosen = comparison.footprint_bands(pairs, request.band, compared)
+    chosen = comparison.footprint_bands(pairs, _band_asked(request, sources), compared)
     if chosen not in pairs:  # two names that only the user knows to be one quantity
         pairs = [chosen, *(pair for pair in pairs if not set(pair) & set(chosen))]
     layers = _read_layers(request, sources, chosen, say)
@@ -217,7 +275,7 @@ def _read_layers(request, sources, chosen, say):
     crs = next((crs for crs in own if crs is not None), None)
     for k, source in enumerate(sources):
         if isinstance(source, _Outline):
-            layers[k] = read_outline(source.path, replace(known, crs=crs), say)
+            layers[k] = source.read(replace(known, crs=crs), say)
         elif layers[k][1].crs is None and crs is not None:
             say(f"{source.name} carries no CRS; {name_of(crs)} is assumed, the other side's")
             layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
@@ -289,9 +347,46 @@ def _tell_of_edges(footprints, joint, say):
             say(f"{beyond:.6g} m2 of {footprint.name} lie beyond the raster of {other.name} and count as not reached")
 
 
-def _side(footprint, line):
-    reach = None if line is None else flow_line.runout(footprint.mask, footprint.grid, line)
-    return Side(footprint.name, footprint.kind, footprint.band, footprint.area, reach)
+def _sides(footprints, sources, line, terrain, threshold, say):
+    """Both Sides. Runout is counted from the highest place of each flow, as `mpmgis runout` counts it.
+
+    That is of its largest thickness. A side that holds none (an outline, what lies at the end, a difference of DEMs)
+    counts from the other's, since it may lie anywhere along the flow.
+    """
+    if line is None:
+        return tuple(Side(one.name, one.kind, one.band, one.area) for one in footprints)
+    if terrain is None:
+        say("no DTM beside the results: no runout from the highest place of the flow; give it with --dem")
+        return tuple(
+            Side(one.name, one.kind, one.band, one.area, flow_line.runout(one.mask, one.grid, line))
+            for one in footprints
+        )
+    ends = [_ends(one.mask, one.grid, line, terrain) for one in footprints]
+    tops = [
+        _top(one, source, own, line, terrain, threshold)
+        for one, source, (own, _) in zip(footprints, sources, ends, strict=True)
+    ]
+    found = []
+    for k, (one, (own, toe)) in enumerate(zip(footprints, ends, strict=True)):
+        top = tops[k] or tops[1 - k] or own
+        farthest = flow_line.runout(one.mask, one.grid, line) if toe is None else flow_line.Runout(*toe[:3])
+        found.append(Side(one.name, one.kind, one.band, one.area, farthest, math.nan if top is None else top.along))
+    return tuple(found)
+
+
+def _ends(mask, grid, line, terrain):
+    return ends_along(mask, heights_under(mask, grid, terrain), grid, line)
+
+
+def _top(footprint, source, own, line, terrain, threshold):
+    """Place where the flow of one side begins, whose footprint has its highest at `own`; None where not known."""
+    peak = next((band for band in PEAK_THICKNESS if band in source.bands), None)
+    if footprint.band is None or (peak is None and footprint.unit == "m"):
+        return None
+    if footprint.band == peak or footprint.unit != "m":
+        return own
+    values, grid = source.read(peak, footprint.grid)
+    return _ends(comparison.footprint(values, threshold), grid, line, terrain)[0]
 
 
 # --------------------------------------------------------------------------------------------------------------- bands
@@ -353,7 +448,7 @@ def _line(request, footprints, terrain, joint, say):
 
 def _tell_of_overrun(found, say):
     length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
-    beyond = max((side.runout.distance - length for side in found.sides if side.runout is not None), default=0.0)
+    beyond = max((side.farthest_along - length for side in found.sides if side.farthest is not None), default=0.0)
     if beyond > found.cell_size and found.line_source != "centre line of both flows":
         say(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is continued straight")
 
@@ -387,7 +482,7 @@ def _write(output, request, found, footprints, joint, terrain):
 def _write_map(path, found, footprints, joint, terrain):
     threshold = f"{found.threshold:g} {found.unit}".strip()
     sides = [
-        MapSide(side.name, footprint.on_joint, area, side.runout)
+        MapSide(side.name, footprint.on_joint, area, side.farthest, side.runout)
         for side, footprint, area in zip(
             found.sides, footprints, (found.overlap.only_first, found.overlap.only_second), strict=True
         )

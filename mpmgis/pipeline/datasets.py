@@ -9,12 +9,14 @@ from ..errors import GeoreferenceError, InputError
 from ..fields import BAND
 from ..geo.georeference import name_of, same_place
 from ..geo.terrain import Terrain
-from ..io.datasets import ELEVATION, averaged_steps, gridded, open_export, terrain_of
+from ..io.datasets import ELEVATION, averaged_steps, computed_bands, gridded, open_export, terrain_of
 from ..io.exported_steps import is_export
 from ..io.foreign.readers import OWN
 from ..io.frame_list import list_frames
 from ..particles import Frame
 from ..products.frame_values import Averaging, average_frame
+from ..products.maxima import RunningMaxima
+from ..products.solver_maxima import SolverPeaks
 from ..products.table import PRODUCTS, RUNNING, choose_products
 from .export import ExportRequest, make_plan
 from .export_inputs import refuse_nowhere, run_terrain
@@ -70,6 +72,26 @@ class AveragedSteps:
         return values
 
 
+@dataclass(frozen=True)
+class SolverMaxima:
+    """Answers what the solver kept of every step, on the cells of `averaging`: name of the band -> float32."""
+
+    peaks: SolverPeaks
+    averaging: Averaging
+
+    @property
+    def names(self):
+        """The maxima bands that it serves."""
+        return self.peaks.bands(self.averaging.min_depth)
+
+    def __call__(self):
+        grid, min_depth = self.averaging.grid, self.averaging.min_depth
+        maxima = RunningMaxima(grid.shape[0] * grid.shape[1], min_depth)
+        for index, values in self.peaks.on(grid, self.averaging.bed, min_depth):
+            maxima.absorb_peaks(index, values)
+        return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
+
+
 def open_results(folder, dem=None, say=lambda text: None, **options):
     """A folder as a lazy xarray.Dataset: an exported one as it is, one of frames averaged step by step when asked for.
 
@@ -92,7 +114,7 @@ def open_results(folder, dem=None, say=lambda text: None, **options):
             raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
         return open_export(folder)
     request = _request(folder, options, "open_results")
-    return _dataset(request, list_frames([folder], request.terms()), dem, say)
+    return _dataset(request, list_frames([folder], request.terms()), dem, say, with_maxima=True)
 
 
 def depth_average(frame, dem=None, say=lambda text: None, **options):
@@ -131,7 +153,7 @@ def _request(frames, options, where):
     return ExportRequest(frames=(frames,), **({"extent": "dtm"} | options))
 
 
-def _dataset(request, entries, dem, say):
+def _dataset(request, entries, dem, say, with_maxima=False):
     products = choose_products(request.products)
     if dem is None or isinstance(dem, (str, Path)):
         terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
@@ -142,6 +164,9 @@ def _dataset(request, entries, dem, say):
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
     quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
     variables = averaged_steps(len(steps), quantities, grid, AveragedSteps(steps, plan.averaging, terrain))
+    if with_maxima and plan.peaks is not None:
+        kept = SolverMaxima(plan.peaks, plan.averaging)
+        variables |= computed_bands([BAND[name] for name in kept.names], grid, kept)
     variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)
     return gridded(
         grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,

@@ -33,7 +33,7 @@ FIGURES = {  # of a member: what it is called in the table -> what it is
     "runout_m": "distance on the map from the release's centre of mass to the farthest cell that was reached",
     "travel_angle_degrees": "of the line from the release's centre of mass to that cell",
     "area_m2": "plan area that was reached",
-    "h_max_m": "largest flow depth",
+    "h_max_m": "largest flow depth, normal to the slope",
     "Ut_max_m_s": "largest speed along the slope",
     "p_max_Pa": "largest impact pressure",
     "mass_out_share": "share of the mass that left the terrain",

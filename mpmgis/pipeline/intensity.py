@@ -89,5 +89,5 @@ _CURES = {  # band that is missing: what to do
     "h_max": "wanted an export, or rasters called <name>_pft",
     "Ut_max": "wanted an export, or rasters called <name>_pft and <name>_pfv, given by the beginning of their names",
     "p_max": "wanted an export, rasters called <name>_ppr [kPa], or --density and <name>_pfv",
-    "deposit_h": "wanted an export with its last step",
+    "h_deposit": "wanted an export with its last step",
 }

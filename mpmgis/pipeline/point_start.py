@@ -9,6 +9,7 @@ from ..conversion.starting import lying_in, point_options, points_from, standing
 from ..errors import InputError
 from ..io.by_place import read_area
 from ..io.frames import read_frame
+from ..scene.tables import DENSITY
 from ..solvers.cost import require_memory_for_points
 from .sources import columns_of, placed_on, read_sources
 
@@ -48,7 +49,7 @@ def read_point_start(scene, terrain, grid, say):
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        start = _points_of(path, terrain, cell_size, table.density, _window(scene, terrain, say), say)
+        start = _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain, say), say)
     else:
         start = _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
     thickness = float(np.average(start.seen.particles.thickness, weights=start.seen.particles.mass))
@@ -63,7 +64,7 @@ def read_point_start(scene, terrain, grid, say):
 def _columns_of(scene, path, terrain, grid, say):
     """Columns out of the file at `path`, or seeded in the release."""
     if path is not None:
-        return columns_of(path, terrain, scene.release.density, say, with_state=True)
+        return columns_of(path, terrain, DENSITY, say, with_state=True, window=_window(scene, terrain, say))
     return read_sources(scene, terrain, grid, say).frame
 
 
@@ -96,7 +97,7 @@ def _tell_of_outside(outside, mass, say):
 
 def _points_of(path, terrain, cell_size, density, window, say):
     """Points out of the frame at `path`, those in `window`."""
-    frame = placed_on(read_frame(path), path, terrain, density, say)
+    frame = placed_on(read_frame(path), path, terrain, density, say, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
         frame = lying_in(frame, window)

@@ -1,5 +1,6 @@
 """What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -16,6 +17,7 @@ from ..io.raster import READ_WHOLE, TerrainFile
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..machine import memory_lack
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
+from ..scene.tables import DENSITY
 from ..seeding.plausible import Cures, tell_if_implausible
 from ..solvers.columns import ColumnNumerics
 from ..solvers.cost import MEMORY_SHARE
@@ -30,6 +32,13 @@ from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
 BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
+# option of `mpmgis seed` in a message -> key of a scene; `rio edit-info FILE --crs` is another program's
+_KEYS_OF_OPTIONS = (
+    (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
+    (r"--dem-band (\w+)", r"[terrain] band = \1"),
+    (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
+    (r"--(thickness|surface|density)\b", r"[release] \1"),
+)
 CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
@@ -118,14 +127,21 @@ def prepare(given, say=lambda text: None, laws=None):
         raise
     except InputError as error:  # told in the words of `seed`; say whose file they are about
         where = "scene" if isinstance(given, Mapping) else Path(given).name
-        raise type(error)(f"{where}: {error}") from error
+        raise type(error)(f"{where}: {in_scene_words(str(error))}") from error
+
+
+def in_scene_words(message):
+    """A `message` that names options of `mpmgis seed`, with the keys of a scene in their place."""
+    for option, key in _KEYS_OF_OPTIONS:
+        message = re.sub(option, key, message)
+    return message
 
 
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
     say = _once(say)
     terrain, fill = _terrain(scene, say)
-    scene = _completed(scene, terrain.grid.cell_size)
+    scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
@@ -134,6 +150,7 @@ def prepare_scene(scene, say=lambda text: None):
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
         stage = _stage(one, terrain, grid, start, reached, number > 0, say)
         stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
+    _tell_of_friction(stages, say)
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0], say)
@@ -258,6 +275,27 @@ def _point_numerics(scene, grid, start):
         precision=scene.numerics.precision,
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
+
+
+def _with_density(scene, say):
+    """The scene with the density of its release, where that is not given: what flows in has it, else it is assumed."""
+    release, named = scene.release, scene.densities()
+    if release is not None and release.particles is not None:
+        return scene
+    if not named:
+        say(f"no density is given: {DENSITY:g} kg m-3 is assumed (masses, forces and pressures follow it)")
+    if release is None or release.density is not None:
+        return scene
+    return replace(scene, release=replace(release, density=named[0][1] if named else DENSITY))
+
+
+def _tell_of_friction(stages, say):
+    """Say where nothing resists on the bed, which is rarely meant."""
+    for number, stage in enumerate(stages, 1):
+        for decision in stage.decisions:
+            if decision.effect == "friction" and decision.state == "off":
+                where = f"stage {number}: " if len(stages) > 1 else ""
+                say(f"{where}there is no friction: {decision.reason}")
 
 
 def _completed(scene, cell_size):

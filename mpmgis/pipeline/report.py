@@ -15,7 +15,7 @@ from ..io.run_folder import SCENE_FILE, read_record, versions
 from ..io.runout_files import write_runout_plot
 from ..products.comparison import footprint, high_percentile, peak
 from ..products.report_content import Lines, Picture, Source, Table, figure_rows, section
-from ..products.run_account import account
+from ..products.run_account import account, extreme_lines
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .export_inputs import release_outlines
 from .opened_results import exported_peaks, open_flow, read_peaks
@@ -27,7 +27,7 @@ MAPS = (  # band of the result, of the looks, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
     ("p_max", "p_max", "Largest impact pressure"),
-    ("deposit_h", "h", "Depth in the last frame"),
+    ("h_deposit", "h", "Depth in the last frame"),
 )
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames: for the pressure, for what maps show
 PASCAL_PER_KILOPASCAL = 1000.0
@@ -141,13 +141,29 @@ def _key_figures(request, gathered):
         ("h_max", "m", 1.0, "flow depth"),
         ("Ut_max", "m/s", 1.0, "speed along the slope"),
         ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
-        ("deposit_h", "m", 1.0, "depth in the last frame"),
+        ("h_deposit", "m", 1.0, "depth in the last frame"),
     ):
+        words += _direction(band, flow)
         if band in peaks:
             facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
+            facts.append((f"largest {words}, at", _place_of_peak(peaks[band], gathered.grid), ""))
             facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
     ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
     return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
+
+
+def _direction(band, flow):
+    """How the depth of a band is measured, in words: known of frames and exports, not of other codes' rasters."""
+    depth = band in ("h_max", "h_deposit")
+    return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
+
+
+def _place_of_peak(values, grid):
+    """Map coordinates of the cell of the largest of float[rows, columns] `values`; None where there is none."""
+    if not np.isfinite(values).any():
+        return None
+    x, y = grid.xy(*np.unravel_index(np.nanargmax(values), values.shape))
+    return f"E {float(x):.1f} N {float(y):.1f}"
 
 
 def _solver(flow, record):
@@ -155,6 +171,8 @@ def _solver(flow, record):
     if not flow.entries:
         return None
     first = flow.entries[0]
+    if record.get("stages"):
+        return ", then ".join(str(stage.get("solver")) for stage in record["stages"])
     return (record.get("scene") or {}).get("solver", first.header.solver or first.reader)
 
 
@@ -168,6 +186,7 @@ def _maps(gathered, folder):
         if values is not None and np.isfinite(values).any():
             path = folder / f"{band}.png"
             write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
+            title += _direction(band, flow)
             yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
 
 
@@ -190,7 +209,9 @@ def _balances(record, flow):
         return Lines((f"{why}: balances are not known",))
     solver = "points" if "momentum_error_relative" in balances else "columns"
     try:
-        return Lines(tuple(account(balances, solver, record.get("mass"))))
+        mass = record.get("mass")
+        of_stages = [] if mass is None else extreme_lines(record["extremes"])
+        return Lines((*account(balances, solver, mass), *of_stages))
     except (KeyError, TypeError, ValueError) as error:  # another version knew other balances
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))

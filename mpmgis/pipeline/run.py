@@ -13,6 +13,7 @@ from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..machine import available_memory
+from ..products.run_account import extremes
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..scene.tables import read_toml
@@ -20,6 +21,7 @@ from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from .foresight import foreseen
+from .later_end import earlier_run, go_on, goes_on
 from .prepare import prepare
 from .rehearsal import rehearse
 from .sequence import Sequence
@@ -47,6 +49,7 @@ class RunSummary:
     solver: str = "columns"
     mass: dict | None = None  # where it is, of a run in several stages
     result_digest: str | None = None
+    extremes: dict | None = None  # where and when it was thickest and fastest
 
 
 def use_threads(particles, asked=None):
@@ -96,8 +99,9 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
     `watch(solver, end_time)` is called a few times a second; `say(text)` gets lines for the user; `confirm(question)`
     decides on very large runs. With `resume` the run goes on after its last whole frame, bitwise as if never stopped;
-    an empty or missing folder starts at the beginning, a finished run is told and left as it is. `laws` is the path of
-    a Python file with laws of friction of one's own, which the scene may name; it is run as a program.
+    an empty or missing folder starts at the beginning, a finished run is left as it is, unless [output] end_time is
+    larger than it was: then it goes on to that time, as a run that was to last so long from the start. `laws` is the
+    path of a Python file with laws of friction of one's own, which the scene may name; it is run as a program.
 
     Returns
     -------
@@ -153,10 +157,7 @@ def _restored(folder, sequence, say):
     if not record:
         return ANEW
     if record.get("digest") != digest:
-        raise InputError(
-            f"{folder.path} holds the run of another scene, or of inputs that have changed since (its digest is "
-            f"{record.get('digest')}, now {digest}); give another -o, or --overwrite"
-        )
+        return _restored_earlier(folder, sequence, record, say)
     frame = folder.last_frame()
     if frame is None:
         return ANEW
@@ -165,6 +166,28 @@ def _restored(folder, sequence, say):
         say(f"{folder.path} is finished: {record.get('reason')}")
         return FINISHED
     say(f"going on after frame {folder.frames - 1}, t = {frame.time:g} s")
+    return RESUMED
+
+
+def _restored_earlier(folder, sequence, record, say):
+    """As `_restored`, of a folder that holds the run of this scene to an earlier end_time; any other is refused."""
+    prepared = sequence.prepared
+    earlier = earlier_run(prepared, record)
+    if earlier is None:
+        raise InputError(
+            f"{folder.path} holds the run of another scene, or of inputs that have changed since (its digest is "
+            f"{record.get('digest')}, now {prepared.digest}); only [output] end_time may be larger than it was; give "
+            "another -o, or --overwrite"
+        )
+    before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
+    if not goes_on(record):
+        last = folder.last_frame()
+        if last is not None:
+            sequence.restore(last)
+        say(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s changes nothing")
+        return FINISHED
+    frame = go_on(folder, sequence, earlier)
+    say(f"end_time = {before:g} s is now {now:g} s: going on after frame {folder.frames - 1}, t = {frame.time:g} s")
     return RESUMED
 
 
@@ -191,7 +214,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
         folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
-        solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result,
+        solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result, extremes(sequence.balances()),
     )  # fmt: skip
 
 
@@ -207,8 +230,9 @@ def march_into(folder, sequence, resumed, expected):
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
             predicted_seconds=expected, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in prepared.decisions],
-            terrain_facts=prepared.facts._asdict(), balances=solver.balances(), events=prepared.events.record(),
-            troubles=sequence.troubles, nodata=_record_of_nodata(prepared),
+            terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
+            extremes=extremes(sequence.balances()), events=prepared.events.record(), troubles=sequence.troubles,
+            nodata=_record_of_nodata(prepared),
             **_record_of_stages(sequence),
         )  # fmt: skip
         return wall

@@ -13,9 +13,10 @@ from ..products.comparison import footprint
 from ..products.flow_line import centre_line
 from ..products.runout_figures import (
     Place,
+    ends_along,
     energy_line,
     farthest_place,
-    highest_place,
+    heights_under,
     line_profile,
     mass_state,
 )
@@ -57,7 +58,7 @@ def runout(request, say=lambda text: None, progress=lambda done, total: None):
     flow = open_flow(request.results, output, say, peaks_do=True)
     with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
         peaks = exported_peaks(request.results, stack, say, progress)
-        bands, grid = read_peaks(peaks, ("h_max", "deposit_h"))
+        bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
     found = found_runout(request, flow, bands, grid, say)
     return replace(found, files=_write(request, output, found))
 
@@ -66,19 +67,17 @@ def found_runout(request, flow, bands, grid, say):
     """The RunoutFound of a flow whose largest depth and maybe last depth [m] are the `bands` on `grid`; no files."""
     if "h_max" not in bands:
         raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), from which a runout is read")
-    depth, deposit = bands["h_max"], bands.get("deposit_h", np.full(grid.shape, np.nan))
+    depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
     mask = footprint(depth, request.threshold)
     if not mask.any():
         raise InputError(
             f"{flow.name}: no cell was ever deeper than --threshold {request.threshold:g} m; give a lower one"
         )
-    elevation = np.full(grid.shape, np.nan)
-    elevation[mask] = flow.terrain.sample(*grid.xy(*np.nonzero(mask)))
+    elevation = heights_under(mask, grid, flow.terrain)
     if not np.isfinite(elevation).any():
         raise InputError(f"{flow.terrain.path} has no heights under the flow; give with --dem the DTM of the results")
     line, source = _line(request, flow, mask, depth, elevation, grid, say)
-    top = highest_place(mask, elevation, grid, line)
-    toe = farthest_place(mask, elevation, grid, line)
+    top, toe = ends_along(mask, elevation, grid, line)
     lying = footprint(deposit, request.threshold)
     spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
     reached = energy_line(top, toe, line, flow.terrain, spacing)

@@ -13,6 +13,18 @@ from ..solvers.march import March
 STATE = "stages"  # of a frame: what the stages so far have left behind, as JSON
 
 
+def _told_by(frame):
+    """What a `frame` with state holds of the stages so far."""
+    if STATE not in frame.state:
+        raise FormatError(f"the frame at t = {frame.time:g} s tells no stage; start with --overwrite")
+    return json.loads(bytes(frame.state[STATE]))
+
+
+def stage_number(frame):
+    """Number, from 0, of the stage that a `frame` with the state of a restart was written in."""
+    return _told_by(frame)["number"]
+
+
 class Sequence:
     """An iterator of the frames of a run, from its first stage to its last.
 
@@ -69,7 +81,7 @@ class Sequence:
             self.particle_steps += march.particle_steps
             if not march.switch:
                 self.reason = march.reason
-                still = stood_still(self._balances())
+                still = stood_still(self.balances())
                 if still:
                     self._tell_of([still])
                 return
@@ -107,9 +119,7 @@ class Sequence:
         self._resumed = True
 
     def _restore_stage(self, frame):
-        if STATE not in frame.state:
-            raise FormatError(f"the frame at t = {frame.time:g} s tells no stage; start with --overwrite")
-        told = json.loads(bytes(frame.state[STATE]))
+        told = _told_by(frame)
         self.number, self.past = told["number"], told["past"]
         self._end = self._stage_end()
         self._end.calm_since = told["calm_since"]
@@ -186,13 +196,13 @@ class Sequence:
         start = replace(rest, time=frame.time, step=0)
         return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
 
-    def _balances(self):
+    def balances(self):
         """Of each stage at its end, or now."""
         return [*(stage["balances"] for stage in self.past), self.solver.balances()]
 
     def mass_account(self):
         """Where all mass is [kg]: what was ever in the run is on the terrain, left it, or was left out at a switch."""
-        told = self._balances()
+        told = self.balances()
         switches = [stage["switch"] for stage in self.past]
         released = told[0].get("mass_released", told[0]["mass_start"])
         released += sum(balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]

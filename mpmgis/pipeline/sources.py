@@ -11,7 +11,7 @@ from ..io.frames import read_frame
 from ..io.hydrograph import read_hydrograph
 from ..io.vector import read_release
 from ..particles import Particles
-from ..scene.tables import ReleaseTable
+from ..scene.tables import DENSITY, ReleaseTable
 from ..seeding.columns import seed_columns
 from ..solvers.events import Events, inlet_of, secondary_releases
 
@@ -74,7 +74,7 @@ def _release(scene, terrain, say):
     if table is None:
         return None
     if table.particles is not None:
-        return columns_of(scene.path(table.particles), terrain, table.density, say)
+        return columns_of(scene.path(table.particles), terrain, DENSITY, say)
     return _area(scene, table, terrain, say)
 
 
@@ -112,17 +112,14 @@ def _seeded(scene, terrain, grid, area, density, table=None):
 def _density(scene, frame):
     """The one density of a scene [kg m-3]; refused where its tables differ."""
     named = [] if frame is None else [("[release]", float(frame.header["density"]))]
-    if _used(scene.hydrograph) and scene.hydrograph.density is not None:
-        named.append(("[hydrograph]", scene.hydrograph.density))
-    secondary = [table.density for table in scene.secondary_release if _used(table)]
-    named += [("[[secondary_release]]", density) for density in secondary if density is not None]
+    named += [(name, density) for name, density in scene.densities() if name != "[release]"]
     for name, density in named[1:]:
         if abs(density - named[0][1]) > 1e-9 * density:
             raise SceneError(
                 f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; all that flows has "
                 "one density, take one out"
             )
-    return named[0][1] if named else ReleaseTable.density
+    return named[0][1] if named else DENSITY
 
 
 def _used(table):
@@ -208,24 +205,48 @@ def _facts(inlet, secondary, frames):
     return facts
 
 
-def columns_of(path, terrain, density, say, with_state=False):
-    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS."""
+def columns_of(path, terrain, density, say, with_state=False, window=None):
+    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS.
+
+    Only what lies in `window` (shapely.Polygon) need be on the terrain.
+    """
     frame = read_frame(path, with_state)
     if frame.dimension != 2:
         raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
-    return placed_on(frame, path, terrain, density, say)
+    return placed_on(frame, path, terrain, density, say, window)
 
 
-def placed_on(frame, path, terrain, density, say):
-    """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS."""
+def placed_on(frame, path, terrain, density, say, window=None):
+    """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS.
+
+    With `window` (shapely.Polygon) only what lies in it, or reaches into it, has to be on the terrain.
+    """
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    if window is not None:
+        frame = _without_far(frame, terrain, window, say)
     _require_on_terrain(frame, path, terrain)
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
         say(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
+
+
+def _without_far(frame, terrain, window, say):
+    """`frame` without the particles off the terrain that do not reach into `window`."""
+    west, south, east, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    particles = frame.particles
+    reach = np.sqrt(particles.area.max(initial=0.0)) if frame.dimension == 2 else 0.0
+    off = ~((x >= west) & (x <= east) & (y >= south) & (y <= north))
+    far = off & ~shapely.contains_xy(window.buffer(reach), x, y)
+    if not far.any():
+        return frame
+    left = float(particles.mass[far].sum())
+    say(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg that lie outside the terrain")
+    state = {name: values[~far] for name, values in frame.state.items() if np.shape(values)[:1] == far.shape}
+    return replace(frame, particles=particles.take(~far), state=state)
 
 
 def _require_on_terrain(frame, path, terrain):

@@ -11,10 +11,14 @@ from ..geo.grid import Grid
 
 # names that mean the same quantity in mpmgis's rasters and in those of ISeeSnow and AvaFrame
 SAME_QUANTITY = (("pft", "h_max"), ("pfv", "Ut_max"), ("ppr", "p_max"))
-FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "deposit_h")  # in the order of preference
+FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in the order of preference
 SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
 PERCENTILE = 99.0
 MOST_CELLS = 100_000_000  # of the grid that two footprints are compared on
+THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # of a raster alone
+_ONES = (1.0, 255.0)  # what masks have where something is
+_NO_THICKNESS = 10.0  # [m] no flow is so thick in every cell that a raster holds
+_NEGATIVE_SHARE = 1e-3  # of the cells that are not 0, from which negative values are no noise
 _ON_THE_CELL = 1e-6  # [cells] centres so near a border of the other grid's cells are on it
 _ROWS_AT_ONCE = 256
 
@@ -68,6 +72,35 @@ def _twins(name):
     return [other for group in SAME_QUANTITY if name in group for other in group if other != name]
 
 
+def kind_of_raster(values):
+    """What a raster that says nothing of itself most likely holds: MASK, DIFFERENCE, ELEVATION or THICKNESS.
+
+    A mask holds one value (1 or 255) and 0 or nodata; a difference of DEMs falls and rises; elevations are above
+    _NO_THICKNESS [m] in every cell.
+    """
+    known = values[np.isfinite(values)]
+    nonzero = known[known != 0]
+    if nonzero.size == 0:
+        return THICKNESS
+    if nonzero.min() == nonzero.max() and nonzero[0] in _ONES:
+        return MASK
+    if np.count_nonzero(nonzero < 0) > _NEGATIVE_SHARE * nonzero.size:
+        return DIFFERENCE
+    return ELEVATION if known.min() > _NO_THICKNESS else THICKNESS
+
+
+def require_present_name(asked):
+    """Refuse a name of a band as earlier versions had it, with the name that it has now.
+
+    Raises
+    ------
+    InputError
+    """
+    if asked is not None and asked.startswith("deposit_"):
+        now = f"{asked.removeprefix('deposit_')}_deposit"
+        raise InputError(f"--band {asked!r} is named {now!r} now, as it is in xarray; give that")
+
+
 def footprint_bands(pairs, asked=None, complete=True):
     """The pair of bands whose footprints are compared: the one `asked` for by either name, else peak thickness.
 
@@ -80,7 +113,7 @@ def footprint_bands(pairs, asked=None, complete=True):
     """
     whole = [pair for pair in pairs if None not in pair] if complete else pairs
     if asked is not None:
-        found = next((pair for pair in whole if asked in pair), None)
+        found = next((pair for pair in whole if asked in pair), None) or _beside_only_band(pairs, asked)
         if found is None:
             raise InputError(f"--band {asked!r} is not in both results; {_there(pairs, whole)}")
         return found
@@ -92,6 +125,15 @@ def footprint_bands(pairs, asked=None, complete=True):
     if found is None:
         raise InputError(f"no band of peak thickness is in both results; {_there(pairs, whole)}")
     return found
+
+
+def _beside_only_band(pairs, asked):
+    """The band `asked` for of one result beside the only band of the other, which nothing else matches; else None."""
+    names = [[pair[k] for pair in pairs if pair[k] is not None] for k in (0, 1)]
+    for k in (0, 1):
+        if asked in names[k] and len(names[1 - k]) == 1 and all(None in pair for pair in pairs):
+            return (asked, names[1][0]) if k == 0 else (names[0][0], asked)
+    return None
 
 
 def _only_bands(pairs):

@@ -12,29 +12,40 @@ from .outline_distance import OutlineDistances
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2], Runout or None."""
+    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2].
+
+    `farthest` (Runout or None) is counted from the start of the line; the runout is counted from the distance `top` [m]
+    along it, that of the highest place of the flow (NaN: not known).
+    """
 
     name: str
     kind: str
     band: str | None
     area: float
-    runout: Runout | None = None
+    farthest: Runout | None = None
+    top: float = math.nan
 
     @property
-    def reach(self):
-        """Runout [m], NaN where there is none."""
-        return math.nan if self.runout is None else self.runout.distance
+    def farthest_along(self):
+        """Distance [m] along the line, from its start, to the farthest place; NaN where there is none."""
+        return math.nan if self.farthest is None else self.farthest.distance
+
+    @property
+    def runout(self):
+        """Distance [m] along the line from the highest place of the flow to its farthest; NaN where not known."""
+        return self.farthest_along - self.top
 
     def facts(self):
         """The same in plain numbers and texts."""
-        place = None if self.runout is None else [self.runout.x, self.runout.y]
+        place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
         return {
             "name": self.name,
             "kind": self.kind,
             "band": self.band,
             "area_m2": self.area,
-            "runout_m": _number(self.reach),
+            "runout_m": _number(self.runout),
             "runout_at": place,
+            "farthest_along_line_m": _number(self.farthest_along),
         }
 
 
@@ -135,14 +146,14 @@ class Comparison:
         return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
 
     def told_bands(self):
-        """The bands worth a line: those that both have; where one side is an outline, all of the other's.
+        """The bands worth a line: those that both have; where one side is an outline, that of the other's footprint.
 
         A band all of whose numbers are those of one before it is left out: columns have t = h.
         """
-        alone = any(side.band is None for side in self.sides)
+        alone, footprints = any(side.band is None for side in self.sides), {side.band for side in self.sides} - {None}
         told = {}
         for band in self.bands:
-            if alone or None not in band.names:
+            if (set(band.names) & footprints) if alone else None not in band.names:
                 told.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
         return list(told.values())
 
@@ -151,7 +162,8 @@ class Comparison:
         first, second = self.sides
         rows = [("area", "m2", first.area, second.area)]
         if self.line is not None:
-            rows.append(("runout", "m", first.reach, second.reach))
+            rows.append(("runout", "m", first.runout, second.runout))
+            rows.append(("farthest along line", "m", first.farthest_along, second.farthest_along))
         for band in self.told_bands():
             rows.append((f"{band.name} peak", band.unit, *band.peak))
             rows.append((f"{band.name} 99 %", band.unit, *band.percentile))

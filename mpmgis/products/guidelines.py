@@ -15,7 +15,7 @@ QUANTITIES = {
     "p": ("kPa", "p_max", 1e-3),
     "vh": ("m2/s", None, 1.0),  # h times v
     "vvh": ("m3/s2", None, 1.0),  # h times the square of v
-    "deposit": ("m", "deposit_h", 1.0),
+    "deposit": ("m", "h_deposit", 1.0),
 }
 UNREAD = "not read"
 PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v

@@ -41,6 +41,43 @@ def stood_still(stages):
     )
 
 
+def extremes(stages):
+    """Where and when the flow was thickest and fastest in a run, by the balances at the end of each of its stages.
+
+    Parameters
+    ----------
+    stages : list of dict
+
+    Returns
+    -------
+    dict
+        "thickness" [m], vertical, and "speed" [m s-1] along the ground, each with `value`, `at` ([E, N], m), `time`
+        [s] and `stage` (from 1); without what balances of another version do not hold.
+    """
+    found = {}
+    for number, balances in enumerate(stages, 1):
+        parts = [balances, *(part for part in [balances.get("outside_columns")] if part is not None)]
+        for name in ("thickness", "speed"):
+            for part in parts:
+                value, at, time = (part.get(f"{name}_max{what}") for what in ("", "_at", "_time"))
+                if at is not None and value > found.get(name, {"value": 0.0})["value"]:
+                    found[name] = {"value": value, "at": at, "time": time, "stage": number}
+    return found
+
+
+def extreme_lines(found):
+    """Lines of text about what `extremes` found in all stages of a run."""
+    words = {"thickness": ("vertical thickness", "m"), "speed": ("speed along the ground", "m/s")}
+    return [
+        f"largest {words[name][0]} of all stages: {one['value']:.2f} {words[name][1]} {_place(one['at'], one['time'])}"
+        for name, one in found.items()
+    ]
+
+
+def _place(at, time):
+    return f"at E {at[0]:.1f} N {at[1]:.1f}, t = {time:.1f} s"
+
+
 def account(balances, solver, mass=None):
     """Lines of text about a run's balances.
 
@@ -91,8 +128,16 @@ def _of_columns(b):
     mass = f"mass: {b['mass_start']:.6g} kg at the start{came}, {100 * out:.2f} % left the terrain"
     lines += [f"{mass}, error {b['mass_error_relative']:.1e}", *_where_it_left(b.get("left_places", ()), come)]
     lines += [*_lost_to_sight(out), *_energy_of_columns(b)]
-    bound = f"largest speed {100 * b['speed_bound_ratio']:.0f} % of what its drop in height allows"
-    lines.append(f"largest thickness {b['thickness_max']:.2f} m, {bound}, footprint {b['footprint_area'] / 1e4:.2f} ha")
+    thickest = f"{b['thickness_max']:.2f} m {_place(b['thickness_max_at'], b['thickness_max_time'])}"
+    lines.append(f"largest vertical thickness {thickest}; footprint {b['footprint_area'] / 1e4:.2f} ha")
+    share = 100 * b["speed_bound_ratio"]
+    bound = "held to what its drop in height allows" if share > 100 else f"{share:.0f} % of what its drop allows"
+    lines.append(f"{_fastest(b)}, {bound}")
+    if share > 100:
+        lines.append(
+            f"beyond the model: a column would have had {share:.0f} % of the speed that its drop in height allows, "
+            "which is impossible, and was held to 100 %; take smaller cells or a smaller cfl, at cliffs a 3D run"
+        )
     if b["speed_limited_share_max"] > 0:
         share = f"up to {100 * b['speed_limited_share_max']:.2g} % of the mass"
         lines.append(
@@ -104,9 +149,11 @@ def _of_columns(b):
             "(the bed falls away faster than it falls); a 3D run would follow it"
         )
     for name, taken in b["barriers"].items():
-        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N"
+        impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N in a single step"
         over = f"{taken['overtopped_mass']:.3g} kg went over it"
-        lines.append(f"barrier '{name}': impulse {impulse}, peak force {peak}, {over} (screening only; loads need 3D)")
+        lines.append(
+            f"barrier '{name}': impulse {impulse}, largest force {peak}, {over} (screening only; loads need 3D)"
+        )
     if b["mass_entrained"] > 0:
         share = b["mass_entrained"] / b["mass_released"]
         lines.append(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
@@ -163,6 +210,8 @@ def _left_at(place, come):
     if place["where"] == "elsewhere":
         return f"{much} at smaller places, in the mean {at}"
     return f"{much} over the {place['where']} edge of the DTM {at}"
+def _fastest(b):
+    return f"largest speed {b['speed_max']:.1f} m/s {_place(b['speed_max_at'], b['speed_max_time'])}"
 
 
 def _lost_to_sight(share):
@@ -185,7 +234,16 @@ def _of_points(b):
     }  # fmt: skip
     lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
-    lines.append(f"largest speed {b['speed_max']:.1f} m/s, {b['mach_max']:.2f} times that of pressure waves")
+    thickest = f"{b['thickness_max']:.2f} m {_place(b['thickness_max_at'], b['thickness_max_time'])}"
+    lines.append(f"largest vertical thickness {thickest} (mass over density and area of a cell, in the frames)")
+    share = 100 * b["speed_bound_ratio"]
+    waves = f"{b['mach_max']:.2f} times that of pressure waves"
+    lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of that of a free fall from the release's top")
+    if share > 100:
+        lines.append(
+            f"beyond the model: the fastest point had {share:.0f} % of the speed of a free fall from the release's "
+            "top; single points may where jets meet, more than these must not: look there, and take a smaller cfl"
+        )
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
         lines.append(f"{share:.2g} % of the mass came more than a cell under the ground and was laid back on it")
@@ -198,6 +256,6 @@ def _of_points(b):
     for name, taken in b["barriers"].items():
         impulse, peak = f"{taken['normal_impulse']:.3g} N s", f"{taken['peak_normal_force']:.3g} N in a single step"
         lines.append(
-            f"barrier '{name}': impulse {impulse}, peak {peak}, {taken['overtopped_mass']:.3g} kg went over it"
+            f"barrier '{name}': impulse {impulse}, largest force {peak}, {taken['overtopped_mass']:.3g} kg went over it"
         )
     return lines

@@ -98,6 +98,31 @@ def _place(score, elevation, grid, line):
     return Place(float(positions_along(line, [x], [y])[0]), x, y, float(elevation[at]))
 
 
+def heights_under(mask, grid, terrain):
+    """float64[rows, columns] [m]: elevation of `terrain` under the True cells of `mask`; NaN elsewhere."""
+    elevation = np.full(grid.shape, np.nan)
+    elevation[mask] = terrain.sample(*grid.xy(*np.nonzero(mask)))
+    return elevation
+
+
+def ends_along(mask, elevation, grid, line):
+    """(highest Place, farthest Place along `line`) of the True cells of `mask`; None each where there is none.
+
+    `runout` and `compare` both count a runout from the one to the other: horizontally, along the line, from cell centre
+    to cell centre.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+        Cells that were reached.
+    elevation : float64[rows, columns] [m]
+        NaN where unknown: such cells do not count.
+    grid : Grid
+    line : float[n, 2] [m]
+    """
+    return highest_place(mask, elevation, grid, line), farthest_place(mask, elevation, grid, line)
+
+
 def line_profile(line, terrain, begin, end, spacing):
     """The terrain along `line` from `begin` to `end` [m], at its vertices and every `spacing` [m].
 

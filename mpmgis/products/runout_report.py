@@ -13,7 +13,7 @@ TIME_COLUMNS = (
 )  # fmt: skip
 PROFILE_COLUMNS = (
     ("along", "m"), ("ground_length", "m"), ("E", "m"), ("N", "m"), ("elevation", "m"), ("energy_line", "m"),
-    ("h_max", "m"), ("deposit_h", "m"),
+    ("h_max", "m"), ("h_deposit", "m"),
 )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ class RunoutFound:
 
     def rows(self):
         """(quantity, unit, value) of every figure."""
-        rows = _line_rows("", self.flow)
+        rows = [*_line_rows("", self.flow), ("farthest_along_line", "m", self.flow.toe.along)]
         if self.deposit is not None:
             rows += _line_rows("deposit_", self.deposit)
         if self.centre is not None:

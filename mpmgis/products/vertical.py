@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from ..fields import GRAVITY
 from ..geo.grid import Grid
 from .bed import Placed, place
 from .cells import bin_frame, grid_spacing
@@ -18,11 +19,12 @@ from .depth_average import impact_pressure, normal_velocity, parallel_speed, vol
 
 PROFILE_COLUMNS = (
     ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("height_from", "m"), ("height_to", "m"), ("particles", "1"),
-    ("density", "kg m-3"), ("Ut", "m s-1"), ("Un", "m s-1"), ("p", "Pa"),
+    ("density", "kg m-3"), ("Ut", "m s-1"), ("Un", "m s-1"), ("p", "Pa"), ("overburden", "Pa"),
 )  # fmt: skip
 LOAD_COLUMNS = (
-    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("h", "m"), ("force_per_width", "N m-1"),
-    ("height_of_force", "m"), ("largest_p", "Pa"),
+    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("h", "m"), ("momentum_flux_per_width", "N m-1"),
+    ("height_of_momentum_flux", "m"), ("largest_p", "Pa"), ("overburden_force_per_width", "N m-1"),
+    ("height_of_overburden_force", "m"),
 )  # fmt: skip
 MOST_LAYERS = 2_000
 WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the code's own grid: with its usual 8 points a cell, 64 in a layer
@@ -35,7 +37,7 @@ class VerticalProfile:
     `depth` [m] is h of an export: the largest distance of a particle from the bed, at least 0. `count` int64[k]: points
     whose middle is in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`, `normal` float64[k]
     [m s-1] as Ut and Un of an export, NaN in an empty layer; `pressure` float64[k] [Pa]: density times the squared mean
-    speed.
+    speed; `overburden` float64[k] [Pa]: the normal pressure of the weight above the middle of each layer, as at rest.
     """
 
     time: float
@@ -46,18 +48,24 @@ class VerticalProfile:
     parallel: np.ndarray
     normal: np.ndarray
     pressure: np.ndarray
+    overburden: np.ndarray
 
     @property
-    def force(self):
-        """Integral of the pressure over height: force per width [N m-1]."""
-        return float(np.sum(self.pressure * np.diff(self.edges)))
+    def momentum_flux(self):
+        """(force per width [N m-1], height [m] at which it acts) of the momentum that the flow carries, rho v^2."""
+        return self._force(self.pressure)
 
     @property
-    def height_of_force(self):
-        """Height [m] at which a single force would have the same moment about the bed; NaN without pressure."""
-        middles = 0.5 * (self.edges[1:] + self.edges[:-1])
-        moment = float(np.sum(self.pressure * middles * np.diff(self.edges)))
-        return moment / self.force if self.force > 0 else math.nan
+    def overburden_force(self):
+        """(force per width [N m-1], height [m] at which it acts) of the overburden, if it presses alike in all
+        directions, as in a fluid; a flow at rest has this force alone."""
+        return self._force(self.overburden)
+
+    def _force(self, pressure):
+        """(integral of `pressure` over height, height of its moment; NaN without pressure)."""
+        thickness, middles = np.diff(self.edges), 0.5 * (self.edges[1:] + self.edges[:-1])
+        force = float(np.sum(pressure * thickness))
+        return force, float(np.sum(pressure * middles * thickness)) / force if force > 0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -76,14 +84,14 @@ class VerticalFound:
         """Rows of PROFILE_COLUMNS."""
         for k, found in self._each():
             layers = (found.edges[:-1], found.edges[1:], found.count, found.density, found.parallel, found.normal)
-            for layer in zip(*layers, found.pressure, strict=True):
+            for layer in zip(*layers, found.pressure, found.overburden, strict=True):
                 yield (self.names[k], self.x[k], self.y[k], found.time, *layer)
 
     def load_rows(self):
         """Rows of LOAD_COLUMNS."""
         for k, found in self._each():
             largest = float(found.pressure.max(initial=0.0))
-            numbers = found.depth, found.force, found.height_of_force, largest
+            numbers = found.depth, *found.momentum_flux, largest, *found.overburden_force
             yield (self.names[k], self.x[k], self.y[k], found.time, *numbers)
 
     def _each(self):
@@ -143,7 +151,19 @@ def _profile(frame, placed, there, bed, density, grid, layer):
         if share.any():
             values[:, k] = _layer_values(part, placed, share, bed, density, grid, layer)
     count = np.histogram(placed.distance, edges)[0]
-    return VerticalProfile(frame.time, float(max(placed.distance.max(initial=0.0), 0.0)), edges, count, *values)
+    overburden = _overburden(values[0], layer, part, placed, bed)
+    depth = float(max(placed.distance.max(initial=0.0), 0.0))
+    return VerticalProfile(frame.time, depth, edges, count, *values, overburden)
+
+
+def _overburden(density, layer, part, placed, bed):
+    """float64[k] [Pa]: normal stress of the weight above the middle of each layer, g cos(slope) of the particles."""
+    if not len(placed.pixel):
+        return np.zeros(len(density))
+    slope2 = (bed.gradient_by_pixel[placed.pixel] ** 2).sum(axis=-1)
+    cosine = np.average(1.0 / np.sqrt(1.0 + slope2), weights=np.asarray(part.particles.mass, float))
+    weight = GRAVITY * cosine * layer * density
+    return np.cumsum(weight[::-1])[::-1] - 0.5 * weight
 
 
 def _extents(volume, placed, bed):

@@ -59,6 +59,9 @@ class TerrainTable:
                                    example="interpolate")  # fmt: skip
 
 
+DENSITY = 1000.0  # [kg m-3], assumed where a scene gives none
+
+
 @dataclass(frozen=True)
 class ReleaseTable:
     """What starts to move."""
@@ -83,7 +86,8 @@ class ReleaseTable:
                                choices=("normal", "vertical"))  # fmt: skip
     surface: str | None = _key("instead of thickness: raster of the surface before release", None, kind=str,
                                example="surface.tif", file=True)  # fmt: skip
-    density: float = _key("bulk density [kg m-3]", 1000.0, low=1.0, high=30000.0)
+    density: float | None = _key("bulk density [kg m-3]; without it 1000, which the run reports", None, low=1.0,
+                                 high=30000.0, example=1000.0)  # fmt: skip
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
     speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
                                high=FASTEST, above=True, example=10.0)  # fmt: skip
@@ -144,6 +148,7 @@ class FrictionTable:
     parameters: dict = field(
         default_factory=dict, metadata={"parameters_of": friction.LAWS, "contradiction": friction.contradiction}
     )
+    written: dict = field(default_factory=dict)  # what the scene gives in place of parameters: k for xi
 
 
 @dataclass(frozen=True)
@@ -401,6 +406,13 @@ class Scene:
         """Columns a cell of the solver that a release is seeded with: of points those that stand side by side."""
         return self.numerics.points_per_side**2 if self.solver == "points" else self.numerics.particles_per_cell
 
+    def densities(self):
+        """(table, density [kg m-3]) of every table that lets something in and gives its density."""
+        sources = [("[release]", self.release), ("[hydrograph]", self.hydrograph)]
+        sources += [("[[secondary_release]]", table) for table in self.secondary_release]
+        used = ((name, table) for name, table in sources if table is not None and getattr(table, "use", "") != "off")
+        return [(name, table.density) for name, table in used if table.density is not None]
+
     def dry_friction(self):
         """Coefficient of the friction law at rest [1]; 0 where the scene has none."""
         if self.friction is None or self.friction.use == "off":
@@ -483,8 +495,12 @@ def _laws(solvers, own_laws):
 def _plain(table, solvers):
     """One table as a dictionary of what TOML holds; unset keys and those of no solver in use are left out."""
     others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, *solvers)}
-    values = {k: v for k, v in asdict(table).items() if v is not None and k != "parameters" and k not in others}
+    own = ("parameters", "written", *others)
+    values = {k: v for k, v in asdict(table).items() if v is not None and k not in own}
     values.update(getattr(table, "parameters", {}))
+    for name, value in getattr(table, "written", {}).items():
+        del values[friction.IN_PLACE_OF[name][0]]
+        values[name] = value
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
 
@@ -580,6 +596,8 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     solvers = {stage.solver for stage in stages} or {solver}
     check_solver(tables, solvers, TABLES, where)
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
+    instead = friction.given_instead(tables.get("friction", {}).get("law"))
+    by_place |= {parameter for name, (parameter, _) in instead.items() if name in by_place}
     contacts = _laws(solvers, NO_OWN_LAWS) if "points" in solvers else None
     made = {name: _made(name, values, where, own_laws, by_place, contacts) for name, values in tables.items()}
     scene = Scene(**made, stage=stages, solver=solver, folder=str(folder), own_laws=own_laws)
@@ -705,7 +723,8 @@ def _check_zones(scene, where):
             f"{where} [[zones]]: friction by place needs [friction] with its law; write it before the zones"
         )
     law = scene.friction.law
-    wanted = scene.laws[law][1]
+    instead = friction.given_instead(law)
+    wanted = scene.laws[law][1] | {name: told for name, (_, told) in instead.items()}
     for number, zone in enumerate(scene.zones, 1):
         here = f"{where} [[zones]] number {number}"
         if not zone.parameters:
@@ -715,9 +734,9 @@ def _check_zones(scene, where):
                 raise SceneError(
                     f"{here}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {_listed(wanted)}"
                 )
-            _, _, low, high, _ = wanted[name]
-            checks = {"kind": (float, str), "low": low, "high": high, "choices": None, "above": False}
-            zone.parameters[name] = _value(checks, value, f"{here}: {name}")
+            zone.parameters[name] = _value(_range_of(wanted[name], (float, str)), value, f"{here}: {name}")
+            if name in instead:
+                _refuse_both(name, instead[name][0], zone.parameters, here)
         if zone.source is None and all(not isinstance(value, str) for value in zone.parameters.values()):
             raise SceneError(
                 f"{here}: numbers alone hold everywhere; give source (polygons), or put them in [friction]"
@@ -770,12 +789,36 @@ def _table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None)
         if instead is not None and made["law"] not in laws and elsewhere:
             raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; wanted {_listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
+        if kind is FrictionTable:
+            extra, made["written"] = _in_place_of(made["law"], extra, where)
         made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
         if "contradiction" in told and len(made["parameters"]) == len({**laws, **own_laws.laws}[made["law"]][1]):
             _require_no_contradiction(told["contradiction"](made["law"], made["parameters"]), where)
     elif free:
         made["parameters"] = extra
     return kind(**made)
+
+
+def _in_place_of(law, values, where):
+    """(parameters of `law` with what is given in place of some, the latter as they were given)."""
+    made, written = dict(values), {}
+    for name, (parameter, told) in friction.given_instead(law).items():
+        if name not in made:
+            continue
+        _refuse_both(name, parameter, made, where)
+        written[name] = _value(_range_of(told, float), made.pop(name), f"{where}: {name}")
+        made[parameter] = friction.turbulent_coefficient(written[name])
+    return made, written
+
+
+def _refuse_both(name, parameter, values, where):
+    if parameter in values:
+        raise SceneError(f"{where}: {name} = g / {parameter}, and both are given; take one of them out")
+
+
+def _range_of(parameter, kind):
+    """The checks of a value of a law's Parameter."""
+    return {"kind": kind, "low": parameter.smallest, "high": parameter.largest, "choices": None, "above": False}
 
 
 def _require_no_contradiction(words, where):

@@ -61,7 +61,7 @@ def template():
                 lines.append(_template_line(f, shown))
             elif "by_place" in f.metadata:
                 lines.append(f"{'# ' + f.metadata['by_place']:<34} # parameters of the law: number, column or raster")
-            else:
+            elif "parameters_of" in f.metadata:
                 law = next(f for f in fields(kind) if f.name == "law").metadata["example"]
                 lines += _template_parameters(f.metadata["parameters_of"], law, shown)
     return "\n".join(lines) + "\n"
@@ -81,4 +81,7 @@ def _template_parameters(laws, example, shown):
     for law, (_, parameters) in laws.items():
         yield f"# law = {law!r} takes {', '.join(parameters)}"
     if laws is friction.LAWS:
+        for name, (parameter, (unit, doc, *_)) in friction.IN_PLACE_OF.items():
+            value = toml_value(round(friction.turbulent_coefficient(_EXAMPLES[parameter]), 5))
+            yield f"{'# ' + name + ' = ' + value:<34} # [{unit}] {doc}; in place of {parameter}"
         yield f"# with solver = 'points': {', '.join(CONTACTS)}"

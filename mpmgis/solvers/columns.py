@@ -206,9 +206,23 @@ class ColumnSolver(ParticleStore):
         clock[kernel.TOTAL_MASS] += float(particles.mass.sum())
         clock[kernel.BOUND_BED] = max(clock[kernel.BOUND_BED], bed.max())
         thickness = particles.mass / (self.numerics.density * particles.area)
-        self._expect(thickness, np.hypot(*particles.velocity[:, :2].T), (particles.velocity**2).sum(axis=1).max())
+        speed2 = (particles.velocity**2).sum(axis=1)
+        self._note_start(x, y, thickness, speed2)
+        self._expect(thickness, np.hypot(*particles.velocity[:, :2].T), speed2.max())
         self._forget_peaks()
         return bed
+
+    def _note_start(self, x, y, thickness, speed2):
+        """Note where columns that come in now at `x`, `y` [m] are thicker or faster than any before."""
+        clock = self._clock
+        for values, at, largest in (
+            (thickness, kernel.DEEPEST_X, clock[kernel.DEPTH_WORST]),
+            (np.sqrt(speed2), kernel.FASTEST_X, clock[kernel.FASTEST]),
+        ):
+            k = int(np.argmax(values))
+            if values[k] > largest or not self.step:
+                clock[at : at + 3] = x[k], y[k], self.time
+        clock[kernel.FASTEST] = max(clock[kernel.FASTEST], np.sqrt(speed2.max()))
 
     def take_out(self, chosen):
         """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
@@ -268,6 +282,11 @@ class ColumnSolver(ParticleStore):
             self._rows[now, :n], self._keys[now, :n], kernel.GONE, window.marked, window.row, window.column, walls,
             self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
         )  # fmt: skip
+        if thickest > self._clock[kernel.DEPTH_WORST]:
+            rows, keys = self._rows[now, :n], self._keys[now, :n]
+            thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
+            k = int(np.argmax(thickness))
+            self._clock[kernel.DEEPEST_X : kernel.DEEPEST_TIME + 1] = rows[k, kernel.X], rows[k, kernel.Y], self.time
         self._expect(thickest, fastest, 0.0)
         return 0.5 * self.numerics.gravity * lifted
 
@@ -474,6 +493,11 @@ class ColumnSolver(ParticleStore):
             "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
             "thickness_max_now": float(clock[kernel.DEPTH_NOW]),
             "thickness_max": float(clock[kernel.DEPTH_WORST]),
+            "thickness_max_at": self._place_of(kernel.DEEPEST_X),
+            "thickness_max_time": float(clock[kernel.DEEPEST_TIME]),
+            "speed_max": float(clock[kernel.FASTEST]),
+            "speed_max_at": self._place_of(kernel.FASTEST_X),
+            "speed_max_time": float(clock[kernel.FASTEST_TIME]),
             "moving_share": float(clock[kernel.MOVING_SHARE]),
             "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
@@ -516,6 +540,10 @@ class ColumnSolver(ParticleStore):
             **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
             "energy_error_relative": (lost - sum(lost_to.values())) / (put_in or 1.0),
         }
+
+    def _place_of(self, entry):
+        """[E, N] [m] of the place that the clock keeps from `entry` on."""
+        return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
 
     def trouble(self):
         """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""

@@ -227,8 +227,9 @@ class CoupledSolver:
         found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
         kept = ("mass_now", "mass_out", "outflow", "left_places", "barriers")
         energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy")
-        outside = {name: value for name, value in columns.items()
-                   if name in (*kept, *energies) or name.startswith("energy_")}  # fmt: skip
+        peaks = (f"{name}_max{what}" for name in ("thickness", "speed") for what in ("", "_at", "_time"))
+        kept = {*kept, *energies, *peaks}
+        outside = {name: value for name, value in columns.items() if name in kept or name.startswith("energy_")}
         outside |= {"exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns}
         outside["exchanged_energy_lost"] = self.exchanged_energy
         return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}

@@ -264,6 +264,22 @@ class Events:
         """What a restart needs, beside the solver's state."""
         return {"events": np.concatenate([[self.ended], self._batches, self._released]).astype(np.int64)}
 
+    def batches_in(self, frame):
+        """int64[inlets]: how many batches of each inlet had come in when a `frame` of the same run was written.
+
+        Raises
+        ------
+        FormatError
+            The frame of a run with other events.
+        """
+        return self._state_of(frame)[1 : 1 + len(self.inlets)]
+
+    def _state_of(self, frame):
+        state = np.asarray(frame.state.get("events", ()))
+        if state.shape != (1 + len(self.inlets) + len(self.secondary),):
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        return state
+
     def restore(self, frame):
         """Go on from a `frame` of the same run.
 
@@ -272,9 +288,7 @@ class Events:
         FormatError
             The frame of a run with other events.
         """
-        state = np.asarray(frame.state.get("events", ()))
-        if state.shape != (1 + len(self.inlets) + len(self.secondary),):
-            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        state = self._state_of(frame)
         self.ended = int(state[0])
         self._batches[:] = state[1 : 1 + len(self.inlets)]
         self._released[:] = state[1 + len(self.inlets) :]

@@ -56,6 +56,8 @@ class March:
         solver, events, side = self.solver, self.events, self._side
         events.arm(solver)
         if self.resumed:
+            if events.ended == side.REACHED_TIME and solver.time < self.end_time:
+                events.ended = 0  # it ended at the earlier end_time of a run that now goes on
             self.reason = side.END_REASONS.get(events.ended, "")
             self._guard.keep(self._frame())
         else:
@@ -65,10 +67,10 @@ class March:
         while not self.reason:
             number += 1
             until = self._frame_time(number)
-            code = self._advance(until, self._frame_time(number + 1))
+            code = self._advance(until, self._time_after(number))
             if self.switch:
                 return
-            if code == side.REACHED_TIME and until < self.end_time:
+            if code == side.REACHED_TIME:
                 code = side.at_frame(code)
             if code != side.REACHED_TIME or until >= self.end_time:
                 self.reason, events.ended = side.END_REASONS[code], code
@@ -78,6 +80,13 @@ class March:
         """Time [s] of a frame; the last frame is the end, not a hair before it."""
         time = number * self.interval
         return self.end_time if time > self.end_time - 1e-9 * self.interval else time
+
+    def _time_after(self, number):
+        """Time [s] of the frame after `number`. After the last frame it is that of a run with a later end, so that
+        the state at the end is the same in both.
+        """
+        last = self._frame_time(number) >= self.end_time
+        return (number + 1) * self.interval if last else self._frame_time(number + 1)
 
     def _frames(self):
         """The frame now, with the state of the events; none if there is no particle."""
@@ -93,7 +102,7 @@ class March:
     def _advance(self, until, after):
         """March to `until`, from event to event, in slices of a quarter second of wall time.
 
-        `after` is the time of the frame that comes next; the end once more is as good as none.
+        `after` is the time of the frame that comes next.
         """
         solver, events, side, steps = self.solver, self.events, self._side, 10
         after = after if after > until else math.inf

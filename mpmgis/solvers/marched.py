@@ -96,6 +96,7 @@ class MarchedPoints:
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""
+        self.solver.note_deepest()
         return _rested(self.solver, code)
 
     def trouble(self, code):
@@ -158,6 +159,7 @@ class MarchedCoupled:
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""
+        self.solver.points_solver.note_deepest()
         return _rested(self.solver, code)
 
     def trouble(self, code):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..effects.friction import given_instead, turbulent_coefficient
 from ..errors import InputError, SceneError
 from ..geo.barriers import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
 from ..geo.lakes import lake_cells, water_depth
@@ -51,13 +52,17 @@ def painted_zones(scene, zones, grid):
     """
     law = scene.laws[scene.friction.law][1]
     x, y = grid.node_points()
+    instead = given_instead(scene.friction.law)
     painted = {name: np.full(x.shape, scene.friction.parameters.get(name, np.nan)) for name in law}
     for number, zone, files in zones:
         covers = False
         for shape, name, value in _painting(zone, files, x, y):
             known = np.isfinite(value)
             covers = covers or (known & shape).any()
-            _require_in_range(value[known & shape], name, law[name], f"[[zones]] number {number}")
+            own = instead[name][1] if name in instead else law[name]
+            _require_in_range(value[known & shape], name, own, f"[[zones]] number {number}")
+            if name in instead:
+                name, value = instead[name][0], turbulent_coefficient(np.where(known & shape, value, np.nan))
             painted[name] = np.where(shape & known, value, painted[name])
         if not covers:
             raise InputError(f"[[zones]] number {number} covers no node of the terrain; check its CRS and its values")

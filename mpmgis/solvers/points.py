@@ -39,6 +39,7 @@ LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak,
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
+_TIME = 1e-9  # share of a time by which it may be missed for rounding
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
@@ -190,13 +191,15 @@ class PointSolver(ParticleStore):
         self._clock[kernel.TIME] = frame.time
         self.mass_start = float(particles.mass.astype(self._real).sum(dtype=float))
         self._clock[kernel.TOTAL_MASS] = self._clock[kernel.MASS_NOW] = self.mass_start
-        self._clock[kernel.FASTEST] = np.sqrt((particles.velocity**2).sum(axis=1).max(initial=0.0))
+        speed = np.sqrt((particles.velocity**2).sum(axis=1))
+        self._clock[kernel.FASTEST] = speed.max(initial=0.0)
         if self._affine is not None:
             self._clock[kernel.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
         self._heaviest = float(particles.mass.max(initial=0.0))
         self._settings = self._made_settings()
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         self._lay_on_ground(place, particles.mass)
+        self._note_start(place, speed, particles.mass)
         rows = self._rows[0]
         kernel.set_places(rows, self._keys[0], place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
@@ -209,6 +212,47 @@ class PointSolver(ParticleStore):
         self.energy_start = self.energy()
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
         self._momentum_start = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0, dtype=float)
+
+    def _note_start(self, place, speed, mass):
+        """Note the fastest point, the highest and the deepest flow of a start with points at `place` [n, 3] [m]."""
+        clock = self._clock
+        if not len(speed):
+            return
+        k = int(np.argmax(speed))
+        clock[kernel.FASTEST_X : kernel.FASTEST_TIME + 1] = *place[k], self.time
+        clock[[kernel.SPEED_WORST, kernel.START_SPEED]] = speed[k]
+        clock[kernel.HIGHEST] = place[:, 2].max()
+        clock[kernel.DEEPEST] = 0.0
+        self._note_thickness(place, mass)
+
+    def note_deepest(self):
+        """Note where the flow is thicker now than at any look before; part of what a restart needs."""
+        rows, _, keys = self._alive()
+        if len(rows):
+            self._note_thickness(self._places(rows, keys), rows[:, kernel.MASS])
+
+    def _note_thickness(self, place, mass):
+        """As `note_deepest`, of points at `place` [n, 3] [m].
+
+        The thickness [m], vertical, is mass over density and the area of a cell, linear between the cells' centres.
+        """
+        clock, dx = self._clock, self.numerics.cell_size
+        cell = place[:, :2] / dx - 0.5
+        first = np.floor(cell).astype(np.int64)
+        share = cell - first
+        corner = first.min(axis=0)
+        columns, rows = first.max(axis=0) - corner + 2
+        held = np.zeros(rows * columns)
+        for east, wx in ((0, 1.0 - share[:, 0]), (1, share[:, 0])):
+            for north, wy in ((0, 1.0 - share[:, 1]), (1, share[:, 1])):
+                at = (first[:, 1] - corner[1] + north) * columns + first[:, 0] - corner[0] + east
+                held += np.bincount(at, mass * wx * wy, rows * columns)
+        k = int(np.argmax(held))
+        thickness = held[k] / (self.numerics.density * dx * dx)
+        if thickness > clock[kernel.DEEPEST]:
+            row, column = divmod(k, int(columns))
+            east, north = (corner + np.array([column, row]) + 0.5) * dx
+            clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1] = thickness, east, north, self.time
 
     def _lay_on_ground(self, place, mass):
         """Raise what lies more than a cell under the ground onto it, in `place` [n, 3], and book its `mass` as lifted.
@@ -303,6 +347,9 @@ class PointSolver(ParticleStore):
         """
         if self._stress is not None:
             self._make_impulses(float(until), float(after))
+        clock = self._clock
+        if abs(clock[kernel.TIME] + clock[kernel.STEP_NOW] - until) > _TIME * max(1.0, abs(until)):
+            clock[kernel.HITS] = 0.0  # the step was chosen to end at another time: that of a run's earlier end
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
@@ -405,8 +452,11 @@ class PointSolver(ParticleStore):
         self._counts[kernel.ALIVE] += len(frame.particles)
         clock[[kernel.TOTAL_MASS, kernel.MASS_NOW]] += new.mass_start
         clock[kernel.LIFTED_MASS] += new._clock[kernel.LIFTED_MASS]
-        for entry in (kernel.FASTEST, kernel.SHEAR):
+        for entry in (kernel.FASTEST, kernel.SHEAR, kernel.HIGHEST, kernel.START_SPEED):
             clock[entry] = max(clock[entry], new._clock[entry])
+        if new._clock[kernel.SPEED_WORST] > clock[kernel.SPEED_WORST]:
+            noted = [kernel.SPEED_WORST, *range(kernel.FASTEST_X, kernel.FASTEST_TIME + 1)]
+            clock[noted] = new._clock[noted]
         self.mass_start += new.mass_start
         self._heaviest = max(self._heaviest, new._heaviest)
         self._settings = self._settings._replace(leak_stop=self._leak_stop())
@@ -500,12 +550,30 @@ class PointSolver(ParticleStore):
             "energy_lost_to_mixing": lost - sum(lost_to.values()),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
+            "speed_max_at": self._place_of(kernel.FASTEST_X),
+            "speed_max_time": float(clock[kernel.FASTEST_TIME]),
+            "speed_bound_ratio": self._speed_over_fall(),
+            "thickness_max": float(clock[kernel.DEEPEST]),
+            "thickness_max_at": self._place_of(kernel.DEEPEST_X),
+            "thickness_max_time": float(clock[kernel.DEEPEST_TIME]),
             "mach_max": self.mach,
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
             "barriers": named_sums([wall.name for wall in self.walls], self._barrier_sums, BARRIER_SUMS),
         }
+
+    def _place_of(self, entry):
+        """[E, N] [m] of the place that the clock keeps from `entry` on."""
+        return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
+
+    def _speed_over_fall(self):
+        """Largest speed [1] over that of a free fall to its place from the highest point of the start, which also has
+        the largest speed of the start."""
+        clock = self._clock
+        fall = max(clock[kernel.HIGHEST] - clock[kernel.FASTEST_Z], 0.0)
+        bound = np.sqrt(2.0 * self.numerics.gravity * fall + clock[kernel.START_SPEED] ** 2)
+        return float(clock[kernel.SPEED_WORST] / bound) if bound > 0.0 else 0.0
 
     def energy_gained(self):
         """Kinetic and potential energy now and of what has left, over all that there was at the start, less 1 [1].

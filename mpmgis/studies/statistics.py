@@ -16,7 +16,7 @@ from ..fields import BAND, Quantity
 ARRIVAL = "t_arrival"
 PEAKS = {"h": "h_max", "Ut": "Ut_max", "p": "p_max"}  # quantity -> band of a member's maxima
 MEMBER_BANDS = (*PEAKS.values(), ARRIVAL)
-WORDS = {"h": "largest flow depth", "Ut": "largest speed along the slope", "p": "largest impact pressure",
+WORDS = {"h": "largest flow depth (normal)", "Ut": "largest speed along the slope", "p": "largest impact pressure",
          ARRIVAL: "time of arrival"}  # fmt: skip
 PROBABILITY = "probability"
 DEFAULT_EXCEED = {"h": (0.5, 1.0, 2.0)}

@@ -136,4 +136,4 @@ def _studied(numerics, folder):
     path = DATA / "LINES/path_aimec.shp"
     fast = compare(CompareRequest(exported, ensemble, threshold=FAST, band="pfv", line=path))
     speed = next(band.peak[0] for band in fast.bands if band.names[0] == "pfv")
-    return (thick.overlap.iou, thick.sides[0].area / 1e4, fast.sides[0].reach, speed), seconds, cost
+    return (thick.overlap.iou, thick.sides[0].area / 1e4, fast.sides[0].farthest_along, speed), seconds, cost

@@ -88,7 +88,9 @@ def test_two_discs(discs, capsys, tmp_path):
     assert found["both_m2"] == pytest.approx(both, rel=0.01)
     assert found["only_a_m2"] == pytest.approx(whole - both, rel=0.02)
     assert found["a"]["area_m2"] == pytest.approx(whole, rel=0.01)
-    assert found["b"]["runout_m"] - found["a"]["runout_m"] == pytest.approx(50, abs=2)  # down the slope, to the east
+    assert found["b"]["runout_m"] == pytest.approx(found["a"]["runout_m"], abs=2)  # from the top of each
+    farther = found["b"]["farthest_along_line_m"] - found["a"]["farthest_along_line_m"]
+    assert farther == pytest.approx(50, abs=2)  # down the slope, to the east
     (band,) = found["bands"]
     assert (band["a"], band["unit"]) == ("h_max", "m")
     assert band["peak_a"] == pytest.approx(3.0, abs=0.06) and band["peak_b"] == pytest.approx(4.0, abs=0.08)
@@ -112,18 +114,119 @@ def test_a_line_decides_what_runout_is(discs, capsys, tmp_path):
     east = write_shapes(tmp_path / "east.gpkg", shapely.LineString([(50, 150), (50, 200), (350, 200)]))
     for line, first, second in ((north, 160, 160), (east, 50 + 160, 50 + 210)):
         found, _ = compared(capsys, *discs, "--line", line)
-        assert found["a"]["runout_m"] == pytest.approx(first, abs=2)
-        assert found["b"]["runout_m"] == pytest.approx(second, abs=2)
+        assert found["a"]["farthest_along_line_m"] == pytest.approx(first, abs=2)
+        assert found["b"]["farthest_along_line_m"] == pytest.approx(second, abs=2)
+        assert found["a"]["runout_m"] is None  # no DTM tells where the flow begins
 
 
 def test_a_line_drawn_uphill_is_taken_the_other_way(discs, capsys, tmp_path):
     up = write_shapes(tmp_path / "up.gpkg", shapely.LineString([(300, 200), (50, 200)]), crs=4326)
     found, said = compared(capsys, *discs, "--line", up, "--dem", dtm(tmp_path / "dtm.tif"))
-    assert found["a"]["runout_m"] == pytest.approx(160, abs=2)
+    assert found["a"]["farthest_along_line_m"] == pytest.approx(160, abs=2)
+    assert found["a"]["runout_m"] == pytest.approx(120, abs=2)
     assert "runs uphill" in said and "reprojected from EPSG:4326" in said
     short = write_shapes(tmp_path / "short.gpkg", shapely.LineString([(50, 200), (230, 200)]))
     found, said = compared(capsys, *discs, "--line", short)
-    assert found["b"]["runout_m"] == pytest.approx(210, abs=2) and "ends 29 m before the flow does" in said
+    assert found["b"]["farthest_along_line_m"] == pytest.approx(210, abs=2) and "ends 29 m before the flow does" in said
+
+
+@pytest.mark.parametrize("start", [40, 80, 95])
+def test_runout_and_compare_tell_the_same_runout(discs, capsys, tmp_path, start):
+    """Wherever the line begins above the flow, it counts from the flow's highest place, of a deposit too."""
+    line = write_shapes(tmp_path / "line.gpkg", shapely.LineString([(start, 190), (330, 215)]))
+    terrain = dtm(tmp_path / "dtm.tif")
+    grid = grid_of()
+    for name, centre in (("one", 150), ("two", 200)):
+        write_peak(tmp_path / f"{name}_pft.tif", disc(grid, centre, 200), grid, "pft")
+    given = ["--line", line, "--dem", terrain, "--threshold", 0.5]
+    found, _ = compared(capsys, tmp_path / "one", tmp_path / "two", *given)
+    for side, name in (("a", "one"), ("b", "two")):
+        asked = [tmp_path / name, *given, "-o", tmp_path / f"{name}.csv"]
+        assert main(["runout", *map(str, asked), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        for key in ("runout_m", "farthest_along_line_m"):
+            assert told[key] == found[side][key] > 0, key
+        if name == "one":
+            assert (told["farthest_along_line_m"] > told["runout_m"]) == (start < 90)  # where the flow begins
+    deposit = write_peak(tmp_path / "lying.tif", disc(grid, 200, 200, radius=30), grid, "value")
+    found, _ = compared(capsys, tmp_path / "one", deposit, *given)
+    behind = found["b"]["farthest_along_line_m"] - found["a"]["farthest_along_line_m"]
+    assert found["b"]["runout_m"] - found["a"]["runout_m"] == pytest.approx(behind, abs=1e-9)
+
+
+def write_plain(path, values, grid, nodata=-9999.0):
+    """A raster that does not say what it holds."""
+    rows, columns = grid.shape
+    profile = {"driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float32", "crs": grid.crs,
+               "transform": grid.transform, "nodata": nodata}  # fmt: skip
+    with rasterio.open(path, "w", **profile) as target:
+        target.write(np.where(np.isfinite(values), values, nodata).astype("float32"), 1)
+    return path
+
+
+@pytest.fixture
+def export(tmp_path):
+    """An export of two bands, in which what lies at the end is 30 m in radius, down the slope."""
+    grid, rasters = grid_of(), tmp_path / "run_gis" / "rasters"
+    rasters.mkdir(parents=True)
+    write_peak(rasters / "run_max.tif", disc(grid, 150, 200), grid)
+    write_peak(rasters / "run_deposit.tif", disc(grid, 180, 200, radius=30.0), grid, "h")
+    dtm(tmp_path / "run_gis" / "dtm.tif")
+    return tmp_path / "run_gis"
+
+
+def test_a_difference_of_dems_is_compared_with_the_deposit(export, capsys, tmp_path):
+    grid = grid_of()
+    lying, taken = disc(grid, 185, 200, radius=30.0), disc(grid, 120, 200, radius=20.0, top=2.0)
+    dod = write_plain(tmp_path / "dod.tif", np.where(taken > 0, -taken, lying), grid)
+    for swap in (False, True):
+        found, said = compared(capsys, *([dod, export] if swap else [export, dod]))
+        ours, theirs = ("b", "a") if swap else ("a", "b")
+        assert found[ours]["band"] == "h_deposit" and found[theirs]["kind"] == "difference of DEMs"
+        assert found[theirs]["area_m2"] == pytest.approx(math.pi * 900, rel=0.02)
+        assert "taken for a difference of DEMs" in said and "vertical" in said
+        assert 0.7 < found["iou"] < 0.95
+        (band,) = [band for band in found["bands"] if None not in (band["a"], band["b"])]
+        assert abs(band["mean_difference"]) < 0.2
+        assert found[theirs]["runout_m"] == pytest.approx(found[ours]["runout_m"] + 5.0, abs=2.0)  # of the flow's top
+    whole, _ = compared(capsys, export, dod, "--band", "h_max")
+    assert whole["a"]["band"] == "h_max" and whole["a"]["area_m2"] == pytest.approx(math.pi * 3600, rel=0.02)
+    alone = tmp_path / "alone.tif"
+    write_peak(alone, disc(grid, 150, 200), grid)
+    assert main(["compare", str(alone), str(dod)]) == 2
+    assert "no h_deposit to compare with a difference of DEMs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", [1.0, 255.0])
+def test_a_mask_is_compared_as_the_outline_that_it_is(export, capsys, tmp_path, value):
+    grid = grid_of()
+    mask = write_plain(tmp_path / "mask.tif", np.where(disc(grid, 170, 200) > 0, value, 0.0), grid)
+    found, said = compared(capsys, export, mask)
+    assert "is a mask" in said and found["b"]["kind"] == "outline" and found["observed"] == "b"
+    assert found["b"]["area_m2"] == pytest.approx(np.count_nonzero(disc(grid, 170, 200)) * 4.0)
+    assert all(band["mean_difference"] is None for band in found["bands"])
+
+
+def test_elevations_are_refused_and_a_thickness_without_a_name_is_taken(export, capsys, tmp_path):
+    grid = grid_of()
+    x, _ = grid.xy(*np.indices(grid.shape))
+    ground = write_plain(tmp_path / "ground.tif", 1000 - 0.5 * (x - WEST), grid)
+    assert main(["compare", str(export), str(ground)]) == 2
+    assert "holds elevations (800." in capsys.readouterr().err
+    plain = write_plain(tmp_path / "plain.tif", disc(grid, 150, 200), grid)
+    found, _ = compared(capsys, export, plain)
+    assert found["iou"] == 1.0 and found["a"]["band"] == "h_max" and found["b"]["band"] == "value"
+    found, _ = compared(capsys, export, plain, "--band", "h_deposit")
+    assert found["a"]["band"] == "h_deposit" and found["iou"] < 0.5
+
+
+def test_the_deposit_has_one_name_and_the_old_one_is_refused_with_it(export, capsys, tmp_path):
+    grid = grid_of()
+    plain = write_plain(tmp_path / "plain.tif", disc(grid, 180, 200, radius=30.0), grid)
+    assert main(["compare", str(export), str(plain), "--band", "deposit_h"]) == 2
+    assert "is named 'h_deposit' now" in capsys.readouterr().err
+    found, said = compared(capsys, export / "rasters" / "run_deposit.tif", plain, "--band", "h_deposit")
+    assert found["a"]["band"] == "h_deposit" and found["iou"] == 1.0 and "no DTM" not in said
 
 
 def test_an_observed_outline(discs, capsys, tmp_path):
@@ -238,7 +341,7 @@ def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
     assert same["a"]["runout_m"] == same["b"]["runout_m"] > 0
     other, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis" / "rasters")
     assert 0.2 < other["iou"] < 0.95 and other["a"]["runout_m"] > other["b"]["runout_m"]
-    deposit, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis", "--band", "deposit_h")
+    deposit, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis", "--band", "h_deposit")
     assert deposit["a"]["area_m2"] < other["a"]["area_m2"]
     assert not list(tmp_path.glob("*compare*"))
 
@@ -388,7 +491,8 @@ def test_runout_and_area_of_twelve_codes_are_those_published(capsys):
         code = ISEESNOW / "reference" / row["model"]
         fast, _ = compared(capsys, code, median, "--band", "pfv", "--threshold", 1, "--line", path)
         thick, _ = compared(capsys, code, median)
-        assert fast["a"]["runout_m"] == pytest.approx(float(row["runout_s_pfv_gt_1_m"]), abs=0.1), row["model"]
+        farthest = fast["a"]["farthest_along_line_m"]
+        assert farthest == pytest.approx(float(row["runout_s_pfv_gt_1_m"]), abs=0.1), row["model"]
         assert thick["a"]["area_m2"] / 1e4 == pytest.approx(float(row["area_pft_gt_0p1_ha"]), abs=0.011)
         peaks = {band["a"]: band["peak_a"] for band in thick["bands"]}
         assert peaks["pft"] == pytest.approx(float(row["max_pft_m"]), abs=0.006)
@@ -432,7 +536,7 @@ def test_our_own_export_lies_within_the_ensemble(capsys, tmp_path):
     assert 18e4 <= thick["a"]["area_m2"] <= 27e4
     path = ISEESNOW / "LINES/path_aimec.shp"
     fast, _ = compared(capsys, ours, median, "--band", "pfv", "--threshold", 1, "--line", path)
-    assert 2290 <= fast["a"]["runout_m"] <= 2425
+    assert 2290 <= fast["a"]["farthest_along_line_m"] <= 2425
     assert 34 <= next(band["peak_a"] for band in fast["bands"] if band["a"] == "pfv") <= 42
 
 
@@ -453,7 +557,7 @@ def test_an_observed_outline_tells_what_is_over_and_underestimated_and_how_far_a
     assert facts[f"only_{only_outline}_m2"] == pytest.approx(circles[1].area - lens, rel=0.02)
     assert facts["iou"] == pytest.approx(lens / (2 * circles[0].area - lens), rel=0.01)
     assert facts["observed_reached"] == pytest.approx(lens / circles[1].area, rel=0.01)
-    ahead = facts[only_outline]["runout_m"] - facts[only_result]["runout_m"]
+    ahead = facts[only_outline]["farthest_along_line_m"] - facts[only_result]["farthest_along_line_m"]
     assert ahead == pytest.approx(40, abs=2)
     distances = facts["outline_distance_m"]
     assert distances["largest"] == pytest.approx(40, abs=2)

@@ -42,7 +42,7 @@ def test_a_screen_for_people(seed, capsys):
     assert said["mass"].strip() == "123450.0 kg"
     assert said["CRS"].strip() == "none"
     assert said["largest speed now"].strip() == "3.4641 m s-1"
-    assert said["column thickness"].strip() == "1 to 1 m" and said["column area"].strip() == "0.01 to 0.01 m2"
+    assert said["column thickness, vertical"].strip() == "1 to 1 m" and said["column area"].strip() == "0.01 to 0.01 m2"
     assert "largest speed so far" not in said
 
 
@@ -62,7 +62,7 @@ def test_a_frame_tells_its_own_speed_from_that_of_every_step(seed, capsys):
     for path in (seed.parent / "frame_000000.h5", seed.parent):
         said = told(path, capsys)
         assert (said["largest speed now"], said["largest speed so far"]) == ("3.4641 m s-1", "31.5 m s-1")
-        assert said["largest thickness so far"] == "4 m"
+        assert said["largest thickness so far, vertical"] == "4 m"
 
 
 def test_places_are_told_in_the_maps_own_unit(tmp_path, capsys):

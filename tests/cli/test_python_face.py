@@ -120,6 +120,23 @@ def test_frames_are_averaged_as_the_export_does(site):
     assert np.allclose(coarse, averaged.mass.sum(("x", "y")) * 100.0, rtol=1e-6)
 
 
+def test_the_folder_of_a_run_has_the_maxima_that_its_solver_kept(site):
+    scene = (site / "scene.toml").read_text() + "maxima = true\n"
+    (site / "peaks.toml").write_text(scene)
+    mpmgis.run(site / "peaks.toml", site / "peaks")
+    mpmgis.export_raster(site / "peaks", site / "peaks_gis", qgis=False)
+    ours, exported = mpmgis.open_results(site / "peaks"), mpmgis.open_results(site / "peaks_gis")
+    for name in ("h_max", "t_max", "Ut_max", "p_max", "t_arrival"):
+        assert hasattr(ours[name].data, "dask") and ours[name].dims == ("y", "x")
+        assert ours[name].attrs["units"] == exported[name].attrs["units"]
+    both = ours.h_max.notnull() & exported.h_max.notnull()
+    assert float((exported.h_max - ours.h_max).where(both).min()) >= -1e-6  # frames may add, never take away
+    assert float((exported.h_max == ours.h_max).where(both).mean()) > 0.3
+    assert {"Ut_max", "t_arrival"}.isdisjoint(mpmgis.open_results(site / "peaks", min_depth=0.2))
+    assert "h_max" not in mpmgis.open_results(site / "results")
+    assert "h_max" not in mpmgis.depth_average(sorted((site / "peaks").glob("*.h5"))[-1])
+
+
 def test_one_frame_of_ones_own(site):
     path = sorted((site / "results").glob("*.h5"))[3]
     at_once = mpmgis.depth_average(path, products=("mass",))

@@ -100,7 +100,7 @@ def test_what_rasters_cannot_answer_is_refused_in_one_line(tmp_path, export, oth
         (("timeseries", other_code, *dem, "--at", "1,2"), "tell nothing over time"),
         (("vertical", other_code, *dem, "--at", "1,2"), "names rasters"),
         (("intensity", f"{other_code}_pft.tif", "--guideline", "swiss-debris-flow"), "the beginning of their names"),
-        (("intensity", other_code, "--guideline", "austrian-torrent-deposit"), "no deposit_h"),
+        (("intensity", other_code, "--guideline", "austrian-torrent-deposit"), "no h_deposit"),
     ):
         assert ask(*arguments) == 2, arguments
         message = capsys.readouterr().err

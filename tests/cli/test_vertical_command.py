@@ -6,6 +6,7 @@ from block_frames import DENSITY, MIDDLE, THICKNESS, table, write_block_run
 from slope_site import SOUTH, WEST
 
 from mpmgis.cli.main import main
+from mpmgis.fields import GRAVITY
 
 SPEED = 6.0
 AT = f"{WEST + 600},{SOUTH + MIDDLE}"  # on level ground
@@ -18,9 +19,14 @@ def test_a_block_has_the_force_of_its_momentum(tmp_path, capsys):
     folder = tmp_path / "run_vertical"
     assert shown[-3:] == [str(folder / name) for name in ("vertical.png", "vertical.csv", "loads.csv")]
     (load,) = table(folder / "loads.csv")
-    assert float(load["force_per_width_N_m"]) == pytest.approx(DENSITY * THICKNESS * SPEED**2, rel=1e-6)
+    assert float(load["momentum_flux_per_width_N_m"]) == pytest.approx(DENSITY * THICKNESS * SPEED**2, rel=1e-6)
     rows = table(folder / "vertical.csv")
     assert sum(float(row["density_kg_m3"]) * 0.5 for row in rows) == pytest.approx(DENSITY * THICKNESS, rel=1e-6)
+    middles = [0.5 * (float(row["height_from_m"]) + float(row["height_to_m"])) for row in rows]
+    weight = [GRAVITY * 0.5 * float(row["density_kg_m3"]) for row in rows]
+    moment = sum(middle * part for middle, part in zip(middles, weight, strict=True))  # the integral of what lies above
+    assert float(load["overburden_force_per_width_N_m"]) == pytest.approx(moment, rel=1e-6)
+    assert float(rows[0]["overburden_Pa"]) == pytest.approx(sum(weight) - 0.5 * weight[0], rel=1e-6)
     held = [row for row in rows if row["Ut_m_s"]]
     assert all(float(row["Ut_m_s"]) == pytest.approx(SPEED) for row in held)
     assert sum(int(row["particles"]) for row in rows) == 8 * 8 * 4

@@ -106,6 +106,21 @@ def lifted(points, height=0.0, speed=0.0, east=40.0):
     return dataclasses.replace(points, particles=particles), up
 
 
+@pytest.mark.parametrize("spacing", [0.3, 1.0, 2.9, 5.0, 20.0])
+@pytest.mark.parametrize("thickness", [0.5, 3.0, 9.0])
+def test_columns_of_few_points_come_back_whatever_the_spacing(thickness, spacing):
+    """Down to one point a column, which then stands half the thickness above the bed."""
+    ground = terrain_of(slope())
+    columns = columns_on(ground, thickness)
+    points = columns_to_points(columns, ground, PointOptions(spacing=spacing)).frame
+    back = points_to_columns(points, ground).frame.particles
+    np.testing.assert_allclose(back.thickness, columns.particles.thickness, rtol=1e-9)
+    np.testing.assert_allclose(back.area, columns.particles.area, rtol=1e-9)
+    flying = lifted(points, 4.0 * spacing + thickness + 20.0, 0.0)[0]
+    with pytest.raises(InputError, match="clear of the bed"):
+        points_to_columns(flying, ground)
+
+
 @pytest.mark.parametrize(("height", "speed"), [(3.0, 0.0), (0.0, 4.0)])
 @pytest.mark.parametrize("by", ["parent", "cell"])
 def test_what_has_left_the_bed(height, speed, by):

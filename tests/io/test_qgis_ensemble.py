@@ -43,7 +43,7 @@ def test_the_project_opens_with_a_probability_over_the_terrain(maps):
     assert all(valid and placed for _, valid, placed in project["layers"])
     assert len(project["layers"]) == sum(map(len, maps.bands.values())) + 2
     assert [name for name in project["visible"] if "robability" in name or "largest" in name] == [
-        "probability that the largest flow depth is at least 0.5 m P_h_0.5"
+        "probability that the largest flow depth (normal) is at least 0.5 m P_h_0.5"
     ]
     assert project["map_title"][0] == "ensemble: 6 runs"
     for raster, bands in maps.bands.items():

@@ -10,7 +10,7 @@ from qgis_python import report_of
 
 pytestmark = pytest.mark.qgis
 HERE = Path(__file__).parent
-MOVING = {"flow depth h (m)", "outline of the flow", "velocity arrows"}
+MOVING = {"flow depth (normal) h (m)", "outline of the flow", "velocity arrows"}
 
 
 def look(run, *files):

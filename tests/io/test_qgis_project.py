@@ -147,7 +147,7 @@ def test_title_tells_simulated_time(root):
 def test_layer_names_are_words_with_units(root):
     names = {layer.findtext("layername") for layer in layers(root)}
     assert {
-        "flow depth h (m)",
+        "flow depth (normal) h (m)",
         "speed along the slope Ut (m/s)",
         "velocity normal to the slope Un (m/s; + away from it, - into it)",
         "largest impact pressure p_max (kPa)",

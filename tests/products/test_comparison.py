@@ -148,9 +148,9 @@ def test_bands_of_one_name_go_before_equivalents():
 
 
 def test_the_footprint_is_of_peak_thickness_unless_asked_otherwise():
-    pairs = matched_bands(("Ut_max", "h_max", "deposit_h"), ("Ut_max", "h_max", "deposit_h"))
+    pairs = matched_bands(("Ut_max", "h_max", "h_deposit"), ("Ut_max", "h_max", "h_deposit"))
     assert footprint_bands(pairs) == ("h_max", "h_max")
-    assert footprint_bands(pairs, "deposit_h") == ("deposit_h", "deposit_h")
+    assert footprint_bands(pairs, "h_deposit") == ("h_deposit", "h_deposit")
     assert footprint_bands(matched_bands(("h_max", "Ut_max"), ("pft", "pfv")), "pfv") == ("Ut_max", "pfv")
     assert footprint_bands(matched_bands(("h_max", "Ut_max"), ()), complete=False) == ("h_max", None)
     assert footprint_bands(matched_bands((), ("h_max",)), complete=False) == (None, "h_max")

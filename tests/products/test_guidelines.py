@@ -12,7 +12,7 @@ def classes(name, h=0.2, v=0.1, p=0.0, deposit=0.0):
     """Class names of cells with these largest values [m, m/s, kPa, m]."""
     guideline = read_guidelines()[name]
     values = np.broadcast_arrays(*np.atleast_1d(h, v, p, deposit))
-    bands = {"h_max": values[0], "Ut_max": values[1], "p_max": values[2] * 1000.0, "deposit_h": values[3]}
+    bands = {"h_max": values[0], "Ut_max": values[1], "p_max": values[2] * 1000.0, "h_deposit": values[3]}
     bands = {band: np.array(value, float)[None] for band, value in bands.items()}
     numbers = classify(guideline, bands, np.ones(bands["h_max"].shape, bool))
     return [guideline.classes[k - 1].name for k in numbers[0]]

@@ -2,12 +2,15 @@
 
 from collections import defaultdict
 
-from mpmgis.products.run_account import account
+import pytest
+
+from mpmgis.products.run_account import account, extreme_lines, extremes
 
 
 def balances(**told):
     """Balances that are 0 but for what is told."""
-    return defaultdict(float, {"barriers": {}, "mass_start": 200.0, "mass_released": 200.0} | told)
+    places = {"thickness_max_at": [600000.0, 5100000.0], "speed_max_at": [600010.0, 5100020.0]}
+    return defaultdict(float, {"barriers": {}, "mass_start": 200.0, "mass_released": 200.0} | places | told)
 
 
 def test_points_that_were_laid_back_are_told_by_their_share_of_the_mass():
@@ -74,3 +77,34 @@ def test_what_is_beyond_the_model_is_told_from_its_thresholds_on():
     assert any("6 % of the mass would have left the ground" in line for line in lines)
     assert any("0.4 % of the mass was held to the speed" in line for line in lines)
     assert not any("beyond the model" in line for line in account(balances(airborne_share_max=0.05), "columns"))
+
+
+@pytest.mark.parametrize("solver", ["columns", "points"])
+def test_largest_thickness_and_speed_have_their_place_and_time(solver):
+    told = balances(thickness_max=3.25, thickness_max_time=4.0, speed_max=21.5, speed_max_time=7.25, mach_max=0.1)
+    lines = account(told, solver)
+    for said in (
+        "largest vertical thickness 3.25 m at E 600000.0 N 5100000.0, t = 4.0 s",
+        "largest speed 21.5 m/s at E 600010.0 N 5100020.0, t = 7.2 s",
+    ):
+        assert any(line.startswith(said) for line in lines)
+
+
+@pytest.mark.parametrize("solver", ["columns", "points"])
+@pytest.mark.parametrize(("share", "flagged"), [(0.45, False), (1.0, False), (1.1, True)])
+def test_a_speed_beyond_what_a_fall_gives_is_flagged(solver, share, flagged):
+    lines = account(balances(speed_bound_ratio=share), solver)
+    assert any("beyond the model" in line and "110 %" in line for line in lines) == flagged
+    assert any("45 % of" in line for line in lines) == (share == 0.45)
+
+
+def test_the_extremes_of_stages_are_the_largest_of_them_and_of_columns_outside():
+    def part(thickness, speed):
+        at = {"thickness_max_at": [1.0, thickness], "speed_max_at": [2.0, speed]}
+        return at | {"thickness_max": thickness, "speed_max": speed, "thickness_max_time": 5.0, "speed_max_time": 6.0}
+
+    found = extremes([part(3.0, 4.0), part(2.0, 5.0) | {"outside_columns": part(3.5, 1.0)}, {"mass_start": 1.0}])
+    assert found["thickness"] == {"value": 3.5, "at": [1.0, 3.5], "time": 5.0, "stage": 2}
+    assert found["speed"] == {"value": 5.0, "at": [2.0, 5.0], "time": 6.0, "stage": 2}
+    assert extreme_lines(found)[1] == "largest speed along the ground of all stages: 5.00 m/s at E 2.0 N 5.0, t = 6.0 s"
+    assert extremes([{"mass_start": 1.0}]) == {} and extreme_lines({}) == []

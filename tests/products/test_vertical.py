@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from affine import Affine
 
+from mpmgis.fields import GRAVITY
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
 from mpmgis.particles import Frame, Particles
@@ -45,8 +46,12 @@ def test_a_uniform_column_has_its_density_and_speed_in_every_layer_of_any_height
     assert found.density[full] == pytest.approx(DENSITY, rel=1e-9)
     assert found.parallel[full] == pytest.approx(6.0) and found.normal[full] == pytest.approx(0, abs=1e-9)
     assert found.pressure[full] == pytest.approx(DENSITY * 36)
-    assert found.force == pytest.approx(DENSITY * 36 * 4.0 * UP, rel=1e-9)
-    assert found.height_of_force == pytest.approx(2.0 * UP, abs=layer / 2)
+    assert found.momentum_flux[0] == pytest.approx(DENSITY * 36 * 4.0 * UP, rel=1e-9)
+    assert found.momentum_flux[1] == pytest.approx(2.0 * UP, abs=layer / 2)
+    gravity = GRAVITY * UP  # across the slope
+    assert found.overburden_force[0] == pytest.approx(0.5 * DENSITY * gravity * (4.0 * UP) ** 2, rel=2 * layer**2 / 16)
+    assert found.overburden_force[1] == pytest.approx(4.0 * UP / 3, abs=layer / 2)
+    assert found.overburden[0] == pytest.approx(DENSITY * gravity * (4.0 * UP - 0.5 * layer), rel=1e-9)
     assert found.depth == pytest.approx(3.75 * UP)
     assert (found.density * np.diff(found.edges)).sum() == pytest.approx(DENSITY * 4.0 * UP)
 
@@ -57,7 +62,7 @@ def test_a_sheared_column_has_its_force_to_the_second_order_of_the_spacing():
         frame = column(4.0 * UP, spacing, lambda d: 2.0 * d)
         (found,) = vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, spacing * UP)
         exact = DENSITY * 4.0 * (4.0 * UP) ** 3 / 3  # integral of density (2 d)^2
-        errors.append(abs(found.force / exact - 1))
+        errors.append(abs(found.momentum_flux[0] / exact - 1))
         middles = 0.5 * (found.edges[1:] + found.edges[:-1])
         held = found.count > 0
         assert found.parallel[held] == pytest.approx(2.0 * middles[held])
@@ -68,13 +73,13 @@ def test_what_is_loosened_is_lighter_and_pushes_less():
     dense, loose = (column(3.0, 0.5, lambda d: 5.0 + 0 * d, factor) for factor in (1.0, 2.0))
     (first,), (second,) = (vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5) for frame in (dense, loose))
     assert second.density == pytest.approx(0.5 * first.density)
-    assert second.force == pytest.approx(0.5 * first.force)
+    assert second.momentum_flux[0] == pytest.approx(0.5 * first.momentum_flux[0])
 
 
 def test_nothing_there_is_a_profile_of_nothing():
     (found,) = vertical_profiles(column(3.0, 0.5), bed(), DENSITY, np.array([[10.0, 10.0]]), WIDTH, 0.5)
-    assert (found.count.sum(), found.depth, found.force) == (0, 0.0, 0.0)
-    assert math.isnan(found.height_of_force) and np.isnan(found.parallel).all()
+    assert (found.count.sum(), found.depth, found.momentum_flux[0]) == (0, 0.0, 0.0)
+    assert math.isnan(found.momentum_flux[1]) and np.isnan(found.parallel).all()
 
 
 def test_points_below_the_bed_are_counted_below_it():
@@ -93,5 +98,6 @@ def test_layers_without_end_are_refused():
 def test_where_nothing_flows_there_is_no_load():
     (found,) = vertical_profiles(column(4.0 * UP, 0.5), bed(), DENSITY, np.array([[20.0, 20.0]]), WIDTH, 0.5)
     of_all = VerticalFound("still", ("here",), np.array([20.0]), np.array([20.0]), WIDTH, ([found],))
-    ((*_, depth, force, height, largest),) = of_all.load_rows()
-    assert (depth, force, largest) == (0.0, 0.0, 0.0) and math.isnan(height)
+    ((*_, depth, force, height, largest, weight, height_of_weight),) = of_all.load_rows()
+    assert (depth, force, largest, weight) == (0.0, 0.0, 0.0, 0.0)
+    assert math.isnan(height) and math.isnan(height_of_weight)
