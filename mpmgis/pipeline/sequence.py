@@ -42,7 +42,7 @@ class Sequence:
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
-        self.solver, self._resumed = prepared.solver(), False
+        self.solver, self._resumed, self._march = prepared.solver(), False, None
         self._end = self._stage_end()
 
     @property
@@ -55,11 +55,17 @@ class Sequence:
         """Number of steps taken, in all stages."""
         return sum(stage["steps"] for stage in self.past) + self.solver.step
 
+    @property
+    def stepped(self):
+        """(wall time [s], particle-steps, steps) of the steps of the stage now, of those since a restart."""
+        march = self._march
+        return (march.step_seconds, march.particle_steps, march.steps) if march else (0.0, 0, 0)
+
     def __iter__(self):
         prepared = self.prepared
         output = prepared.scene.output
         while True:
-            march = March(
+            march = self._march = March(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
                 self._resumed, prepared.events, self._end,
             )  # fmt: skip
