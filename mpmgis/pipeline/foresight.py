@@ -159,7 +159,7 @@ def tried(prepared, threads, seconds, clock=perf_counter):
 
     What was compiled before is left apart. Nothing of the run is touched.
     """
-    short, first = _trial_seconds(seconds), prepared.stages[0]
+    short, first = min(PACE_SECONDS, max(TRIAL_SHARE * seconds, 0.1)), prepared.stages[0]
     steps, words, beside = {}, [], None
     _try(first, prepared.solver(), short, threads, steps, words)
     later = next((n for n, stage in enumerate(prepared.stages) if stage.scene.solver == "points"), 0)
@@ -174,11 +174,6 @@ def tried(prepared, threads, seconds, clock=perf_counter):
     if beside is None:
         beside = next(iter(steps.values()), 1.0)
     return Machine(steps, beside, _measured(words))
-
-
-def _trial_seconds(predicted):
-    """For how long [s] the pace of a solver is measured in a run that is predicted to take `predicted` [s]."""
-    return min(PACE_SECONDS, max(TRIAL_SHARE * predicted, 0.1))
 
 
 def _measured(words):
@@ -214,7 +209,7 @@ def _points_for(prepared, number):
 
 
 class OwnPace:
-    """Predicts a run anew from its own first steps, once for each solver: no step is taken for the prediction alone.
+    """Predicts a run anew from two seconds of its own steps, once for each solver: no step is taken for that alone.
 
     Parameters
     ----------
@@ -239,13 +234,13 @@ class OwnPace:
         """Take the pace of the `sequence`'s stage, if it is not known and enough of its steps are done."""
         name = sequence.stage.scene.solver
         seconds, particle_steps, steps = sequence.stepped
-        if name in self._steps or not steps or seconds < _trial_seconds(self._ahead.seconds):
+        if name in self._steps or not steps or seconds < PACE_SECONDS:
             return
         pace, precision = seconds / max(particle_steps, 1), sequence.stage.scene.numerics.precision
         particles = particle_steps / steps
         self._steps[name] = cost.slower_than_nominal(name, pace, particles, self._threads, precision)
         self._words.append(_pace_words(name, pace))
-        machine = Machine(dict(self._steps), next(iter(self._steps.values())), _measured(self._words))
+        machine = Machine(dict(self._steps), words=_measured(self._words))
         self.seconds = predicted_cost(self._prepared, self._threads, machine)
         if self.seconds >= TELL_FROM:
             longest = predicted_cost(self._prepared, self._threads, machine, longest=True)

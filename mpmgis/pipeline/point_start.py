@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+
 from ..conversion.account import account_of_points
 from ..conversion.starting import lying_in, point_options, points_from, standing
 from ..errors import InputError
@@ -11,8 +12,6 @@ from ..io.by_place import read_area
 from ..io.frames import read_frame
 from ..solvers.cost import require_memory_for_points
 from .sources import columns_of, placed_on, read_sources
-
-FEWEST_CELLS = 3.0  # that a flow should be thick for a 3D grid to see its shear
 
 
 @dataclass(frozen=True)
@@ -48,16 +47,8 @@ def read_point_start(scene, terrain, grid, say):
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        start = _points_of(path, terrain, cell_size, table.density, _window(scene, terrain, say), say)
-    else:
-        start = _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
-    thickness = float(np.average(start.seen.particles.thickness, weights=start.seen.particles.mass))
-    if thickness < FEWEST_CELLS * cell_size:
-        say(
-            f"the release is {thickness:.3g} m thick, {thickness / cell_size:.2g} cells of {cell_size:g} m: a 3D run "
-            f"wants {FEWEST_CELLS:g}; take a smaller [numerics] cell_size, or solver = 'columns'"
-        )
-    return start
+        return _points_of(path, terrain, cell_size, table.density, _window(scene, terrain, say), say)
+    return _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
 
 
 def _columns_of(scene, path, terrain, grid, say):

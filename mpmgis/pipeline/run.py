@@ -229,12 +229,13 @@ def march_into(folder, sequence, resumed, pace=None):
 
 
 def _record_of_stages(sequence):
-    """What a record tells of several stages: the effects of each, how those that are over ended, where the mass is."""
+    """What a record holds of several stages: effects and checks of each, how those that are over ended, the mass."""
     stages = sequence.prepared.stages
     if stages[0].table is None:
-        return {}
+        return sequence.checks
     effects = [[decision._asdict() for decision in stage.decisions] for stage in stages]
     told = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
+    told[sequence.number].update(sequence.checks)
     for stage, over in zip(told, sequence.past, strict=False):
         stage.update(over)
     return {"stages": told, "mass": sequence.mass_account()}
