@@ -12,6 +12,7 @@ import numpy as np
 from ..fields import GRAVITY
 
 PACKED = 1.2  # times its density, above which mass is packed
+PACKED_CELLS = 2.0  # side of the squares of the map in which that is taken: points of a fluid gather in single cells
 CLEARANCE = 0.25  # [cells] that points may lie lower than a lattice on the ground does; what slides lies 0.1 to 0.2 lower
 # Empty height under the lowest point of a column above which it hangs: half its own thickness, within these [cells].
 # What has fallen rests up to 1.4 cells high, of which half a point is its own.
@@ -54,9 +55,9 @@ class PointVolume:
 def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     """The PointVolume of a Frame of points.
 
-    A column is what a square of the map of `cell_size` holds. From its lowest point upwards the mass below a point
-    fills a height; where that is more than PACKED times the height at which the point lies, the point is packed. So a
-    point in the air above a packed layer hides nothing, and a thin layer counts as well as a deep one.
+    In a square of the map of PACKED_CELLS cells the points that lie no higher than a point fill a height; where that is
+    more than PACKED times the height at which the point lies, the point is packed. So a point in the air above a packed
+    layer hides nothing, and a thin layer counts as well as a deep one. What hangs is told by columns of single cells.
 
     Parameters
     ----------
@@ -83,29 +84,41 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     height, steep = height[known], np.hypot(1.0, np.nan_to_num(slope[known]))
     half = 0.5 * np.cbrt(np.asarray(particles.volume, float)[known])
     speed = np.sqrt((np.asarray(particles.velocity, float)[known] ** 2).sum(axis=1))
-    column = _column_numbers(x[known], y[known], cell_size)
-    order = np.lexsort((height, column))
-    column, first = column[order], np.flatnonzero(np.diff(column[order], prepend=-1))
-    mass, height, steep, half, speed = (values[order] for values in (mass, height, steep, half, speed))
-    below = np.cumsum(mass)
-    below -= (below[first] - mass[first])[column]
-    filled = below / (density * cell_size**2)
     room = np.maximum(height, 0.0) + half + CLEARANCE * cell_size * steep
-    of_column = np.add.reduceat(mass, first)
-    gap = np.minimum.reduceat(height / steep, first) - half[first]
-    typical = np.add.reduceat(mass * speed, first) / of_column
-    falls = FALLING * np.sqrt(2.0 * gravity * np.maximum(gap, 0.0))
+    square = _columns(x[known], y[known], cell_size, PACKED_CELLS)
+    packed = _filled(square, height, mass / density) > PACKED * room * (PACKED_CELLS * cell_size) ** 2
+    column = _columns(x[known], y[known], cell_size, 1.0)
+    of_column = np.bincount(column, mass)
+    lowest = np.full(len(of_column), np.inf)
+    np.minimum.at(lowest, column, height / steep - half)
+    typical = np.bincount(column, mass * speed) / of_column
+    falls = FALLING * np.sqrt(2.0 * gravity * np.maximum(lowest, 0.0))
     thickness = of_column / (density * cell_size**2)
     allowed = np.clip(HANGING_SHARE_OF_DEPTH * thickness, *(cells * cell_size for cells in HANGING_CELLS))
-    hanging = (gap > allowed) & (typical < falls)
-    whole = mass.sum()
+    hanging, whole = (lowest > allowed) & (typical < falls), mass.sum()
     return PointVolume(
-        float(frame.time), float(whole), float(mass[filled > PACKED * room].sum() / whole),
-        float(of_column[hanging].sum() / whole), float((of_column * thickness).sum() / whole / cell_size),
+        float(frame.time), float(whole), float(mass[packed].sum() / whole), float(of_column[hanging].sum() / whole),
+        float((of_column * thickness).sum() / whole / cell_size),
     )  # fmt: skip
 
 
-def _column_numbers(x, y, cell_size):
-    """int64[n]: which square of `cell_size` [m] each point lies in, numbered from 0 without gaps."""
-    east, north = (np.floor((values - values.min()) / cell_size).astype(np.int64) for values in (x, y))
+def _filled(column, height, volume):
+    """float64[n] [m3]: the volume of the points of each one's column that lie no higher than it does."""
+    order = np.lexsort((height, column))
+    column = column[order]
+    first = np.flatnonzero(np.diff(column, prepend=-1))
+    below = np.cumsum(volume[order])
+    filled = np.empty(len(below))
+    filled[order] = below - (below[first] - volume[order][first])[column]
+    return filled
+
+
+def _columns(x, y, cell_size, cells):
+    """int64[n]: which square of so many `cells` of `cell_size` [m] each point lies in, numbered from 0 without gaps.
+
+    Squares begin a quarter of a cell before the first point, so that no points of a lattice lie on their edges.
+    """
+    east, north = (
+        np.floor(((values - values.min()) / cell_size + 0.25) / cells).astype(np.int64) for values in (x, y)
+    )
     return np.unique(north * (east.max() + 1) + east, return_inverse=True)[1].reshape(-1)
