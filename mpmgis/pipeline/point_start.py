@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-
 from ..conversion.account import account_of_points
 from ..conversion.starting import lying_in, point_options, points_from, standing
 from ..errors import InputError

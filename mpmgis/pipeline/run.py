@@ -225,7 +225,8 @@ def march_into(folder, sequence, resumed, pace=None):
     except InputError:  # at a switch
         record("refused")
         raise
-    return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed or pace is None else pace.seconds)
+    expected = None if resumed or pace is None else pace.seconds
+    return _summary(folder, sequence, sequence.reason, record("finished"), expected)
 
 
 def _record_of_stages(sequence):

@@ -52,17 +52,15 @@ def resolution_words(numbers):
     thin = f"{100 * numbers['thin_share']:.2g} % of the mass is thinner than {FEWEST_CELLS:g} cells"
     if not numbers["coarse"]:
         return f"{', '.join(words)}; {thin}"
-    return (
-        f"{', '.join(words)}: too coarse, a 3D run wants {FEWEST_CELLS:g}; {thin}; take a smaller cell_size, or solver = "
-        "'columns'"
-    )
+    cure = "take a smaller cell_size, or solver = 'columns'"
+    return f"{', '.join(words)}: too coarse, a 3D run wants {FEWEST_CELLS:g}; {thin}; {cure}"
 
 
 def volume_words(numbers):
     """One sentence about a PointVolume `as_numbers`."""
     found = (
-        f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.2g} % of the mass is packed "
-        f"beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.2g} % hangs off the bed at rest"
+        f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.2g} % of the mass is "
+        f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
     )
     if numbers["kept"]:
         return f"{found}: kept"

@@ -15,7 +15,7 @@ DENSITY, ALONG = 1500.0, 6  # [kg m-3]; cells along either side of a layer
 def layer(cells, cell_size=1.0, along=2, shift=(0.0, 0.0), speed=0.0):
     """(frame, heights) of a layer `cells` deep with `along` points along a cell's side, its columns at `shift`."""
     spacing = cell_size / along
-    levels = max(int(round(cells * along)), 1)
+    levels = max(round(cells * along), 1)
     across = spacing * (np.arange(ALONG * along) + 0.5)
     x, y, k = (part.ravel() for part in np.meshgrid(across, across, np.arange(levels), indexing="ij"))
     height = (k + 0.5) * cells * cell_size / levels
@@ -55,7 +55,7 @@ def test_a_layer_crushed_to_a_third_of_its_height_is_found(cells, cell_size):
 @settings(deadline=None, max_examples=40)
 @given(depths, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
 def test_a_layer_at_rest_above_its_bed_is_found(cells, cell_size, slope):
-    """A gap of 1.6 cells along the normal, however steep the ground; one that falls or slides that fast is in flight."""
+    """A gap of 1.6 cells along the normal, however steep the ground; what falls or slides that fast is in flight."""
     lifted = 1.6 * cell_size * np.hypot(1.0, slope) + 0.5 * cell_size
     for speed, share in ((0.0, 1.0), (np.sqrt(2 * 9.81 * 1.6 * cell_size), 0.0)):
         frame, height = layer(cells, cell_size, speed=speed)
@@ -64,7 +64,7 @@ def test_a_layer_at_rest_above_its_bed_is_found(cells, cell_size, slope):
 
 
 def test_a_gap_is_measured_against_the_depth_of_what_hangs():
-    """0.7 cells under a deep layer is where fallen material rests; under a layer of one cell it is most of its depth."""
+    """0.7 cells under a deep layer is where fallen material rests; under one of one cell it is most of its depth."""
     for cells, share in ((4.0, 0.0), (1.0, 1.0)):
         frame, height = layer(cells)
         assert found(frame, height + 0.7).hanging_share == pytest.approx(share)
