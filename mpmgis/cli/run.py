@@ -19,7 +19,10 @@ def add_arguments(parser):
     parser.add_argument("--overwrite", action="store_true", help="replace the frames of an earlier run in that folder")
     parser.add_argument("--resume", action="store_true", help="go on after the last whole frame in that folder")
     parser.add_argument(
-        "--threads", type=int, metavar="N", help="processor threads (default: by the particles); same result"
+        "--threads",
+        type=int,
+        metavar="N",
+        help="processor threads (default: one for every 10 000 particles, at most all); same result",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask about predicted time and memory")
     parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")

@@ -50,7 +50,12 @@ def add_arguments(parser):
         "--target-error", type=positive, metavar="E", help="print the settings for this error: 0.05 is 5 %%; reach in m"
     )
     parser.add_argument("--no-exports", dest="exports", action="store_false", help="leave cs_e and dt_e out")
-    parser.add_argument("--threads", type=count, metavar="N", help="processor threads (default: all)")
+    parser.add_argument(
+        "--threads",
+        type=count,
+        metavar="N",
+        help="processor threads (default: one for every 10 000 particles, at most all)",
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask about predicted time")
     parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
 

@@ -7,7 +7,6 @@ gaps in rows, which a 3D code takes for fractures. Of a column's stretch nothing
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError
 
 MOST_STRETCHED = 6.0  # length over width; more is the rim of a flow, not its inside
 SQUARE = 1.15  # length over width below which a footprint is a square, along the axes of the map
@@ -51,6 +50,8 @@ def stretched(x, y, area):
 
 def _moments(x, y, side):
     """(xx, xy, yy) of the sum of l d d^T for each column; None where there are too few to have neighbours."""
+    from scipy.spatial import Delaunay, QhullError  # a tenth of a second that a run of columns alone does not need
+
     points = np.column_stack([x, y])
     try:
         corners = Delaunay(points).simplices

@@ -20,7 +20,8 @@ from .raster import file_sha256
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
-_LISTS, _TABLES = ("effects", "stages", "troubles"), ("balances", "mass", "scene", "versions")  # of a record
+_LISTS = ("effects", "stages", "troubles")  # of a record
+_TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))

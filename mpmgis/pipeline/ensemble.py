@@ -24,9 +24,9 @@ from ..studies.statistics import MEMBER_BANDS, Products, exceedances
 from ..studies.variation import variation
 from .cluster import connected, cores, started, warm, worked
 from .ensemble_member import FIGURES, MemberTask, run_member, warm_worker, warmed
-from .foresight import foreseen
+from .foresight import duration, foreseen
 from .prepare import scene_to_prepare
-from .run import ASK_SECONDS, duration
+from .run import ASK_SECONDS
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 LEFT_OUT = ("unphysical", "refused", "lost")

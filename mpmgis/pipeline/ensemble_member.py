@@ -128,7 +128,7 @@ def _run(task, look):
         folder = RunFolder(kept, overwrite=True)
         with folder.held():
             folder.open()
-            march_into(folder, sequence, False, None)
+            march_into(folder, sequence, False)
     else:
         for _ in sequence:
             pass

@@ -1,4 +1,4 @@
-"""What a run will take, told before it begins: by what it is, and above a moment by a trial on this machine."""
+"""What a run will take: by what it is, before a long run by a trial on this machine, then by its own first steps."""
 
 from itertools import pairwise
 from time import perf_counter
@@ -14,6 +14,8 @@ from .rehearsal import handed_on, rehearse, some_of
 TRIAL_FROM = 0.5  # [s], predicted for a typical machine, above which this one is tried
 TRIAL_SHARE = 0.1  # of what is predicted that a trial of each solver takes, two seconds at most
 TRIAL_POINTS = 30_000  # that columns are converted to for a trial of a later stage
+TELL_FROM = 5.0  # [s], of a prediction from a run's own first steps that is worth a line
+LONGER = 1.1  # times what is expected of a run in stages, from which the longest time is given as well
 
 
 class Machine(NamedTuple):
@@ -40,16 +42,20 @@ class Foreseen(NamedTuple):
     rehearsed: bool
 
 
-def foreseen(prepared, threads, say=lambda text: None):
-    """The Foreseen of a prepared run; tries this machine where the run takes more than a moment."""
+def foreseen(prepared, threads, say=lambda text: None, trial_from=None):
+    """The Foreseen of a prepared run.
+
+    A run that may take longer than `trial_from` [s] (default TRIAL_FROM) on a typical machine is tried on this one.
+    """
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
-    machine = TYPICAL
-    tries = seconds > TRIAL_FROM and memory < cost.MEMORY_SHARE * available_memory()
+    machine, longest = TYPICAL, predicted_cost(prepared, threads, longest=True)
+    trial_from = TRIAL_FROM if trial_from is None else trial_from
+    tries = longest > trial_from and memory < cost.MEMORY_SHARE * available_memory()
     if tries:
         rehearse(prepared, say)
         machine = tried(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
-    longest = predicted_cost(prepared, threads, machine, longest=True)
+        longest = predicted_cost(prepared, threads, machine, longest=True)
     return Foreseen(seconds, longest, memory, machine.words, tries)
 
 
@@ -167,8 +173,16 @@ def tried(prepared, threads, seconds, clock=perf_counter):
             _try(prepared.stages[later], solver, short, threads, steps, words)
     if beside is None:
         beside = next(iter(steps.values()), 1.0)
-    how = f", at {' and '.join(words)} and step as measured" if words else ""
-    return Machine(steps, beside, how)
+    return Machine(steps, beside, _measured(words))
+
+
+def _measured(words):
+    """How a prediction is known, from `words` about the pace of each solver."""
+    return f", at {' and '.join(words)} and step as measured" if words else ""
+
+
+def _pace_words(solver, pace):
+    return f"{1e9 * pace:.0f} ns a {solver.removesuffix('s')}"
 
 
 def _try(stage, solver, seconds, threads, steps, words):
@@ -178,7 +192,7 @@ def _try(stage, solver, seconds, threads, steps, words):
     pace = measured_pace(solver, seconds)
     if pace is not None:
         steps[name] = cost.slower_than_nominal(name, pace, particles, threads, stage.scene.numerics.precision)
-        words.append(f"{1e9 * pace:.0f} ns a {name.removesuffix('s')}")
+        words.append(_pace_words(name, pace))
 
 
 def _points_for(prepared, number):
@@ -192,3 +206,74 @@ def _points_for(prepared, number):
         return None
     solver = stage.solver(prepared.terrain, switched.frame, switched.vertical_stress, switched.gradient)
     return solver, solver.points
+
+
+class OwnPace:
+    """Predicts a run anew from two seconds of its own steps, once for each solver: no step is taken for that alone.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    threads : int
+    ahead : Foreseen
+        What was predicted before the first step.
+    say : callable
+        Gets the new prediction where that is TELL_FROM [s] or more.
+
+    Attributes
+    ----------
+    seconds : float [s]
+        What the run is predicted to take, by what is known now.
+    """
+
+    def __init__(self, prepared, threads, ahead, say):
+        self.seconds, self._ahead, self._say = ahead.seconds, ahead, say
+        self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
+
+    def look(self, sequence):
+        """Take the pace of the `sequence`'s stage, if it is not known and enough of its steps are done."""
+        name = sequence.stage.scene.solver
+        seconds, particle_steps, steps = sequence.stepped
+        if name in self._steps or not steps or seconds < PACE_SECONDS:
+            return
+        pace, precision = seconds / max(particle_steps, 1), sequence.stage.scene.numerics.precision
+        particles = particle_steps / steps
+        self._steps[name] = cost.slower_than_nominal(name, pace, particles, self._threads, precision)
+        self._words.append(_pace_words(name, pace))
+        machine = Machine(dict(self._steps), words=_measured(self._words))
+        self.seconds = predicted_cost(self._prepared, self._threads, machine)
+        if self.seconds >= TELL_FROM:
+            longest = predicted_cost(self._prepared, self._threads, machine, longest=True)
+            self._say(prediction(Foreseen(self.seconds, longest, self._ahead.memory, machine.words, True)))
+
+    def watching(self, sequence, watch):
+        """`watch` that looks at the pace of the `sequence`, too."""
+
+        def watching(now, end_time):
+            self.look(sequence)
+            watch(now, end_time)
+
+        return watching
+
+
+def prediction(ahead):
+    """A line about a Foreseen."""
+    return f"predicted: {need(ahead)}{ahead.how}{at_most(ahead)}"
+
+
+def need(ahead):
+    """Time and memory of a Foreseen in words."""
+    return f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
+
+
+def at_most(ahead):
+    """How long a run takes if each stage lasts as long as it may, where that is longer."""
+    longer = ahead.longest > LONGER * ahead.seconds
+    return f"; up to {duration(ahead.longest)}, by when its stages end" if longer else ""
+
+
+def duration(seconds):
+    """A wall time in words."""
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"

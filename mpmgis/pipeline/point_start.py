@@ -13,8 +13,6 @@ from ..scene.tables import DENSITY
 from ..solvers.cost import require_memory_for_points
 from .sources import columns_of, placed_on, read_sources
 
-FEWEST_CELLS = 3.0  # that a flow should be thick for a 3D grid to see its shear
-
 
 @dataclass(frozen=True)
 class PointStart:
@@ -49,16 +47,8 @@ def read_point_start(scene, terrain, grid, say):
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        start = _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain, say), say)
-    else:
-        start = _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
-    thickness = float(np.average(start.seen.particles.thickness, weights=start.seen.particles.mass))
-    if thickness < FEWEST_CELLS * cell_size:
-        say(
-            f"the release is {thickness:.3g} m thick, {thickness / cell_size:.2g} cells of {cell_size:g} m: a 3D run "
-            f"wants {FEWEST_CELLS:g}; take a smaller [numerics] cell_size, or solver = 'columns'"
-        )
-    return start
+        return _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain, say), say)
+    return _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
 
 
 def _columns_of(scene, path, terrain, grid, say):

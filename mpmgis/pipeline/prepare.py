@@ -28,6 +28,7 @@ from ..solvers.placing import levelled
 from ..solvers.points import PointNumerics
 from .places import read_places, trial_parameters
 from .point_start import read_point_start
+from .room import require_room
 from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
@@ -143,6 +144,7 @@ def prepare_scene(scene, say=lambda text: None):
     terrain, fill = _terrain(scene, say)
     scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
+    require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
     require_inflow_over(scene.stage, start.events)

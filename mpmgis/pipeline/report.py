@@ -15,7 +15,7 @@ from ..io.run_folder import SCENE_FILE, read_record, versions
 from ..io.runout_files import write_runout_plot
 from ..products.comparison import footprint, high_percentile, peak
 from ..products.report_content import Lines, Picture, Source, Table, figure_rows, section
-from ..products.run_account import account, extreme_lines
+from ..products.run_account import account, extreme_lines, resolution_words, volume_words
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .export_inputs import release_outlines
 from .opened_results import exported_peaks, open_flow, read_peaks
@@ -75,7 +75,7 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
             section("Result", _key_figures(request, gathered)),
             section("Maps", *_maps(gathered, Path(folder))),
             section("Runout", *_runout(gathered, Path(folder))),
-            section("Balances", _balances(gathered.record, gathered.flow)),
+            section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
             section("Warnings", _warnings(gathered)),
             section("Effects, and why", *_effects(gathered.record)),
             section("Parameters", Source(gathered.scene) if gathered.scene else None),
@@ -217,12 +217,33 @@ def _balances(record, flow):
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))
 
 
+def _checks(record):
+    """Lines of each stage of points: cells over the depth at its start, volume of its points at its end."""
+    lines, stages = [], record.get("stages") or [record]
+    for number, stage in enumerate(stages, start=1):
+        words = ((name, stage.get(name)) for name in _CHECKS)
+        found = [_check(name, numbers) for name, numbers in words if numbers]
+        lines += [f"stage {number}: {line}" for line in found] if len(stages) > 1 else found
+    return tuple(lines)
+
+
+def _check(name, numbers):
+    try:
+        return _CHECKS[name](numbers)
+    except (KeyError, TypeError, ValueError) as error:  # another version knew other numbers
+        return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
+
+
+_CHECKS = {"resolution": resolution_words, "volume": volume_words}
+
+
 def _warnings(gathered):
     """What went wrong or was assumed, of the run and of this reading of its frames."""
     record = gathered.record
     lines = [*(record.get("troubles") or ()), *gathered.notes]
     lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
     lines += [line for line in _balances(record, gathered.flow).texts if line.startswith("beyond the model")]
+    lines += [line for line in _checks(record) if "too coarse" in line]
     return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
 
 

@@ -20,7 +20,7 @@ from ..scene.tables import read_toml
 from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
-from .foresight import foreseen
+from .foresight import OwnPace, at_most, foreseen, need, prediction
 from .later_end import earlier_run, go_on, goes_on
 from .prepare import prepare
 from .rehearsal import rehearse
@@ -30,7 +30,7 @@ ANEW, RESUMED, FINISHED = range(3)  # where a run starts
 PARTICLES_PER_THREAD = 10_000
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
 ASK_SECONDS = 3600.0
-LONGER = 1.1  # times what is expected of a run in stages, from which it is told how long it may take
+TRIAL_FROM = 0.1 * ASK_SECONDS  # [s] on a typical machine: none is ten times slower, so shorter runs need no question
 
 
 @dataclass(frozen=True)
@@ -63,33 +63,19 @@ def use_threads(particles, asked=None):
 def require_affordable(prepared, threads, confirm, say):
     """Tell what a run is predicted to take; refuse, or ask `confirm(question)`, over an hour or most of the memory.
 
-    What is more than a moment is predicted from a trial of its own steps, here and now. Answers the Foreseen.
+    A run that may come near to the question is predicted from a trial of its steps. Answers the Foreseen.
     """
-    ahead, available = foreseen(prepared, threads, say), available_memory()
-    need = f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
-    say(f"predicted: {need}{ahead.how}{_at_most(ahead)}")
+    ahead, available = foreseen(prepared, threads, say, TRIAL_FROM), available_memory()
+    say(prediction(ahead))
     if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
         return ahead
-    question = f"this run is predicted to take {need}{_at_most(ahead)} ({available / 1e9:.1f} GB are free)"
+    question = f"this run is predicted to take {need(ahead)}{at_most(ahead)} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give --yes to run it, or take larger cells {fewer}")
     return ahead
-
-
-def _at_most(ahead):
-    """What if each stage lasts as long as it may, where that is longer."""
-    longer = ahead.longest > LONGER * ahead.seconds
-    return f"; up to {duration(ahead.longest)}, by when its stages end" if longer else ""
-
-
-def duration(seconds):
-    """A wall time in words."""
-    if seconds < 100.0:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
 
 
 def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
@@ -123,7 +109,9 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     ahead = require_affordable(prepared, used, confirm, say)
     if not ahead.rehearsed:
         rehearse(prepared, say)
-    sequence = Sequence(prepared, _telling_mach(watch, say), say)
+    sequence, pace = Sequence(prepared, _telling_mach(watch, say), say), OwnPace(prepared, used, ahead, say)
+    if not ahead.rehearsed and not resume:
+        sequence.observe = pace.watching(sequence, sequence.observe)
     _tell_of_stages(prepared, say)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
     to_come = prepared.particles - len(prepared.frame.particles)
@@ -135,7 +123,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open()
         try:
-            return march_into(folder, sequence, start == RESUMED, ahead.seconds)
+            return march_into(folder, sequence, start == RESUMED, pace)
         except KeyboardInterrupt:
             say(f"{folder.path} holds what was computed until now; --resume goes on after its last whole frame")
             raise
@@ -218,8 +206,11 @@ def _summary(folder, sequence, reason, wall, expected=None):
     )  # fmt: skip
 
 
-def march_into(folder, sequence, resumed, expected):
-    """March and write into a RunFolder that is held; the record says at any moment how far the run is."""
+def march_into(folder, sequence, resumed, pace=None):
+    """March and write into a RunFolder that is held; the record says at any moment how far the run is.
+
+    `pace` is an OwnPace, whose prediction is recorded; None where there is none.
+    """
     prepared, began = sequence.prepared, time.perf_counter()
     barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
 
@@ -228,7 +219,7 @@ def march_into(folder, sequence, resumed, expected):
         folder.write_record(
             state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
-            predicted_seconds=expected, scene=prepared.scene.as_tables(),
+            predicted_seconds=None if pace is None else pace.seconds, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in prepared.decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
             extremes=extremes(sequence.balances()), events=prepared.events.record(), troubles=sequence.troubles,
@@ -258,7 +249,8 @@ def march_into(folder, sequence, resumed, expected):
     except InputError:  # at a switch
         record("refused")
         raise
-    return _summary(folder, sequence, sequence.reason, record("finished"), None if resumed else expected)
+    expected = None if resumed or pace is None else pace.seconds
+    return _summary(folder, sequence, sequence.reason, record("finished"), expected)
 
 
 def _record_of_nodata(prepared):
@@ -268,12 +260,13 @@ def _record_of_nodata(prepared):
 
 
 def _record_of_stages(sequence):
-    """What a record tells of several stages: the effects of each, how those that are over ended, where the mass is."""
+    """What a record holds of several stages: effects and checks of each, how those that are over ended, the mass."""
     stages = sequence.prepared.stages
     if stages[0].table is None:
-        return {}
+        return sequence.checks
     effects = [[decision._asdict() for decision in stage.decisions] for stage in stages]
     told = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
+    told[sequence.number].update(sequence.checks)
     for stage, over in zip(told, sequence.past, strict=False):
         stage.update(over)
     return {"stages": told, "mass": sequence.mass_account()}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FormatError, InputError
-from ..products.run_account import stood_still
+from ..products.run_account import resolution_words, stood_still, volume_words
 from ..solvers.coupled import parts_of
 from ..solvers.march import March
 
@@ -48,13 +48,17 @@ class Sequence:
         Why the run ended.
     particle_steps : int
     troubles : list of str
-        What went wrong and was got over with shorter steps; that nothing ever moved.
+        What went wrong and was got over with shorter steps; that nothing ever moved; that points lost volume.
+    checks : dict of dict
+        Of the stage now, if it is of points: `resolution`, how many cells stand over the depth at its start, and
+        `volume`, whether the points fill their volume at its end, in plain numbers.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
-        self.solver, self._resumed = prepared.solver(), False
+        self.checks = self._resolution(prepared.stages[0], prepared.seen)
+        self.solver, self._resumed, self._march = prepared.solver(), False, None
         self._end = self._stage_end()
 
     @property
@@ -67,11 +71,19 @@ class Sequence:
         """Number of steps taken, in all stages."""
         return sum(stage["steps"] for stage in self.past) + self.solver.step
 
+    @property
+    def stepped(self):
+        """(wall time [s], particle-steps, steps) of the steps of the stage now, of those since a restart."""
+        march = self._march
+        return (march.step_seconds, march.particle_steps, march.steps) if march else (0.0, 0, 0)
+
     def __iter__(self):
         prepared = self.prepared
         output = prepared.scene.output
+        if self.checks and not self._resumed:
+            self._say(resolution_words(self.checks["resolution"]))
         while True:
-            march = March(
+            march = self._march = March(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
                 self._resumed, prepared.events, self._end,
             )  # fmt: skip
@@ -84,8 +96,28 @@ class Sequence:
                 still = stood_still(self.balances())
                 if still:
                     self._tell_of([still])
+                self._check_volume()
                 return
             self._switch(march.switch)
+
+    @staticmethod
+    def _resolution(stage, columns):
+        """`checks` of a `stage` that begins with a Frame of columns, if they become its points."""
+        found = stage.resolution(columns) if stage.scene.solver == "points" else None
+        return {} if found is None else {"resolution": found.as_numbers()}
+
+    def _check_volume(self):
+        """Add to `checks` whether the points of a stage that ends fill their volume, and say it."""
+        stage, solver = self.stage, self.solver
+        if stage.scene.solver != "points":
+            return
+        points = solver.parts()[0] if stage.marches_outside else solver.frame()
+        volume = stage.volume(points, self.prepared.terrain).as_numbers()
+        if volume["kept"]:
+            self._say(volume_words(volume))
+        else:
+            self._tell_of([volume_words(volume)])
+        self.checks["volume"] = volume
 
     def _tell_of(self, troubles):
         """Say what the march got over since the frame before."""
@@ -100,7 +132,7 @@ class Sequence:
             return frame
         told = {
             "number": self.number, "past": self.past, "started": self.solver.started(),
-            "calm_since": self._end.calm_since,
+            "calm_since": self._end.calm_since, "checks": self.checks,
         }  # fmt: skip
         state = frame.state | {STATE: np.frombuffer(json.dumps(told).encode(), np.uint8)}
         return replace(frame, step=self.steps, state=state)
@@ -120,7 +152,7 @@ class Sequence:
 
     def _restore_stage(self, frame):
         told = _told_by(frame)
-        self.number, self.past = told["number"], told["past"]
+        self.number, self.past, self.checks = told["number"], told["past"], told.get("checks", {})
         self._end = self._stage_end()
         self._end.calm_since = told["calm_since"]
         if self.number:
@@ -174,13 +206,17 @@ class Sequence:
             switched = after.switched_from(before, replace(frame, maxima={}), terrain, beside)
         except InputError as error:
             raise type(error)(f"{where}, but {error}") from error
+        self._check_volume()
         self.past.append({
             "solver": before.scene.solver, "time": frame.time, "steps": solver.step, "reason": why,
             "balances": solver.balances(), "switch": switched.account.as_numbers(),
-        })  # fmt: skip
+        } | self.checks)  # fmt: skip
         self._say(f"{where}: {why}")
         for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
             self._say(f"  {line}")
+        self.checks = self._resolution(after, frame)
+        if self.checks:
+            self._say(f"  {resolution_words(self.checks['resolution'])}")
         self.number += 1
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()

@@ -13,6 +13,8 @@ from ..conversion.switching import switch_to_columns, switch_to_points
 from ..errors import SceneError
 from ..geo.nodata import NodataInReach
 from ..io.by_place import read_area
+from ..products.bed import Bed, place
+from ..products.point_volume import point_volume
 from ..scene.stages import CLIFF, WALLS
 from ..scene.tables import StageTable
 from ..solvers.columns import ColumnSolver
@@ -21,6 +23,7 @@ from ..solvers.coupled import CoupledSolver
 from ..solvers.grid import ColumnGrid
 from ..solvers.places import Places
 from ..solvers.points import PointSolver
+from ..solvers.resolution import resolution_of
 from ..solvers.stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
@@ -124,6 +127,26 @@ class Stage:
         options = self.point_options()
         require_memory_for_points(options.predicted_points(frame.particles), options.cell)
         return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
+
+    def resolution(self, columns):
+        """The Resolution, on its grid of points, of a Frame of columns that becomes points; None where none does."""
+        particles = columns.particles
+        if self.window is not None:
+            particles = particles.take(shapely.contains_xy(self.window, *columns.map_xy()))
+        height = self.facts.barrier_height if self.walls else None
+        return resolution_of(particles, self.grid.cell_size, height) if len(particles) else None
+
+    def volume(self, points, terrain):
+        """The PointVolume of a Frame of its points on `terrain`."""
+        x, y = points.map_xy()
+        if not len(x):
+            return point_volume(points, np.zeros(0), np.zeros(0), self.grid.cell_size, self.numerics.density)
+        near = terrain.cropped((x.min(), y.min(), x.max(), y.max()), 2)
+        bed = Bed.of(near)
+        placed = place(points, bed)
+        slope = np.hypot(*bed.gradient_by_pixel[placed.pixel].T)
+        height = placed.distance * np.hypot(1.0, slope)
+        return point_volume(points, height, slope, self.grid.cell_size, self.numerics.density)
 
     @property
     def marches_outside(self):

@@ -19,7 +19,7 @@ from ..studies.errors import NAMES, Errors, errors_against_exact, errors_of
 from ..studies.exports import ExportSetting, ExportSweep
 from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
-from ..studies.states import State, StudyCells, centre_of, outcome
+from ..studies.states import State, StudyCells, centre_of, outcomes
 from .foresight import predicted_cost, tried
 from .prepare import prepare, prepare_scene
 from .rehearsal import rehearse
@@ -118,21 +118,20 @@ def _study(request, confirm, say, watch):
         rehearse(base)
         return tried(base, threads, TRIAL_SECONDS)
 
-    def run(setting, repeats):
-        return outcome(
-            setting, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
-            times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]),
+    def run(settings, repeats, saying=lambda turn, number: None):
+        return outcomes(
+            settings, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
+            times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]), saying,
         )  # fmt: skip
+
+    def saying(turn, number):
+        say(f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}")
 
     truth = None
     if finer is not None:
         say(f"the reference: {finer.name}")
-        truth = run(finer, 1).states
-    rows = []
-    for number, setting in enumerate(settings, 1):
-        say(f"{number} of {len(settings)}: {setting.name}")
-        made = run(setting, request.repeats)
-        rows.append(Row(made, _errors(made.states, truth, exact)))
+        truth = run([finer], 1)[0].states
+    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, saying)]
     exports = _exports(base, say) if request.exports else ()
     cell = 0.0 if finer is None else finer.cell_size
     made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))

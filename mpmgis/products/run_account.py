@@ -3,6 +3,8 @@
 from math import inf, sqrt
 
 from ..fields import GRAVITY
+from ..scene.points import FEWEST_CELLS
+from .point_volume import PACKED
 
 AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
@@ -76,6 +78,37 @@ def extreme_lines(found):
 
 def _place(at, time):
     return f"at E {at[0]:.1f} N {at[1]:.1f}, t = {time:.1f} s"
+
+
+def resolution_words(numbers):
+    """One sentence about a Resolution `as_numbers`."""
+    size = numbers["cell_size"]
+    words = [
+        f"the flow is {numbers['thickness']:.3g} m thick, {numbers['cells_over_depth']:.2g} cells of {size:g} m over "
+        "its depth"
+    ]
+    if numbers.get("wall_height") is not None:
+        words.append(f"{numbers['cells_over_wall']:.2g} over the lowest wall of {numbers['wall_height']:.3g} m")
+    thin = f"{100 * numbers['thin_share']:.2g} % of the mass is thinner than {FEWEST_CELLS:g} cells"
+    if not numbers["coarse"]:
+        return f"{', '.join(words)}; {thin}"
+    cure = "take a smaller cell_size, or solver = 'columns'"
+    return f"{', '.join(words)}: too coarse, a 3D run wants {FEWEST_CELLS:g}; {thin}; {cure}"
+
+
+def volume_words(numbers):
+    """One sentence about a PointVolume `as_numbers`."""
+    found = (
+        f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.2g} % of the mass is "
+        f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
+    )
+    if numbers["kept"]:
+        return f"{found}: kept"
+    cells = f"{numbers['cells_over_depth']:.2g} cells over the depth"
+    return (
+        f"{found}: not kept, at {cells}; depths and deposits are wrong there, take smaller cells (a 3D run wants "
+        f"{FEWEST_CELLS:g} over the depth), or solver = 'columns'"
+    )
 
 
 def account(balances, solver, mass=None):

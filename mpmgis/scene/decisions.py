@@ -59,6 +59,7 @@ class TerrainFacts(NamedTuple):
     erodible_ratio: float | None = None  # erodible mass in reach over released mass
     barrier_distance: float | None = None  # [m] from reachable ground to the nearest barrier; 0: touched
     barrier_height_ratio: float | None = None  # lowest crest over h0 + U^2 / 2g there
+    barrier_height: float | None = None  # [m] of the lowest crest above the ground there
     inflow: tuple = ()  # (volume [m3], first and last time [s], batches) of the hydrograph
     secondary: tuple | None = None  # (mass of the secondary releases over the rest's, number of their areas)
     lake_ratio: float | None = None  # water in lakes over released volume

@@ -10,6 +10,7 @@ from .materials import least_internal_friction, made_material, made_softening, s
 from .placed import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
+FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D grid needs to see what happens there
 SCALED_MACH = 0.1  # what a scaled stiffness is made for: densities within 1 %
 COHESION_THRESHOLD = 0.02  # of the load of the release
 MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
@@ -153,6 +154,28 @@ def decide_contact(scene, facts, slots):
     if decision.state == "on":
         slots["contact"] = scene.laws[table.law][0](**table.parameters)
     return decision
+
+
+def decide_depth_cells(scene, facts, slots):
+    """Whether the cells resolve the depth of the release; a stage that begins later reports the flow's own."""
+    size = scene.numerics.cell_size
+    reason = f"cells of {size:g} m over the release's mean thickness of {facts.release_thickness:.3g} m"
+    return _resolved("cells_over_depth", facts.release_thickness / size, reason)
+
+
+def decide_wall_cells(scene, facts, slots):
+    """Whether the cells resolve the height of the lowest barrier in reach."""
+    height, size = facts.barrier_height, scene.numerics.cell_size
+    if height is None or "barrier" not in slots:
+        return not_called_for("cells_over_wall", "no barrier in reach")
+    reason = f"cells of {size:g} m over the lowest crest in reach, {height:.3g} m above the ground"
+    return _resolved("cells_over_wall", height / size, reason)
+
+
+def _resolved(name, cells, reason):
+    """A Decision that is on where there are enough `cells`."""
+    few = "" if cells > FEWEST_CELLS else "; too few for a 3D run: take a smaller cell_size, or solver = 'columns'"
+    return by_number(name, "auto", cells, FEWEST_CELLS, reason + few)
 
 
 def decide_point_barrier(scene, facts, slots):

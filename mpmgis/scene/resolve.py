@@ -5,6 +5,7 @@ from .ground import decide_curvature, decide_flight, decide_metric, decide_outfl
 from .placed import decide_barrier, decide_entrainment, decide_still_water, decide_zones
 from .points import (
     decide_contact,
+    decide_depth_cells,
     decide_elasticity,
     decide_fluid_viscosity,
     decide_material,
@@ -15,6 +16,7 @@ from .points import (
     decide_softening,
     decide_stiffness,
     decide_volume_correction,
+    decide_wall_cells,
 )
 from .resistance import (
     decide_bingham,
@@ -63,6 +65,8 @@ POINT_DECIDERS = (
     decide_point_drag,
     decide_zones,
     decide_point_barrier,
+    decide_depth_cells,
+    decide_wall_cells,
     decide_outflow,
 )
 # solver -> (its slots, who fills them)

@@ -13,6 +13,7 @@ BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, ord
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
 BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
+BYTES_PER_GRID_NODE = 110  # of a grid on the map while it is made (measured 105 with 1.1e8 nodes, 2026-11-22)
 BYTES_PER_START = 320  # of a point while columns become points
 BYTES_PER_SWITCHED = 640  # of a point while columns become points amid a run, or points columns (measured 2026-11-22)
 MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about

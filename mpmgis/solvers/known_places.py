@@ -134,7 +134,8 @@ class KnownByPlace:
                 for v, n in zip((row, column), reach.height.shape, strict=True))  # fmt: skip
         head = depth + np.maximum(np.nan_to_num(reach.height[i, j]), 0.0)
         above = self.wall_nodes.crest[touched] - self.grid.bed[touched]
-        return {"barrier_distance": 0.0, "barrier_height_ratio": float((above / np.maximum(head, 1e-6)).min())}
+        ratio = float((above / np.maximum(head, 1e-6)).min())
+        return {"barrier_distance": 0.0, "barrier_height_ratio": ratio, "barrier_height": float(above.min())}
 
     def _lake_volume(self):
         bed = self.grid.bed[1:-1, 1:-1]

@@ -26,8 +26,11 @@ class March:
     Attributes
     ----------
     reason, switch : str
+    steps : int
     particle_steps : int
         Sum over the steps of the particles there were.
+    step_seconds : float [s]
+        Wall time of the steps.
     troubles : list of str
         What went wrong and was got over with shorter steps.
 
@@ -44,7 +47,7 @@ class March:
         self.observe = observe or (lambda solver: None)
         self.resumed, self.events = resumed, events or Events()
         self.stage_end = stage_end or StageEnd()
-        self.reason, self.switch, self.particle_steps = "", "", 0
+        self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
         self._side, self._observed = marched(solver), 0.0
         self._guard = Guard(solver, self._side, self.events, self.stage_end)
 
@@ -113,7 +116,9 @@ class March:
             began, step, particles = wall_clock.perf_counter(), solver.step, side.particles
             code = side.advance(target, then, steps, over)
             spent, taken = wall_clock.perf_counter() - began, solver.step - step
+            self.steps += taken
             self.particle_steps += taken * particles
+            self.step_seconds += spent
             if code == side.RUNNING:
                 steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
             trouble = self._guard.trouble(code, code == side.REACHED_TIME and target == until)

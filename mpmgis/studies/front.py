@@ -1,4 +1,8 @@
-"""Which settings are worth their time, and which knob pays most next."""
+"""Which settings are worth their time, and which knob pays most next, as far as their times tell them apart.
+
+A time is given as the spread of its repeats, (least, most) [s]. Two settings whose spreads overlap are a tie: neither
+is quicker. Errors are the same in every repeat.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,27 +10,47 @@ from typing import NamedTuple
 import numpy as np
 
 NEAR_FRONT = 1.5  # a setting whose time is within this factor of the front's at its error is as good as on it
+LEAST_FALL = 0.05  # of the error, below which a setting counts as no more right than the scene's
 
 
-def on_front(seconds, errors):
-    """bool[n]: no other setting is both at least as quick and at least as right, and better in one of them."""
-    t, e = np.asarray(seconds, float), np.asarray(errors, float)
-    better = (t[None, :] <= t[:, None]) & (e[None, :] <= e[:, None])
-    strictly = (t[None, :] < t[:, None]) | (e[None, :] < e[:, None])
-    return np.isfinite(e) & ~(better & strictly).any(axis=1)
+def quicker(spreads):
+    """bool[n, n]: setting i takes less time than setting j, beyond the spread of both."""
+    least, most = np.asarray(spreads, float).reshape(-1, 2).T
+    return most[:, None] < least[None, :]
 
 
-def time_over_front(seconds, errors):
-    """float64[n]: time of each setting over that of the quickest one which is at least as right; 1 on the front."""
-    t, e = np.asarray(seconds, float), np.asarray(errors, float)
-    return np.array([t[k] / t[e <= e[k]].min() if np.isfinite(e[k]) else np.nan for k in range(len(t))])
+def ties(spreads):
+    """bool[n, n]: neither of the two settings is quicker; the diagonal is False."""
+    first = quicker(spreads)
+    return ~(first | first.T | np.eye(len(first), dtype=bool))
+
+
+def on_front(spreads, errors):
+    """bool[n]: no other setting is as right and quicker, or more right and as quick."""
+    e, first = np.asarray(errors, float), quicker(spreads)
+    beaten = (first & (e[:, None] <= e[None, :])) | (~first.T & (e[:, None] < e[None, :]))
+    return np.isfinite(e) & ~beaten.any(axis=0)
+
+
+def time_over_front(seconds, spreads, errors):
+    """float64[n]: time of each setting over that of the quickest one which is at least as right.
+
+    1 on the front, and where that one is a tie.
+    """
+    t, e, first = np.asarray(seconds, float), np.asarray(errors, float), quicker(spreads)
+    over = np.full(len(t), np.nan)
+    for k in np.flatnonzero(np.isfinite(e)):
+        better = first[:, k] & (e <= e[k])
+        over[k] = t[k] / t[better].min() if better.any() else 1.0
+    return over
 
 
 class Gain(NamedTuple):
     """What turning one knob from the scene's value brings.
 
-    setting: what is set to what, in words; time, error: those of the new setting over the scene's [1]; pays: logarithm
-    of the error's fall over that of the time's growth; infinite where both fall, 0 where the error does not.
+    setting: what is set to what, in words; time, error: those of the new setting over the scene's [1], `time` 1 where
+    they are a tie; pays: logarithm of the error's fall over that of the time's growth, infinite where the time does not
+    grow; least, most: of `pays`, by the spread of both times.
     """
 
     knob: str
@@ -34,16 +58,30 @@ class Gain(NamedTuple):
     time: float
     error: float
     pays: float
+    least: float
+    most: float
 
 
 def gains(base, others):
-    """Gains of the `others`, (knob, setting, seconds, error) each, over `base`, (seconds, error); best first."""
-    found = []
-    for knob, setting, seconds, error in others:
-        time, ratio = seconds / base[0], error / base[1] if base[1] > 0.0 else math.inf
-        if ratio < 1.0:
-            found.append(Gain(knob, setting, time, ratio, _pays(time, ratio)))
-    return sorted(found, key=lambda gain: -gain.pays)
+    """Gains of the `others`, (knob, setting, seconds, spread, error) each, over `base`, (seconds, spread, error).
+
+    Only of those whose error is smaller by LEAST_FALL and more; best first.
+    """
+    found, (whole, (base_least, base_most), base_error) = [], base
+    for knob, setting, seconds, (least, most), error in others:
+        ratio = error / base_error if base_error > 0.0 else math.inf
+        if not ratio <= 1.0 - LEAST_FALL:
+            continue
+        tie = least <= base_most and base_least <= most
+        time = 1.0 if tie else seconds / whole
+        ends = (1.0, 1.0) if tie else (most / base_least, least / base_most)
+        found.append(Gain(knob, setting, time, ratio, _pays(time, ratio), *(_pays(end, ratio) for end in ends)))
+    return sorted(found, key=lambda gain: (-gain.pays, gain.error))
+
+
+def alike(found):
+    """The first of the sorted Gains `found` and all whose `pays` its own does not exceed beyond the spread."""
+    return [gain for gain in found if gain is found[0] or gain.most >= found[0].least]
 
 
 def _pays(time, ratio):

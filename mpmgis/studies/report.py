@@ -9,7 +9,7 @@ import numpy as np
 from .beside import quickest_as_right
 from .convergence import fitted, stops_paying
 from .errors import NAMES, UNITS
-from .front import NEAR_FRONT, gains, on_front, time_over_front
+from .front import LEAST_FALL, NEAR_FRONT, alike, gains, on_front, ties, time_over_front
 from .knobs import cells_times, cost_power
 
 FARTHEST = 4.0  # times the finest cells that were run: so far a law is continued
@@ -59,6 +59,15 @@ class Study:
         return np.array([row.outcome.typical_seconds for row in self.rows])
 
     @cached_property
+    def spreads(self):
+        """float64[n, 2] [s]: least and most wall time of each row."""
+        return np.array([(min(row.outcome.seconds), max(row.outcome.seconds)) for row in self.rows])
+
+    def ties(self, k):
+        """Numbers of the rows whose times do not differ from that of row `k` beyond their spread."""
+        return np.flatnonzero(ties(self.spreads)[k])
+
+    @cached_property
     def raw_errors(self):
         """float64[n]: the error that decides, as it was taken."""
         return np.array([getattr(row.errors, self.measure) for row in self.rows])
@@ -94,22 +103,22 @@ class Study:
     @cached_property
     def front(self):
         """bool[n]: rows that no other beats."""
-        return on_front(self.seconds, self.errors)
+        return on_front(self.spreads, self.errors)
 
     @cached_property
     def over_front(self):
-        """float64[n]: time over that of the quickest row which is at least as right."""
-        return time_over_front(self.seconds, self.errors)
+        """float64[n]: time over that of the quickest row which is at least as right; 1 where that is a tie."""
+        return time_over_front(self.seconds, self.spreads, self.errors)
 
     @cached_property
     def gains(self):
         """Gains of each knob's other values over the scene's, best first."""
         others = [
-            (setting.knob, setting.name, self.seconds[k], self.errors[k])
+            (setting.knob, setting.name, self.seconds[k], self.spreads[k], self.errors[k])
             for k, setting in enumerate(row.outcome.setting for row in self.rows)
             if setting.knob not in ("scene", "several")
         ]
-        return gains((self.seconds[0], self.errors[0]), others)
+        return gains((self.seconds[0], self.spreads[0], self.errors[0]), others)
 
     @cached_property
     def stops_paying(self):
@@ -118,10 +127,15 @@ class Study:
         return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
 
     def choice(self, error):
-        """The Choice for an `error` of at most so much: the quickest row that reaches it, else from the law."""
+        """The Choice for an `error` of at most so much: the quickest row that reaches it, else from the law.
+
+        Of rows that tie with the quickest it is the one with the smallest error.
+        """
         reached = np.flatnonzero(self.errors <= error)
         if reached.size:
-            k = reached[np.argmin(self.seconds[reached])]
+            quickest = reached[np.argmin(self.seconds[reached])]
+            tied = np.intersect1d(reached, [quickest, *self.ties(quickest)])
+            k = tied[np.argmin(self.errors[tied])]
             changes = dict(self.rows[k].outcome.setting.changes)
             return Choice(changes, float(self.seconds[k]), float(self.errors[k]), False)
         if self.law is None or self.law.cell_size(error) * FARTHEST < self._finest():
@@ -138,7 +152,8 @@ class Study:
     def lines(self):
         """What follows, a sentence each."""
         return [
-            *self._law_lines(), *self._front_lines(), *self._gain_lines(), *self._cost_lines(), *self._beside_lines(),
+            *self._law_lines(), *self._front_lines(), *self._tie_lines(), *self._gain_lines(), *self._cost_lines(),
+            *self._beside_lines(),
         ]  # fmt: skip
 
     def _law_lines(self):
@@ -167,14 +182,23 @@ class Study:
             f"{best.outcome.setting.name}"
         ]
 
+    def _tie_lines(self):
+        if min(len(row.outcome.seconds) for row in self.rows) < 2:
+            return ["each setting was run once: how far its time spreads is not known, and ties are not seen"]
+        names = [self._name(k) for k in self.ties(0)]
+        return [f"ties in time with the scene's own settings, within the spread: {', '.join(names)}"] if names else []
+
     def _gain_lines(self):
         if not self.gains:
-            return ["no knob alone makes the scene more right"]
-        best = self.gains[0]
-        return [
-            f"the knob that pays most next: {best.setting}: {best.error:.2f} times the error for "
-            f"{best.time:.2f} times the time"
-        ]
+            return [f"no knob alone takes {100 * LEAST_FALL:g} % or more off the scene's error"]
+        best = alike(self.gains)
+        if len(best) == 1:
+            return [f"the knob that pays most next: {_gain_words(best[0])}"]
+        words = "; ".join(map(_gain_words, best))
+        return [f"the knobs that pay most next, a tie within the spread of their times: {words}"]
+
+    def _name(self, k):
+        return self.rows[k].outcome.setting.name
 
     def _cost_lines(self):
         ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
@@ -202,7 +226,7 @@ class Study:
 
     def summary(self):
         """(what, value in words) of what `lines` tell."""
-        best = self.gains[0] if self.gains else None
+        best = alike(self.gains) if self.gains else []
         size = self.stops_paying
         return [
             ("measure", self.measure),
@@ -212,7 +236,7 @@ class Study:
             ("time over the front", f"{self.over_front[0]:.2f}"),
             (
                 "pays most next",
-                "-" if best is None else f"{best.setting}: {best.error:.2f} x error, {best.time:.2f} x time",
+                " or ".join(f"{g.setting}: {g.error:.2f} x error, {g.time:.2f} x time" for g in best) or "-",
             ),
         ]
 
@@ -230,6 +254,7 @@ class Study:
             numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps, self.seconds[k],
             min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted, *errors,
             self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
+            "; ".join(self._name(other) for other in self.ties(k)),
         )  # fmt: skip
 
     def _record_beside(self, other, error):
@@ -262,7 +287,13 @@ RECORD_NAMES = (
     "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
     "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
     *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
+    "ties",
 )  # fmt: skip
+
+
+def _gain_words(gain):
+    same = "the same time" if gain.time == 1.0 else f"{gain.time:.2f} times the time"
+    return f"{gain.setting}: {gain.error:.2f} times the error for {same}"
 
 
 def value_words(measure, value):

@@ -1,6 +1,6 @@
 """One run of a study: how long its steps take, and what the flow is at some times, on cells that all runs share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -58,11 +58,15 @@ class Outcome:
         return float(np.median(self.seconds))
 
 
-def outcome(setting, prepare, rehearse, begin, cells, times, repeats, predict):
-    """Run a setting `repeats` times, rehearsed before so that compiling is apart.
+def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict, say=lambda turn, number: None):
+    """Run all `settings` in turns, `repeats` of them, each rehearsed before so that compiling is apart.
+
+    What the machine does beside slows whole turns and no setting more than another; every second turn goes backwards,
+    so that a machine that gets slower and slower does not either.
 
     Parameters
     ----------
+    settings : sequence of Setting
     prepare : callable
         Setting -> a prepared run, anew at each call.
     rehearse : callable
@@ -75,20 +79,34 @@ def outcome(setting, prepare, rehearse, begin, cells, times, repeats, predict):
         Ascending, the last the end.
     predict : callable
         prepared -> seconds.
+    say : callable
+        Told (turn, number of the setting) before each run, both from 0.
+
+    Returns
+    -------
+    list of Outcome
     """
+    found = [_rehearsed(setting, prepare, rehearse, predict) for setting in settings]
+    for turn in range(repeats):
+        order = range(len(found))
+        for number in order if turn % 2 == 0 else reversed(order):
+            say(turn, number)
+            flow = begin(prepare(settings[number]))
+            spent, states = _marched(flow, cells, times)
+            known = found[number]
+            found[number] = replace(
+                known, steps=flow.steps, particle_steps=flow.particle_steps, seconds=(*known.seconds, spent),
+                states=known.states or states, mass_error=float(flow.mass_error),
+            )  # fmt: skip
+    return found
+
+
+def _rehearsed(setting, prepare, rehearse, predict):
+    """The Outcome of a setting before its first run."""
     prepared = prepare(setting)
     began = perf_counter()
     rehearse(prepared)
-    compile_seconds, predicted = perf_counter() - began, predict(prepared)
-    seconds, states = [], ()
-    for _ in range(repeats):
-        flow = begin(prepare(setting))
-        spent, states = _marched(flow, cells, times)
-        seconds.append(spent)
-    return Outcome(
-        setting, prepared.particles, flow.steps, flow.particle_steps, tuple(seconds), compile_seconds, predicted,
-        states, float(flow.mass_error),
-    )  # fmt: skip
+    return Outcome(setting, prepared.particles, 0, 0, (), perf_counter() - began, predict(prepared), (), 0.0)
 
 
 def _marched(flow, cells, times):

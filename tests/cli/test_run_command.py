@@ -366,7 +366,7 @@ def test_a_run_says_before_what_it_will_take_and_after_what_it_took(site, capsys
 
 
 def test_a_longer_run_is_predicted_from_its_own_steps(site, capsys, monkeypatch):
-    monkeypatch.setattr("mpmgis.pipeline.foresight.TRIAL_FROM", 0.0)
+    monkeypatch.setattr("mpmgis.pipeline.run.TRIAL_FROM", 0.0)
     assert main(["run", str(site / "scene.toml")]) == 0
     measured = digests(site / "results")
     err = capsys.readouterr().err

@@ -2,13 +2,16 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mpmgis.errors import InputError
 from mpmgis.scene import scene_from_tables
-from mpmgis.studies import convergence, front, knobs
+from mpmgis.studies import convergence, front, knobs, states
 from mpmgis.studies.beside import quickest_as_right
 from mpmgis.studies.errors import errors_against_exact, errors_of
 from mpmgis.studies.states import State
@@ -63,16 +66,74 @@ def test_where_smaller_cells_stop_paying():
 
 def test_the_front_is_what_nothing_beats():
     seconds, errors = [1.0, 2.0, 4.0, 3.0, 2.0], [0.4, 0.2, 0.1, 0.3, 0.2]
-    assert front.on_front(seconds, errors).tolist() == [True, True, True, False, True]
-    assert front.time_over_front(seconds, errors).tolist() == [1.0, 1.0, 1.0, 1.5, 1.0]
-    assert front.on_front([1.0, 2.0], [np.nan, 0.1]).tolist() == [False, True]
+    exact = [(second, second) for second in seconds]
+    assert front.on_front(exact, errors).tolist() == [True, True, True, False, True]
+    assert front.time_over_front(seconds, exact, errors).tolist() == [1.0, 1.0, 1.0, 1.5, 1.0]
+    assert front.on_front([(1.0, 1.0), (2.0, 2.0)], [np.nan, 0.1]).tolist() == [False, True]
+
+
+def test_times_that_overlap_beat_nobody():
+    """4 s is as quick as 3 s where their repeats overlap: neither is beaten for its time, the less right one is."""
+    spreads = [(0.9, 1.1), (2.8, 3.9), (3.5, 4.4)]
+    assert front.ties(spreads).tolist() == [[False] * 3, [False, False, True], [False, True, False]]
+    assert front.on_front(spreads, [0.4, 0.2, 0.2]).tolist() == [True, True, True]
+    assert front.on_front(spreads, [0.4, 0.2, 0.1]).tolist() == [True, False, True]
+    assert front.on_front(spreads, [0.4, 0.1, 0.2]).tolist() == [True, True, False]
+    assert front.time_over_front([1.0, 3.0, 4.0], spreads, [0.4, 0.2, 0.2]).tolist() == [1.0, 1.0, 1.0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.tuples(st.floats(0.5, 0.99), st.floats(1.01, 2.0), st.floats(0.0, 1.0)), min_size=1, max_size=8))
+def test_no_advice_comes_of_noise_alone(rows):
+    """All settings take a second within their spread: none is over the front, and no gain costs or saves time."""
+    spreads, errors = [row[:2] for row in rows], [row[2] for row in rows]
+    assert front.time_over_front([sum(spread) / 2 for spread in spreads], spreads, errors).tolist() == [1.0] * len(rows)
+    others = [(str(k), k, sum(s) / 2, s, e) for k, (s, e) in enumerate(zip(spreads, errors, strict=True))]
+    found = front.gains((1.0, spreads[0], errors[0]), others)
+    assert all(gain.time == 1.0 and gain.error <= 1.0 - front.LEAST_FALL for gain in found)
+    assert front.on_front(spreads, errors).tolist() == [error == min(errors) for error in errors]
 
 
 def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
-    found = front.gains((1.0, 0.4), [("a", 1, 2.0, 0.2), ("b", 2, 8.0, 0.1), ("c", 3, 0.9, 0.3), ("d", 4, 2.0, 0.5)])
+    others = [
+        ("a", 1, 2.0, (2.0, 2.0), 0.2), ("b", 2, 8.0, (8.0, 8.0), 0.1), ("c", 3, 0.9, (0.9, 0.9), 0.3),
+        ("d", 4, 2.0, (2.0, 2.0), 0.5), ("e", 5, 0.5, (0.5, 0.5), 0.39),
+    ]  # fmt: skip
+    found = front.gains((1.0, (1.0, 1.0), 0.4), others)
     assert [gain.knob for gain in found] == ["c", "a", "b"]
+    assert front.alike(found) == found[:1]
     assert math.isinf(found[0].pays) and found[1].pays == pytest.approx(1.0)
     assert found[2].pays == pytest.approx(math.log(4) / math.log(8))
+
+
+def test_knobs_whose_times_do_not_tell_them_apart_pay_alike():
+    base = (1.0, (0.95, 1.05), 0.4)
+    a, b, c = ("a", 1, 2.0, (1.8, 2.3), 0.2), ("b", 2, 2.2, (1.9, 2.4), 0.2), ("c", 3, 8.0, (7.9, 8.1), 0.2)
+    assert [gain.knob for gain in front.alike(front.gains(base, [c, b, a]))] == ["a", "b"]
+
+
+def test_runs_of_a_study_are_interleaved_and_every_second_turn_goes_backwards():
+    """A machine that gets slower by as much with each run is the same to all settings over two turns."""
+    order, said, clock = [], [], iter(range(1000))
+
+    class Flow:
+        steps = particle_steps = 1
+        mass_error = 0.0
+
+        def __init__(self, name):
+            order.append(name)
+
+        def __iter__(self):
+            return iter([SimpleNamespace(time=1.0)])
+
+    cells = SimpleNamespace(state_of=lambda frame: State(frame.time, next(clock), 0.0, 0.0))
+    made = states.outcomes(
+        "abc", lambda s: SimpleNamespace(particles=7, name=s), lambda p: None, lambda p: Flow(p.name), cells, [1.0], 4,
+        lambda p: 2.0, lambda turn, number: said.append((turn, number)),
+    )  # fmt: skip
+    assert "".join(order) == "abccbaabccba" and said[:4] == [(0, 0), (0, 1), (0, 2), (1, 2)]
+    assert [one.setting for one in made] == ["a", "b", "c"] and all(len(one.seconds) == 4 for one in made)
+    assert [one.states[0].thickness for one in made] == [0, 1, 2]  # of the first run; the others are the same
 
 
 def test_each_knob_is_turned_alone_and_the_scene_comes_first():

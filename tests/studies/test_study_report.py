@@ -1,5 +1,7 @@
 """What follows from a study's rows: errors with the reference's own, the choice for an error, others beside it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,23 @@ def test_results_of_others_stand_beside_the_quickest_that_is_as_right():
     assert records[-2]["time_over_front"] == 3.0 and records[-1]["time_over_front"] == ""
     assert [records[-2][name] for name in ("seconds", "seconds_min", "seconds_max")] == [24.0, 23.0, 26.0]
     assert records[-2]["error_thickness"] == records[-2]["error_with_reference"] == 0.17
+
+
+def test_times_within_the_spread_are_ties_in_words_table_and_choice(monkeypatch):
+    """Four settings of 10 s each, 9 to 12: none is over the front, and the most right of them is the choice."""
+    monkeypatch.setattr("test_study_report.SECONDS", (10.0, 10.5, 9.5, 10.0))
+    found = study(lambda dx: 0.01 * dx**2, reference=0.0)
+    assert found.over_front.tolist() == [1.0] * 4 and found.front.sum() == 1
+    (line,) = (line for line in found.lines() if line.startswith("ties in time"))
+    assert line.endswith("cell_size = 8, cell_size = 2.82843, cell_size = 2")
+    assert "0.25 times the error for the same time" in " ".join(found.lines())
+    assert found.choice(0.2).changes == {"cell_size": 2.0}
+    names, rows = found.records()
+    assert rows[0][names.index("ties")] == "cell_size = 8; cell_size = 2.82843; cell_size = 2"
+
+
+def test_a_study_of_single_runs_says_that_it_sees_no_ties():
+    found = study(lambda dx: 0.01 * dx**2, reference=0.0)
+    alone = [row._replace(outcome=replace(row.outcome, seconds=row.outcome.seconds[:1])) for row in found.rows]
+    assert any("was run once" in line for line in replace(found, rows=tuple(alone)).lines())
+    assert not any("was run once" in line for line in found.lines())

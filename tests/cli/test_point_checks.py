@@ -1,0 +1,129 @@
+"""Runs of points as a user meets them that are too coarse, or lose volume: reported, recorded, in the report."""
+
+import json
+
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from affine import Affine
+from slope_site import record, slide, write_shapes, write_site
+
+from mpmgis.cli.main import main
+from mpmgis.io.frames import write_frame
+from mpmgis.io.run_folder import read_record
+from mpmgis.particles import Frame, Particles
+
+DEPTH, DENSITY = 2.0, 1500.0
+DROP = """
+solver = "points"
+[terrain]
+dem = "flat.tif"
+crs = "local"
+[release]
+particles = "sand.h5"
+[material]
+law = "DruckerPrager"
+bulk_modulus = 4e6
+shear_modulus = 2e6
+friction_angle = 30
+cohesion = 0
+[friction]
+law = "Coulomb"
+mu = 0.45
+[numerics]
+cell_size = {cell_size}
+edges = "wall"
+[output]
+end_time = 3
+frame_interval = 1
+stop_at_rest = false
+"""
+DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = {}\nname = "dam"\n'
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The slope with a block above a dam."""
+    folder = write_site(tmp_path_factory.mktemp("checks"))
+    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    write_shapes(folder / "dam.geojson", [shapely.box(200, 120, 220, 280)])
+    return folder
+
+
+def dropped(folder, cells):
+    """A run in which a layer of sand falls 3 m onto level ground, `cells` over its depth; its record."""
+    folder.mkdir(parents=True)
+    cell_size = DEPTH / cells
+    profile = {"driver": "GTiff", "height": 8, "width": 24, "count": 1, "dtype": "float64"}
+    with rasterio.open(folder / "flat.tif", "w", transform=Affine(1, 0, 0, 0, -1, 8), **profile) as target:
+        target.write(np.zeros((8, 24)), 1)
+    spacing = 0.5 * cell_size
+    across = [np.arange(start + 0.5 * spacing, stop, spacing) for start, stop in ((8.0, 16.0), (0.0, 8.0), (3.0, 5.0))]
+    position = np.column_stack([part.ravel() for part in np.meshgrid(*across, indexing="ij")])
+    volume = np.full(len(position), spacing**3)
+    sand = Particles(position, np.zeros_like(position), DENSITY * volume, volume)
+    write_frame(folder / "sand.h5", Frame(sand, dimension=3, time=0.0, header={"density": DENSITY}))
+    (folder / "scene.toml").write_text(DROP.format(cell_size=cell_size))
+    assert main(["run", str(folder / "scene.toml"), "-o", str(folder / "results")]) == 0
+    return read_record(folder / "results")
+
+
+def test_sand_that_comes_to_rest_above_its_bed_is_reported_on_cells_as_large_as_its_depth(tmp_path, capsys):
+    coarse = dropped(tmp_path / "coarse", 1.0)
+    err = capsys.readouterr().err
+    assert coarse["volume"]["hanging_share"] > 0.3 and not coarse["volume"]["kept"]
+    (trouble,) = coarse["troubles"]
+    assert "hangs off the bed at rest: not kept" in trouble and trouble in err and "smaller cells" in trouble
+    assert coarse["resolution"]["coarse"] and "too coarse, a 3D run wants 3" in err
+    frames = map(str, (tmp_path / "coarse" / "results").glob("*.h5"))
+    assert main(["report", *frames, "-q", "-o", str(tmp_path / "r")]) == 0
+    report = (tmp_path / "r" / "report.html").read_text()
+    warnings = report[report.index("Warnings") :]
+    assert "not kept" in warnings and "too coarse" in warnings
+
+
+def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, capsys):
+    fine = dropped(tmp_path / "fine", 4.0)
+    assert fine["volume"]["kept"] and fine["troubles"] == []
+    assert fine["volume"]["packed_share"] < 0.02 and fine["volume"]["hanging_share"] < 0.02
+    assert not fine["resolution"]["coarse"] and fine["resolution"]["cells_over_depth"] == pytest.approx(4.0, rel=0.05)
+    err = capsys.readouterr().err
+    assert "4 cells of 0.5 m over its depth" in err and err.count(": kept") == 1
+
+
+@pytest.mark.parametrize(("cell_size", "height", "state"), [(4.0, 6, "off"), (2.0, 7, "on")])
+def test_effects_show_the_cells_over_depth_and_wall_before_the_run(site, capsys, cell_size, height, state):
+    (site / "scene.toml").write_text(slide(cell_size, 1, 1) + DAM.format(height))
+    assert main(["effects", str(site / "scene.toml"), "--json", "-q"]) == 0
+    told = {entry["effect"]: entry for entry in json.loads(capsys.readouterr().out)}
+    depth = 12.0 * np.sqrt(1.25)
+    assert told["cells_over_depth"]["indicator"] == pytest.approx(depth / cell_size, rel=0.02)
+    assert told["cells_over_wall"]["indicator"] == pytest.approx(height / cell_size, rel=1e-6)
+    assert told["cells_over_wall"]["state"] == state and told["cells_over_depth"]["state"] == "on"
+
+
+def test_each_switch_to_points_reports_the_cells_over_the_flow_as_it_is_then(site, capsys):
+    """The block has thinned out on its way, which the release does not tell; the report names both solvers."""
+    stages = (
+        '[[stage]]\nsolver = "columns"\nuntil = {time = 3}\n[[stage]]\nsolver = "points"\nuntil = {time = 3.5}\n'
+        '[[stage]]\nsolver = "columns"\n'
+    )
+    scene = slide(5.0, 4, 1, head="", more="particles_per_cell = 4") + DAM.format(12) + stages
+    (site / "stages.toml").write_text(scene)
+    out = str(site / "staged")
+    assert main(["run", str(site / "stages.toml"), "-o", out]) == 0
+    err = capsys.readouterr().err
+    first, points, last = record(site, "staged")["stages"]
+    found = points["resolution"]
+    assert "resolution" not in first and "resolution" not in last and "volume" not in last
+    assert found["cells_over_wall"] == pytest.approx(12 / 5.0) and found["coarse"]
+    assert found["cells_over_depth"] < 0.9 * 12.0 * np.sqrt(1.25) / 5.0
+    assert f"{found['cells_over_depth']:.2g} cells of 5 m over its depth" in err
+    assert "over the lowest wall of 12 m" in err
+    assert points["volume"]["time"] == 3.5 and points["volume"]["mass"] == pytest.approx(points["balances"]["mass_now"])
+    frames = sorted(map(str, (site / "staged").glob("*.h5")))
+    assert main(["report", *frames, "-q", "-o", str(site / "report")]) == 0
+    report = (site / "report" / "report.html").read_text()
+    assert "columns, then points, then columns" in report and "stage 2: the flow is" in report
+    assert "stage 2: volume of the points at t = 3.5 s" in report
