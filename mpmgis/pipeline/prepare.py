@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..errors import InputError, SceneError
+from ..fields import GRAVITY
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
 from ..io.raster import READ_WHOLE, TerrainFile
@@ -28,6 +29,7 @@ from .point_start import read_point_start
 from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
+MOST_LOOKED_AT = 10_000  # columns from which lines of energy are drawn
 BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
 CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
@@ -293,12 +295,23 @@ def _facts(terrain, frame, reached, known):
 
 def _reached(terrain, frame, mu):
     """(the Reach of the columns of `frame` by a line of `mu`, what the ground and the release tell of themselves)."""
-    some = slice(None, None, max(1, len(frame.particles) // 10_000))
+    some = _some_columns(frame.particles)
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
-    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu)
+    head = (frame.particles.velocity[some] ** 2).sum(axis=1) / (2.0 * GRAVITY)
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu, head)
     facts = reach_facts(terrain, reach) | release_facts(terrain, xy, mass, thickness)
-    return reach, facts | {"profile": steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu)}
+    fastest = float(np.sqrt(2.0 * GRAVITY * head.max()))
+    facts |= {"start_speed": fastest, "speed": max(facts["speed"], fastest)}
+    profile = steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu, head=head.max())
+    return reach, facts | {"profile": profile}
+
+
+def _some_columns(particles):
+    """int[k]: some of many columns, evenly taken, and the fastest of all."""
+    step = max(1, len(particles) // MOST_LOOKED_AT)
+    fastest = int(np.argmax((particles.velocity**2).sum(axis=1)))
+    return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
 def _tell_of_release(particles, header, scene, say):

@@ -60,7 +60,7 @@ class KnownByPlace:
         facts = {}
         if self.zones:
             within_domain = self.grid.domain_nodes()
-            self._require_no_gap(inside & within_domain, x, y)
+            self._require_no_gap(reach.below_line(terrain.grid, x, y) & within_domain, x, y)
             facts["zone_spread"] = max(spread(values, inside & within_domain) for values in self.zones.values())
         if self.erodible is not None:
             mass = self.erodible[inside].sum() * self.grid.cell_size**2
@@ -76,7 +76,7 @@ class KnownByPlace:
         if not self.zones:
             return self.scene
         x, y = self.grid.node_points()
-        inside = reach.at(terrain.grid, x, y)[0] & self.grid.domain_nodes()
+        inside = reach.below_line(terrain.grid, x, y) & self.grid.domain_nodes()
         told = {}
         for name, values in self.zones.items():
             chosen = values[inside] if np.isfinite(values[inside]).any() else values
