@@ -137,7 +137,7 @@ def prepare_scene(scene, say=lambda text: None):
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0], say)
     shapes = [shape for stage in stages for shape in stage.shapes()]
-    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.places for s in stages), shapes=shapes))
+    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
     return Prepared(
         scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine
@@ -224,7 +224,7 @@ def _stage(scene, terrain, grid, start, reached, later, say):
     else:
         thickness = start.reference_thickness or (facts.release_thickness if later else None)
         numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
-    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls)
+    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, known, deciding)
 
 
 def _column_numerics(scene, grid, start, reference_thickness):

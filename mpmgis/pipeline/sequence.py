@@ -37,12 +37,14 @@ class Sequence:
     particle_steps : int
     troubles : list of str
         What went wrong and was got over with shorter steps; that nothing ever moved.
+    taken_in : list of dict
+        Features on the map whose effect was off until the flow came to them, in plain numbers.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
-        self.solver, self._resumed = prepared.solver(), False
+        self.solver, self._resumed = prepared.stages[0].watch(prepared.solver()), False
         self._end = self._stage_end()
 
     @property
@@ -61,7 +63,7 @@ class Sequence:
         while True:
             march = March(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
-                self._resumed, prepared.events, self._end,
+                self._resumed, prepared.events, self._end, lambda taken: self._say(taken.line()),
             )  # fmt: skip
             for frame in march:
                 self._tell_of(march.troubles)
@@ -122,12 +124,12 @@ class Sequence:
         """The solver of the stage now, made of a `frame` in the midst of it, whose state comes next."""
         stage, terrain = self.stage, self.prepared.terrain
         if not stage.marches_outside:
-            return stage.solver(terrain, self._on_grid(frame, stage.grid))
+            return stage.watch(stage.solver(terrain, self._on_grid(frame, stage.grid)))
         points, columns = parts_of(frame)
         before = self.prepared.stages[self.number - 1]
         return stage.coupled(
-            stage.solver(terrain, self._on_grid(points, stage.grid)),
-            before.columns_outside(self._on_grid(columns, before.grid), terrain),
+            stage.watch(stage.solver(terrain, self._on_grid(points, stage.grid))),
+            before.watch(before.columns_outside(self._on_grid(columns, before.grid), terrain)),
             terrain,
         )
 
@@ -167,6 +169,7 @@ class Sequence:
         self.past.append({
             "solver": before.scene.solver, "time": frame.time, "steps": solver.step, "reason": why,
             "balances": solver.balances(), "switch": switched.account.as_numbers(),
+            "taken_in": self._taken_in_now(),
         })  # fmt: skip
         self._say(f"{where}: {why}")
         for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
@@ -175,7 +178,7 @@ class Sequence:
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()
         start = replace(switched.frame, time=frame.time, step=0)
-        self.solver = after.solver(terrain, start, switched.vertical_stress, switched.gradient)
+        self.solver = after.watch(after.solver(terrain, start, switched.vertical_stress, switched.gradient))
         if after.marches_outside:
             self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
 
@@ -184,7 +187,26 @@ class Sequence:
         if rest is None:
             rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
         start = replace(rest, time=frame.time, step=0)
-        return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
+        columns = before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
+        return before.watch(columns)
+
+    def _taken_in_now(self):
+        """What the solver of the stage now has taken in, in plain numbers."""
+        parts = [(self.number + 1, self.solver)]
+        if self.stage.marches_outside:  # the columns are of the stage before
+            parts = [(self.number + 1, self.solver.points_solver), (self.number, self.solver.columns_solver)]
+        return [{"stage": number, **taken._asdict()} for number, solver in parts for taken in solver.taken_in]
+
+    @property
+    def taken_in(self):
+        return [taken for stage in self.past for taken in stage.get("taken_in", ())] + self._taken_in_now()
+
+    def stage_now(self, number):
+        """The Stage `number`, from 0, with the effects that the flow has turned on in it."""
+        stage = self.prepared.stages[number]
+        own = {feature.effect for feature in stage.features()}
+        taken = {one["effect"] for one in self.taken_in if one["stage"] == number + 1}
+        return stage.with_effects(tuple(sorted(own & taken)))
 
     def _balances(self):
         """Of each stage at its end, or now."""

@@ -10,7 +10,9 @@ from ..effects.zones import FrictionZones
 from ..errors import SceneError
 from ..geo.zones import spread
 from ..scene import mu_least
+from ..scene.placed import TABLE_OF, ZONE_THRESHOLD
 from .places import Places, barrier_entries
+from .watch import Feature
 
 LEAST_OF = ("xi",)  # parameters whose least value makes the law's part largest; of others the mean decides
 
@@ -104,6 +106,33 @@ class KnownByPlace:
             barriers=barrier_entries(self.wall_nodes) if walls else None,
             barrier_names=tuple(wall.name for wall in walls),
         )
+
+    def watched(self, law, decisions):
+        """tuple of Feature: what is off by its number alone, `law` being the friction that is used in its place."""
+        off = {decision.effect: decision.reason for decision in decisions
+               if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
+        where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
+        features = []
+        for effect, reason in off.items():
+            words, nodes = where[effect](law)
+            if nodes.any():
+                features.append(Feature(effect, f"{words}, off until now ({reason})", nodes))
+        return tuple(features)
+
+    def _zone_nodes(self, law):
+        """Nodes at which a parameter differs from that of `law` by more than what counts as a difference."""
+        differs = np.zeros(self.grid.bed.shape, bool)
+        for name in law._fields:
+            used = getattr(law, name)
+            differs |= np.abs(_filled(self.zones[name]) - used) > ZONE_THRESHOLD * abs(used)
+        return "another zone of friction", differs
+
+    def _erodible_nodes(self, law):
+        return "erodible ground", self.erodible > 0.0
+
+    def _standing_nodes(self, law):
+        names = ", ".join(f"'{wall.name}'" for wall in self.walls)
+        return f"barrier {names}", self.wall_nodes.number > 0
 
     def _zone_values(self, zones, law):
         """Parameters of the friction `law` at the nodes, in the order of its fields; None where zones are off."""
