@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import FormatError, InputError
 from ..products.run_account import stood_still
+from ..scene.points import stiffness_in_hindsight
 from ..solvers.coupled import parts_of
 from ..solvers.march import March
 
@@ -69,6 +70,7 @@ class Sequence:
                 self._tell_of(march.troubles)
                 yield self._told(frame)
             self.particle_steps += march.particle_steps
+            self._tell_of_stiffness()
             if not march.switch:
                 self.reason = march.reason
                 still = stood_still(self._balances())
@@ -76,6 +78,16 @@ class Sequence:
                     self._tell_of([still])
                 return
             self._switch(march.switch)
+
+    def _tell_of_stiffness(self):
+        """Say what speed the stiffness of points was judged by, where the flow's was another."""
+        if self.stage.scene.solver == "points":
+            told = self.solver.balances()
+            words = stiffness_in_hindsight(
+                self.stage.facts, self.stage.numerics.density, told["speed_max"], told["mach_max"]
+            )
+            if words:
+                self._say(words)
 
     def _tell_of(self, troubles):
         """Say what the march got over since the frame before."""

@@ -109,14 +109,14 @@ class KnownByPlace:
 
     def watched(self, law, decisions):
         """tuple of Feature: what is off by its number alone, `law` being the friction that is used in its place."""
-        off = {decision.effect: decision.reason for decision in decisions
+        off = {decision.effect: _why_off(decision) for decision in decisions
                if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
         where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
         features = []
-        for effect, reason in off.items():
+        for effect, why in off.items():
             words, nodes = where[effect](law)
             if nodes.any():
-                features.append(Feature(effect, f"{words}, off until now ({reason})", nodes))
+                features.append(Feature(effect, f"{words}, off until now ({why})", nodes))
         return tuple(features)
 
     def _zone_nodes(self, law):
@@ -125,7 +125,7 @@ class KnownByPlace:
         for name in law._fields:
             used = getattr(law, name)
             differs |= np.abs(_filled(self.zones[name]) - used) > ZONE_THRESHOLD * abs(used)
-        return "another zone of friction", differs
+        return "a zone of other friction", differs
 
     def _erodible_nodes(self, law):
         return "erodible ground", self.erodible > 0.0
@@ -169,6 +169,15 @@ class KnownByPlace:
         bed = self.grid.bed[1:-1, 1:-1]
         mean = 0.25 * (bed[:-1, :-1] + bed[:-1, 1:] + bed[1:, :-1] + bed[1:, 1:])
         return float(np.maximum(self.lake_level - mean, 0.0).sum() * self.grid.cell_size**2)
+
+
+def _why_off(decision):
+    """Why a decision found nothing in reach, in words."""
+    if decision.indicator is None:
+        return decision.reason.partition(";")[0]
+    if decision.indicator == 0.0:
+        return "nothing of the kind in reach of the energy line"
+    return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
 
 
 def _with_friction(scene, values):
