@@ -79,6 +79,12 @@ class KnownByPlace:
             return self.scene
         x, y = self.grid.node_points()
         inside = reach.below_line(terrain.grid, x, y) & self.grid.domain_nodes()
+        if not inside.any():  # a line that is shorter than a cell
+            i, j = np.nonzero(reach.line)
+            east, north = terrain.grid.xy(i * reach.step, j * reach.step)
+            row, column = (np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
+                           for v, v0 in ((north, self.grid.y0), (east, self.grid.x0)))  # fmt: skip
+            inside[np.clip(row, 1, inside.shape[0] - 2), np.clip(column, 1, inside.shape[1] - 2)] = True
         told = {}
         for name, values in self.zones.items():
             chosen = values[inside] if np.isfinite(values[inside]).any() else values

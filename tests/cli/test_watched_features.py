@@ -76,12 +76,12 @@ class Scene:
         masks = {}
         for kind in kinds:
             west = release.bounds[2] + rng.uniform(35.0, 180.0)
-            south, width = rng.uniform(20, 150), rng.uniform(3.0, 60.0)
+            south, width = rng.uniform(20, 150), rng.uniform(3.0 if kind == "barrier" else 25.0, 60.0)
             north = south + rng.uniform(40, 200)
             opening, middle = rng.uniform(0.0, 40.0), rng.uniform(south, north)
             pieces = [shapely.box(west, south, west + width, middle - opening / 2)]
             pieces += [shapely.box(west, middle + opening / 2, west + width, north)]
-            pieces = [piece for piece in pieces if piece.is_valid and piece.area > 50.0 and piece.bounds[3] > south]
+            pieces = [piece for piece in pieces if piece.is_valid and piece.area > (50.0 if kind == "barrier" else 600.0) and piece.bounds[3] > south]
             pieces = pieces or [shapely.box(west, south, west + width, north)]
             write_shapes(self.folder / f"{kind}.gpkg", pieces)
             masks[kind] = shapely.union_all(pieces)
