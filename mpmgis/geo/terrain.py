@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 
 from .grid import Grid
 
@@ -90,6 +91,28 @@ class Terrain:
         """The Terrain of two slices, of `rows` and of `columns`."""
         elevation = self.elevation[rows, columns]
         return Terrain(self.grid.part(rows.start, columns.start, elevation.shape), elevation, self.path, self.sha256)
+
+
+def continued(elevation, pad=0):
+    """`elevation` with `pad` pixels more on every side, and where it has no data the ground goes on with its slope.
+
+    Each missing pixel lies on the tangent plane of the nearest pixel whose slope is known, so that a plane stays
+    one, whatever its holes. What has an elevation keeps it.
+    """
+    padded = np.pad(elevation, pad, constant_values=np.nan)
+    known = np.isfinite(padded)
+    if known.all() or not known.any():
+        return padded
+    slopes = [np.pad(_difference(elevation, axis), pad, constant_values=np.nan) for axis in (0, 1)]
+    sloping = np.isfinite(slopes[0]) & np.isfinite(slopes[1])
+    if not sloping.any():
+        sloping, slopes = known, [np.zeros(padded.shape)] * 2
+    nearest = ndimage.distance_transform_edt(~sloping, return_distances=False, return_indices=True)
+    missing = np.nonzero(~known)
+    source = tuple(axis[missing] for axis in nearest)
+    rise = sum(slope[source] * (to - back) for slope, to, back in zip(slopes, missing, source, strict=True))
+    padded[missing] = padded[source] + rise
+    return padded
 
 
 def bilinear(values, row, column):

@@ -13,6 +13,11 @@ def block_key(x, y, inverse_dx):
     return ((int(y * inverse_dx + 0.5) // BLOCK) << 16) | (int(x * inverse_dx + 0.5) // BLOCK)
 
 
+def rows_and_columns(keys):
+    """(int[n], int[n]): block row and block column of `keys`."""
+    return keys >> 16, keys & 0xFFFF
+
+
 @jit
 def initial_keys(rows, keys, dx):
     """Fill `keys` for all `rows`; answers the window of blocks (west, south, east, north)."""
@@ -59,6 +64,16 @@ def sort_by_block(keys, n, west, south, east, north, histogram, order, slot, blo
     active, total = rank_blocks(histogram, pieces, size, slot, block, start)
     _scatter(keys, n, pieces, west, south, width, histogram, order)
     return active, total
+
+
+@jit
+def comes_near(touched, n_touched, west, south, width, watched):
+    """Is one of the touched blocks marked in `watched` uint8[block rows, block columns]?"""
+    for k in range(n_touched):
+        row, column = touched[k] // (width + 1) + south, touched[k] % (width + 1) + west
+        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
+            return True
+    return False
 
 
 @jit

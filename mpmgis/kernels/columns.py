@@ -15,7 +15,7 @@ import numpy as np
 
 from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
 from .column_barriers import BARRIER_ENTRIES, BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
-from .column_blocks import block_key, initial_keys, sort_by_block, touched_blocks
+from .column_blocks import block_key, comes_near, initial_keys, rows_and_columns, sort_by_block, touched_blocks
 from .column_nodes import (
     AIRBORNE_MASS,
     ARMED,
@@ -93,6 +93,7 @@ __all__ = [  # what the solver needs beside its own
     "ARMED",
     "BARRIER_ENTRIES",
     "BARRIER_SUMS",
+    "BLOCK",
     "GONE",
     "GX",
     "GY",
@@ -112,6 +113,7 @@ __all__ = [  # what the solver needs beside its own
     "grid_areas",
     "initial_keys",
     "node_gradients",
+    "rows_and_columns",
     "settle_areas",
     "weights",
 ]
@@ -127,7 +129,8 @@ __all__ = [  # what the solver needs beside its own
     NOT_FINITE_STATE,
     TOO_FAST,
     TRIGGER_REACHED,
-) = range(9)
+    WATCHED_REACHED,
+) = range(10)
 # float64 clock: what one step hands to the next, and what a restart needs
 (
     TIME,
@@ -360,9 +363,12 @@ def stop_rule(clock, counts):
 @jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
-    left_cells, until, max_steps, settings, fields, effects,
+    left_cells, until, max_steps, settings, fields, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
+
+    It comes back before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
+    empty where nothing is watched.
 
     Everything that changes lives in the arrays (clock, counts, rows...), so that a call goes on exactly where the
     last one ended. Answers why it came back.
@@ -395,6 +401,9 @@ def advance(
         active, alive = sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start)
         if alive == 0:
             return ALL_LEFT
+        n_touched = touched_blocks(slot, width, height, touched)
+        if watched.size > 0 and comes_near(touched, n_touched, west, south, width, watched):
+            return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
             other = 1 - now
             reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
@@ -406,7 +415,6 @@ def advance(
         if active > tiles.shape[0]:
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
         split_evenly(start, active, bounds)
-        n_touched = touched_blocks(slot, width, height, touched)
 
         dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
         clock[LAST_DT] = dt

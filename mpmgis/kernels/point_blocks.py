@@ -39,6 +39,11 @@ def key_level(key):
     return key & 0x1FFFFF
 
 
+def rows_and_columns(keys):
+    """(int[n], int[n]): block row and block column of `keys`."""
+    return keys >> 42, (keys >> 21) & 0x1FFFFF
+
+
 @jit_inline
 def block_of(place):
     """Block, along one axis, of the first node that a point at `place` [cells] of the nodes' array touches."""
@@ -186,6 +191,16 @@ def link_blocks(block, active, window, width, depth, lowest, touched_slot, size,
             sources[t, o] = a
             targets[a, o] = t
     return count
+
+
+@jit
+def comes_near(touched, n_touched, watched):
+    """Is one of the touched blocks over a block column that is marked in `watched` uint8[block rows, block columns]?"""
+    for k in range(n_touched):
+        row, column = touched[k, 0], touched[k, 1]
+        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
+            return True
+    return False
 
 
 def lowest_blocks(ground, dx):

@@ -25,10 +25,12 @@ from .point_blocks import EAST as BLOCKS_EAST
 from .point_blocks import NORTH as BLOCKS_NORTH
 from .point_blocks import (
     SORT_PIECES,
+    comes_near,
     link_blocks,
     lowest_blocks,
     no_window,
     places_of,
+    rows_and_columns,
     set_places,
     sort_by_block,
     window_of,
@@ -107,6 +109,7 @@ __all__ = [  # what the solver needs beside its own
     "AXX",
     "AXY",
     "AXZ",
+    "BLOCK",
     "EXACT_ENTRIES",
     "FOLD_ENTRIES",
     "GHOSTS",
@@ -131,6 +134,7 @@ __all__ = [  # what the solver needs beside its own
     "advance",
     "lowest_blocks",
     "places_of",
+    "rows_and_columns",
     "set_places",
     "stored_energy",
     "volume_ratios",
@@ -138,7 +142,7 @@ __all__ = [  # what the solver needs beside its own
 ]
 
 # why `advance` came back
-RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED = range(6)
+RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED, WATCHED_REACHED = range(7)
 MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of counters
 # float64 clock: what one step hands to the next, and what a restart needs
 (
@@ -355,9 +359,12 @@ def _more_state(rows, p):
 @jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
-    zone_values, barriers, until, after, max_steps, settings, effects,
+    zone_values, barriers, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
+
+    It comes back before a step that would touch a block over those marked in `watched` uint8[block rows, block
+    columns], which is empty where nothing is watched.
 
     `after` is the time that will be asked for next. Everything that changes lives in the arrays (clock, counts,
     rows...), so that a call goes on exactly where the last one ended. Answers why it came back.
@@ -399,14 +406,6 @@ def advance(
             slot, touched_slot = np.zeros(wide, np.int32), np.zeros(wide, np.int32)
             block, start = np.zeros(wide, np.int32), np.zeros(wide + 1, np.int64)
         active, alive = sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, block, start)
-        if counts[SINCE_REORDER] >= REORDER_STEPS:
-            other = 1 - now
-            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
-            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
-            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
-            for p in range(alive):
-                order[p] = p
-        counts[SINCE_REORDER] += 1
         if active > room:
             room = active + active // 2
             tiles = np.zeros((room, TILE_SIZE), real)
@@ -417,6 +416,16 @@ def advance(
         n_touched = link_blocks(
             block, active, window, width, depth, lowest, touched_slot, size, touched, sources, targets
         )
+        if watched.size > 0 and comes_near(touched, n_touched, watched):
+            return WATCHED_REACHED
+        if counts[SINCE_REORDER] >= REORDER_STEPS:
+            other = 1 - now
+            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
+            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
+            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
+            for p in range(alive):
+                order[p] = p
+        counts[SINCE_REORDER] += 1
         if n_touched > nodes.shape[0]:
             nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE), real)
             block_mass = np.zeros((nodes.shape[0] if drags else 1, BLOCK_COLUMNS))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..errors import InputError, SceneError
+from ..fields import GRAVITY
 from ..geo.nodata import nodata_in_reach
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
@@ -32,6 +33,7 @@ from .room import require_room
 from .sources import read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
+MOST_LOOKED_AT = 10_000  # columns from which lines of energy are drawn
 BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
 # option of `mpmgis seed` in a message -> key of a scene; `rio edit-info FILE --crs` is another program's
 _KEYS_OF_OPTIONS = (
@@ -157,7 +159,7 @@ def prepare_scene(scene, say=lambda text: None):
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0], say)
     shapes = [shape for stage in stages for shape in stage.shapes()]
-    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.places for s in stages), shapes=shapes))
+    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
     return Prepared(
         scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
@@ -248,7 +250,9 @@ def _stage(scene, terrain, grid, start, reached, later, say):
     else:
         thickness = start.reference_thickness or (facts.release_thickness if later else None)
         numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
-    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, nodata=in_reach)
+    return Stage(
+        scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, known, deciding, nodata=in_reach
+    )
 
 
 def _column_numerics(scene, grid, start, reference_thickness):
@@ -341,12 +345,23 @@ def _facts(terrain, frame, reached, known):
 
 def _reached(terrain, frame, mu):
     """(the Reach of the columns of `frame` by a line of `mu`, what the ground and the release tell of themselves)."""
-    some = slice(None, None, max(1, len(frame.particles) // 10_000))
+    some = _some_columns(frame.particles)
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
-    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu)
+    head = (frame.particles.velocity[some] ** 2).sum(axis=1) / (2.0 * GRAVITY)
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu, head)
     facts = reach_facts(terrain, reach) | release_facts(terrain, xy, mass, thickness)
-    return reach, facts | {"profile": steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu)}
+    fastest = float(np.sqrt(2.0 * GRAVITY * head.max()))
+    facts |= {"start_speed": fastest, "speed": max(facts["speed"], fastest)}
+    profile = steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu, head=head.max())
+    return reach, facts | {"profile": profile}
+
+
+def _some_columns(particles):
+    """int[k]: some of many columns, evenly taken, and the fastest of all."""
+    step = max(1, len(particles) // MOST_LOOKED_AT)
+    fastest = int(np.argmax((particles.velocity**2).sum(axis=1)))
+    return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
 def _tell_of_release(particles, header, scene, say):

@@ -220,10 +220,10 @@ def march_into(folder, sequence, resumed, pace=None):
             state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
             frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
             predicted_seconds=None if pace is None else pace.seconds, scene=prepared.scene.as_tables(),
-            effects=[decision._asdict() for decision in prepared.decisions],
+            effects=[decision._asdict() for decision in sequence.stage_now(0).decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
             extremes=extremes(sequence.balances()), events=prepared.events.record(), troubles=sequence.troubles,
-            nodata=_record_of_nodata(prepared),
+            taken_in=sequence.taken_in, nodata=_record_of_nodata(prepared),
             **_record_of_stages(sequence),
         )  # fmt: skip
         return wall
@@ -264,7 +264,7 @@ def _record_of_stages(sequence):
     stages = sequence.prepared.stages
     if stages[0].table is None:
         return sequence.checks
-    effects = [[decision._asdict() for decision in stage.decisions] for stage in stages]
+    effects = [[decision._asdict() for decision in sequence.stage_now(n).decisions] for n in range(len(stages))]
     told = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
     told[sequence.number].update(sequence.checks)
     for stage, over in zip(told, sequence.past, strict=False):
@@ -280,7 +280,8 @@ class _BarrierTables:
         self._number, self._table = sequence.number, self._opened(resumed)
 
     def _opened(self, resumed):
-        stage, number = self._sequence.stage, self._sequence.number
+        number = self._sequence.number
+        stage = self._sequence.stage_now(number)
         name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
         names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
         return BarrierTable(self._folder.path / name, names, sums, resumed) if names else None
@@ -293,6 +294,8 @@ class _BarrierTables:
                 taken = over["balances"]["barriers"].values()
                 self._table.add(over["time"], np.array([[one[name] for name in self._table.sums] for one in taken]))
             self._number, self._table = self._sequence.number, self._opened(None)
+        if self._table is None and "barriers" in frame.state:  # barriers that the flow has come to since
+            self._table = self._opened(None)
         if self._table is not None:
             self._table.add(frame.time, frame.state["barriers"])
 

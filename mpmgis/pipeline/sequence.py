@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import FormatError, InputError
 from ..products.run_account import resolution_words, stood_still, volume_words
+from ..scene.points import stiffness_in_hindsight
 from ..solvers.coupled import parts_of
 from ..solvers.march import March
 
@@ -52,13 +53,16 @@ class Sequence:
     checks : dict of dict
         Of the stage now, if it is of points: `resolution`, how many cells stand over the depth at its start, and
         `volume`, whether the points fill their volume at its end, in plain numbers.
+    taken_in : list of dict
+        Features on the map whose effect was off until the flow came to them, in plain numbers.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
         self.checks = self._resolution(prepared.stages[0], prepared.seen)
-        self.solver, self._resumed, self._march = prepared.solver(), False, None
+        self.solver = prepared.stages[0].watch(prepared.solver())
+        self._resumed, self._march = False, None
         self._end = self._stage_end()
 
     @property
@@ -85,12 +89,13 @@ class Sequence:
         while True:
             march = self._march = March(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
-                self._resumed, prepared.events, self._end,
+                self._resumed, prepared.events, self._end, lambda taken: self._say(taken.line()),
             )  # fmt: skip
             for frame in march:
                 self._tell_of(march.troubles)
                 yield self._told(frame)
             self.particle_steps += march.particle_steps
+            self._tell_of_stiffness()
             if not march.switch:
                 self.reason = march.reason
                 still = stood_still(self.balances())
@@ -118,6 +123,16 @@ class Sequence:
         else:
             self._tell_of([volume_words(volume)])
         self.checks["volume"] = volume
+
+    def _tell_of_stiffness(self):
+        """Say what speed the stiffness of points was judged by, where the flow's was another."""
+        if self.stage.scene.solver == "points":
+            told = self.solver.balances()
+            words = stiffness_in_hindsight(
+                self.stage.facts, self.stage.numerics.density, told["speed_max"], told["mach_max"]
+            )
+            if words:
+                self._say(words)
 
     def _tell_of(self, troubles):
         """Say what the march got over since the frame before."""
@@ -164,12 +179,12 @@ class Sequence:
         """The solver of the stage now, made of a `frame` in the midst of it, whose state comes next."""
         stage, terrain = self.stage, self.prepared.terrain
         if not stage.marches_outside:
-            return stage.solver(terrain, self._on_grid(frame, stage.grid))
+            return stage.watch(stage.solver(terrain, self._on_grid(frame, stage.grid)))
         points, columns = parts_of(frame)
         before = self.prepared.stages[self.number - 1]
         return stage.coupled(
-            stage.solver(terrain, self._on_grid(points, stage.grid)),
-            before.columns_outside(self._on_grid(columns, before.grid), terrain),
+            stage.watch(stage.solver(terrain, self._on_grid(points, stage.grid))),
+            before.watch(before.columns_outside(self._on_grid(columns, before.grid), terrain)),
             terrain,
         )
 
@@ -210,6 +225,7 @@ class Sequence:
         self.past.append({
             "solver": before.scene.solver, "time": frame.time, "steps": solver.step, "reason": why,
             "balances": solver.balances(), "switch": switched.account.as_numbers(),
+            "taken_in": self._taken_in_now(),
         } | self.checks)  # fmt: skip
         self._say(f"{where}: {why}")
         for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
@@ -221,7 +237,7 @@ class Sequence:
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()
         start = replace(switched.frame, time=frame.time, step=0)
-        self.solver = after.solver(terrain, start, switched.vertical_stress, switched.gradient)
+        self.solver = after.watch(after.solver(terrain, start, switched.vertical_stress, switched.gradient))
         if after.marches_outside:
             self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
 
@@ -230,7 +246,26 @@ class Sequence:
         if rest is None:
             rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
         start = replace(rest, time=frame.time, step=0)
-        return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
+        columns = before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
+        return before.watch(columns)
+
+    def _taken_in_now(self):
+        """What the solver of the stage now has taken in, in plain numbers."""
+        parts = [(self.number + 1, self.solver)]
+        if self.stage.marches_outside:  # the columns are of the stage before
+            parts = [(self.number + 1, self.solver.points_solver), (self.number, self.solver.columns_solver)]
+        return [{"stage": number, **taken._asdict()} for number, solver in parts for taken in solver.taken_in]
+
+    @property
+    def taken_in(self):
+        return [taken for stage in self.past for taken in stage.get("taken_in", ())] + self._taken_in_now()
+
+    def stage_now(self, number):
+        """The Stage `number`, from 0, with the effects that the flow has turned on in it."""
+        stage = self.prepared.stages[number]
+        own = {feature.effect for feature in stage.features()}
+        taken = {one["effect"] for one in self.taken_in if one["stage"] == number + 1}
+        return stage.with_effects(tuple(sorted(own & taken)))
 
     def balances(self):
         """Of each stage at its end, or now."""

@@ -169,11 +169,14 @@ def _require_apart(name, polygon, others):
 
 
 def _standing(inlet):
-    """The inlet's columns with the thickness that stands in it at its largest inflow."""
+    """The inlet's columns with the thickness that stands in it at its largest inflow, and the largest entry speed."""
     p, density = inlet.frame.particles, inlet.frame.header["density"]
     thickness = np.full(len(p), inlet.reference_thickness)
     volume = thickness * p.area
-    return replace(inlet.frame, particles=replace(p, thickness=thickness, volume=volume, mass=density * volume))
+    standing = replace(
+        p, thickness=thickness, volume=volume, mass=density * volume, velocity=inlet.fastest_velocity()
+    )
+    return replace(inlet.frame, particles=standing)
 
 
 def _together(frames):

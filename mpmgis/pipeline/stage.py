@@ -15,16 +15,20 @@ from ..geo.nodata import NodataInReach
 from ..io.by_place import read_area
 from ..products.bed import Bed, place
 from ..products.point_volume import point_volume
+from ..scene import resolve
+from ..scene.placed import with_effects_on
 from ..scene.stages import CLIFF, WALLS
 from ..scene.tables import StageTable
 from ..solvers.columns import ColumnSolver
 from ..solvers.cost import require_memory_for_points
 from ..solvers.coupled import CoupledSolver
 from ..solvers.grid import ColumnGrid
+from ..solvers.known_places import KnownByPlace
 from ..solvers.places import Places
 from ..solvers.points import PointSolver
 from ..solvers.resolution import resolution_of
 from ..solvers.stage_end import CALM_NORMAL, Cliff, Near, StageEnd
+from ..solvers.watch import Watch
 
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 
@@ -33,6 +37,7 @@ WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 class Stage:
     """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
 
+    `deciding` is the scene by which its effects are decided, and `known` what it knows by place, on or off.
     `known_walls` are all barriers of the scene; `window` and `area` (shapely) what becomes points, and the area that
     the flow has to come near to; `nodata` is what the flow can reach of it.
     """
@@ -45,6 +50,8 @@ class Stage:
     numerics: object  # ColumnNumerics or PointNumerics
     places: Places
     known_walls: tuple = ()
+    known: KnownByPlace | None = None
+    deciding: object = None
     table: StageTable | None = None
     window: shapely.Geometry | None = None
     area: shapely.Geometry | None = None
@@ -54,6 +61,37 @@ class Stage:
     def walls(self):
         """The barriers that are on in 3D."""
         return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
+
+    def features(self):
+        """tuple of Feature: what is placed on its map and off by its number alone."""
+        effects = self.effects
+        law = effects.contact if self.scene.solver == "points" else effects.friction
+        return () if self.known is None else self.known.watched(law, self.decisions)
+
+    def watch(self, solver):
+        """`solver`, which turns on the effects of features that its flow comes to."""
+        features = self.features()
+        if features:
+
+            def with_effects(names):
+                stage = self.with_effects(names)
+                return stage.effects, stage.places, stage.walls
+
+            solver.watch(Watch(features, with_effects))
+        return solver
+
+    def with_effects(self, names, decided_by="flow"):
+        """It with the effects `names`, which it has by place, on."""
+        if not names:
+            return self
+        effects, decisions = resolve(with_effects_on(self.deciding, names), self.facts)
+        decisions = tuple(one._replace(decided_by=decided_by) if one.effect in names else one for one in decisions)
+        places = self.known.in_3d(effects) if self.scene.solver == "points" else self.known.on_grid(effects)
+        return replace(self, effects=effects, decisions=decisions, places=places)
+
+    def all_places(self):
+        """Places as they are once every feature is on."""
+        return self.with_effects(tuple(feature.effect for feature in self.features())).places
 
     def words(self):
         """Its solver, its cells and when it ends, in words."""

@@ -174,7 +174,8 @@ def _of_columns(b):
     if b["speed_limited_share_max"] > 0:
         share = f"up to {100 * b['speed_limited_share_max']:.2g} % of the mass"
         lines.append(
-            f"beyond the model: on ground too steep for its cells {share} was held to the speed its drop allows"
+            f"beyond the model: {share} was held to the speed its drop allows, where ground is too steep for its cells "
+            "or a film lies beside a flow many times as thick"
         )
     if b["airborne_share_max"] > AIRBORNE_SHARE:
         lines.append(

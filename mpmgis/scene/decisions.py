@@ -51,6 +51,8 @@ class TerrainFacts(NamedTuple):
     detachment_ratio: float = 0.0  # p99 of U^2 curvature / (g cos) over convex ground; above 1 the flow takes off
     edge_distance: float | None = None  # [m] from reachable ground to where the terrain ends; 0: it gets there
     hole_in_reach: tuple | None = None  # (cells, E [m], N [m]) of nodata amid the DTM that the flow can reach
+    line_edge_distance: float | None = None  # [m] the same from the energy line alone, without what is downhill of it
+    start_speed: float = 0.0  # [m s-1] largest of what moves at the start, comes in or is released later
     release_thickness: float = 0.0  # [m] h0, vertical, mean over the mass
     release_length: float = 0.0  # [m] L0, along the mean slope under the release
     density: float = 1000.0  # [kg m-3]

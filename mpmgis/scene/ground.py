@@ -41,6 +41,11 @@ def decide_outflow(scene, facts, slots):
         reason = "what leaves the terrain is booked"
     elif facts.edge_distance > 0:
         reason = f"the energy line ends {facts.edge_distance:.0f} m before the edge of the terrain"
+    elif (facts.line_edge_distance or 0.0) > 0:
+        reason = (
+            f"the energy line ends {facts.line_edge_distance:.0f} m before the edge of the terrain, from there the "
+            f"ground falls to the edge ({scene.numerics.edges}); what leaves is booked"
+        )
     else:
         reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); what leaves is booked"
     if facts.hole_in_reach is not None:

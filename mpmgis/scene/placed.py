@@ -1,9 +1,24 @@
 """Effects that a scene has by place: zones of friction, erodible ground, barriers, lakes."""
 
+from dataclasses import replace
+
 from ..effects import barrier, entrainment, still_water, zones
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
 
 ZONE_THRESHOLD = 0.02  # (largest - smallest) / mean of a parameter in reach
+TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
+
+
+def with_effects_on(scene, effects):
+    """`scene` with those `effects` of TABLE_OF on that its tables have and do not turn off."""
+    on = {}
+    for name in (TABLE_OF[effect] for effect in effects):
+        tables = getattr(scene, name)
+        if isinstance(tables, tuple):
+            on[name] = tuple(table if table.use == "off" else replace(table, use="on") for table in tables)
+        else:
+            on[name] = replace(tables, use="on")
+    return replace(scene, **on)
 
 
 def decide_zones(scene, facts, slots):

@@ -11,6 +11,7 @@ from .placed import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
 FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D grid needs to see what happens there
+JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from what was expected without a word
 SCALED_MACH = 0.1  # what a scaled stiffness is made for: densities within 1 %
 COHESION_THRESHOLD = 0.02  # of the load of the release
 MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
@@ -57,6 +58,20 @@ def decide_stiffness(scene, facts, slots):
 def largest_speed(facts):
     """U [m s-1]: that of the energy line, or of a front that the release's own thickness drives, 2 sqrt(g h0)."""
     return max(facts.speed, 2.0 * sqrt(GRAVITY * max(facts.release_thickness, 0.0)))
+
+
+def stiffness_in_hindsight(facts, density, fastest, mach):
+    """A line on what the stiffness was judged by and what the flow came to; '' where the two say about the same.
+
+    `fastest` [m s-1] is the largest speed of the run, `mach` its share of the speed of pressure waves.
+    """
+    expected = largest_speed(facts)
+    if fastest <= 0.0 or expected / JUDGED_ALIKE < fastest < expected * JUDGED_ALIKE:
+        return ""
+    return (
+        f"the stiffness was judged by {expected:.0f} m/s before the run; the flow had {fastest:.3g} m/s at most, Mach "
+        f"{mach:.2f}: a bulk modulus of {density * (fastest / SCALED_MACH) ** 2:.2g} Pa holds its density to 1 %"
+    )
 
 
 def decide_elasticity(scene, facts, slots):

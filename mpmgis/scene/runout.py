@@ -22,7 +22,7 @@ def runout(facts, friction=None, cohesion=0.0):
     if len(facts.profile) < 2 or facts.release_thickness <= 0.0:
         return None
     friction = Frictionless() if friction is None else friction
-    energy, distance = 0.0, 0.0  # U^2 [m2 s-2]
+    energy, distance = facts.start_speed**2, 0.0  # U^2 [m2 s-2]
     for length, fall in _pieces(facts.profile):
         slope = fall / length
         cosine = 1.0 / sqrt(1.0 + slope * slope)

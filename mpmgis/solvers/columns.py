@@ -328,8 +328,28 @@ class ColumnSolver(ParticleStore):
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
             self._ledger, self._peaks, self._barrier_sums, self._left, float(until), int(max_steps),
-            settings, self.fields, self.effects,
+            settings, self.fields, self.effects, self._watched,
         )  # fmt: skip
+
+    def _march_with(self, effects, places, walls):
+        """Go on with other `effects` and `places`; what is left of the bed and sums of barriers that stay are kept."""
+        before, trigger = self._changing(), self.fields.trigger_thickness
+        self.effects, self.places = effects, places
+        fields = places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
+        self.fields = fields._replace(trigger_thickness=trigger)
+        self._barrier_sums = np.zeros((len(places.barrier_names), kernel.BARRIER_SUMS + 1))
+        for name, array in self._changing().items():
+            if name in before:
+                array[:] = before[name]
+
+    @staticmethod
+    def _on_kernel_nodes(values):
+        """`values` [ny + 3, nx + 3] on the nodes that blocks are made of."""
+        return values
+
+    def _map_places(self, rows, keys):
+        """float64[n, 2] [m]: map E, N of columns."""
+        return rows[:, [kernel.X, kernel.Y]] + (self.grid.x0, self.grid.y0)
 
     def frame(self):
         """The columns now, as a Frame: z is the bed, velocities are tangent to it.
@@ -364,6 +384,7 @@ class ColumnSolver(ParticleStore):
         arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
             arrays |= self._peaks_state()
+        arrays |= self._watch_state()
         return arrays | {"rows": rows, "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
 
     def _changing(self):
@@ -390,6 +411,7 @@ class ColumnSolver(ParticleStore):
         FormatError
             No state in it, or the state of another run.
         """
+        self._restore_watch(frame)
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
         peaks = {"peaks", "peak_nodes"} if self.numerics.maxima else set()

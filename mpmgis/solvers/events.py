@@ -56,6 +56,12 @@ class Inlet:
         )  # fmt: skip
         return replace(self.frame, particles=batch, time=float(self.times[k, 0]))
 
+    def fastest_velocity(self):
+        """float64[n, 3] [m s-1]: velocity of all its columns in the batch that comes in with the largest speed."""
+        first = np.zeros(1, int)  # of the columns: the others enter as fast, each along its own ground
+        speeds = [float(np.linalg.norm(self.velocity(time, first))) for time in self.times[:, 0]]
+        return self.velocity(self.times[int(np.argmax(speeds)), 0], np.arange(len(self.frame.particles)))
+
     @property
     def columns(self):
         """Number of columns of all batches together."""

@@ -10,7 +10,9 @@ from ..effects.zones import FrictionZones
 from ..errors import SceneError
 from ..geo.zones import spread
 from ..scene import mu_least
+from ..scene.placed import TABLE_OF, ZONE_THRESHOLD
 from .places import Places, barrier_entries
+from .watch import Feature
 
 LEAST_OF = ("xi",)  # parameters whose least value makes the law's part largest; of others the mean decides
 
@@ -60,7 +62,7 @@ class KnownByPlace:
         facts = {}
         if self.zones:
             within_domain = self.grid.domain_nodes()
-            self._require_no_gap(inside & within_domain, x, y)
+            self._require_no_gap(reach.below_line(terrain.grid, x, y) & within_domain, x, y)
             facts["zone_spread"] = max(spread(values, inside & within_domain) for values in self.zones.values())
         if self.erodible is not None:
             mass = self.erodible[inside].sum() * self.grid.cell_size**2
@@ -76,7 +78,13 @@ class KnownByPlace:
         if not self.zones:
             return self.scene
         x, y = self.grid.node_points()
-        inside = reach.at(terrain.grid, x, y)[0] & self.grid.domain_nodes()
+        inside = reach.below_line(terrain.grid, x, y) & self.grid.domain_nodes()
+        if not inside.any():  # a line that is shorter than a cell
+            i, j = np.nonzero(reach.line)
+            east, north = terrain.grid.xy(i * reach.step, j * reach.step)
+            row, column = (np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
+                           for v, v0 in ((north, self.grid.y0), (east, self.grid.x0)))  # fmt: skip
+            inside[np.clip(row, 1, inside.shape[0] - 2), np.clip(column, 1, inside.shape[1] - 2)] = True
         told = {}
         for name, values in self.zones.items():
             chosen = values[inside] if np.isfinite(values[inside]).any() else values
@@ -104,6 +112,33 @@ class KnownByPlace:
             barriers=barrier_entries(self.wall_nodes) if walls else None,
             barrier_names=tuple(wall.name for wall in walls),
         )
+
+    def watched(self, law, decisions):
+        """tuple of Feature: what is off by its number alone, `law` being the friction that is used in its place."""
+        off = {decision.effect: _why_off(decision) for decision in decisions
+               if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
+        where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
+        features = []
+        for effect, why in off.items():
+            words, nodes = where[effect](law)
+            if nodes.any():
+                features.append(Feature(effect, f"{words}, off until now ({why})", nodes))
+        return tuple(features)
+
+    def _zone_nodes(self, law):
+        """Nodes at which a parameter differs from that of `law` by more than what counts as a difference."""
+        differs = np.zeros(self.grid.bed.shape, bool)
+        for name in law._fields:
+            used = getattr(law, name)
+            differs |= np.abs(_filled(self.zones[name]) - used) > ZONE_THRESHOLD * abs(used)
+        return "a zone of other friction", differs
+
+    def _erodible_nodes(self, law):
+        return "erodible ground", self.erodible > 0.0
+
+    def _standing_nodes(self, law):
+        names = ", ".join(f"'{wall.name}'" for wall in self.walls)
+        return f"barrier {names}", self.wall_nodes.number > 0
 
     def _zone_values(self, zones, law):
         """Parameters of the friction `law` at the nodes, in the order of its fields; None where zones are off."""
@@ -141,6 +176,15 @@ class KnownByPlace:
         bed = self.grid.bed[1:-1, 1:-1]
         mean = 0.25 * (bed[:-1, :-1] + bed[:-1, 1:] + bed[1:, :-1] + bed[1:, 1:])
         return float(np.maximum(self.lake_level - mean, 0.0).sum() * self.grid.cell_size**2)
+
+
+def _why_off(decision):
+    """Why a decision found nothing in reach, in words."""
+    if decision.indicator is None:
+        return decision.reason.partition(";")[0]
+    if decision.indicator == 0.0:
+        return "nothing of the kind in reach of the energy line"
+    return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
 
 
 def _with_friction(scene, values):

@@ -21,7 +21,8 @@ class March:
     in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
     and events were restored from. After the last frame `reason` says why it ended. `observe(solver)` is called a few
     times a second. With `stage_end`, a StageEnd, the march may end before: then `switch` says why, there is no frame of
-    that time, and the next stage of the run goes on.
+    that time, and the next stage of the run goes on. Where the flow comes to a feature that the solver watches
+    (`solvers.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
 
     Attributes
     ----------
@@ -42,12 +43,14 @@ class March:
         (`solvers.guard`). Frames before are whole.
     """
 
-    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None):
+    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None,
+                 tell_taken_in=None):  # fmt: skip
         self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
         self.observe = observe or (lambda solver: None)
         self.resumed, self.events = resumed, events or Events()
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
+        self.tell_taken_in = tell_taken_in or (lambda taken: None)
         self._side, self._observed = marched(solver), 0.0
         self._guard = Guard(solver, self._side, self.events, self.stage_end)
 
@@ -121,6 +124,11 @@ class March:
             self.step_seconds += spent
             if code == side.RUNNING:
                 steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
+            taken_in = side.take_in(code)
+            if taken_in:
+                for taken in taken_in:
+                    self.tell_taken_in(taken)
+                continue
             trouble = self._guard.trouble(code, code == side.REACHED_TIME and target == until)
             if trouble:
                 self._guard.go_back(trouble)

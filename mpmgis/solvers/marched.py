@@ -38,6 +38,7 @@ class MarchedColumns:
 
     RUNNING, REACHED_TIME = column_kernel.RUNNING, column_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = column_kernel.ALL_LEFT, column_kernel.TRIGGER_REACHED
+    WATCHED_REACHED = column_kernel.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
     def __init__(self, solver):
@@ -51,6 +52,10 @@ class MarchedColumns:
     def advance(self, until, after, max_steps, may_stop):
         """March to `until` [s] or for `max_steps`; the kernel's reason to come back."""
         return self.solver.advance(until, max_steps, may_stop)
+
+    def take_in(self, code):
+        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`: columns look at every step whether they rest."""
@@ -80,6 +85,7 @@ class MarchedPoints:
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
+    WATCHED_REACHED = point_kernel.WATCHED_REACHED
     END_REASONS = POINT_REASONS
 
     def __init__(self, solver):
@@ -93,6 +99,10 @@ class MarchedPoints:
     def advance(self, until, after, max_steps, may_stop):
         """March to `until` [s], and be ready for `after` [s] then, or for `max_steps`; the kernel's reason."""
         return self.solver.advance(until, after, max_steps)
+
+    def take_in(self, code):
+        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""
@@ -156,6 +166,10 @@ class MarchedCoupled:
     def advance(self, until, after, max_steps, may_stop):
         """March to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points; the reason."""
         return self.solver.advance(until, after, max_steps)
+
+    def take_in(self, code):
+        """What is turned on because points or columns came to it, by the `code` with which their kernel came back."""
+        return self._columns.take_in(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.take_in(code)
 
     def at_frame(self, code):
         """The reason to end at a frame's time, else `code`."""

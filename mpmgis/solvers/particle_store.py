@@ -2,7 +2,11 @@
 
 import numpy as np
 
+from ..errors import FormatError
+from .watch import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
+
 LEFT_STATE = ("left_blocks", "left_sums")  # of a frame's state: where mass left the terrain
+NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
 class ParticleStore:
@@ -15,6 +19,7 @@ class ParticleStore:
     """
 
     kernel = None
+    _watch, _watched = None, NOTHING_WATCHED
 
     @property
     def time(self):
@@ -34,6 +39,56 @@ class ParticleStore:
         """From the next step that is not chosen yet on take steps of `share` [1] of what they would be."""
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
+
+    def watch(self, watch):
+        """Look out for the features of `watch` (Watch); `advance` comes back before the flow touches one of them."""
+        self._watch = watch
+        self._mark_watched()
+
+    @property
+    def taken_in(self):
+        """tuple of TakenIn: features that were off, and that the flow has come to."""
+        return () if self._watch is None else self._watch.taken_in
+
+    def take_in(self):
+        """Turn on what the flow is about to touch; tuple of TakenIn."""
+        rows, _, keys = self._alive()
+        reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
+        state, before = self._watch.state, self._watch.taken_in
+        for k in range(len(state)):
+            first = np.flatnonzero(reached & (1 << k))[:1]
+            if first.size:
+                east, north = self._map_places(rows[first], keys[first])[0]
+                state[k, [TAKEN, TIME, EAST, NORTH]] = 1.0, self.time, east, north
+        self._march_with_taken_in()
+        return tuple(taken for taken in self._watch.taken_in if taken not in before)
+
+    def _march_with_taken_in(self):
+        """The effects and places that belong to what is taken in now."""
+        self._march_with(*self._watch.with_effects(tuple(taken.effect for taken in self._watch.taken_in)))
+        self._mark_watched()
+
+    def _mark_watched(self):
+        marks = None if self._watch is None else self._watch.marks()
+        if marks is None:
+            self._watched = NOTHING_WATCHED
+        else:
+            self._watched = block_marks(self._on_kernel_nodes(marks), self.kernel.BLOCK)
+
+    def _watch_state(self):
+        """What a frame keeps of the watch, by name; nothing where nothing is watched."""
+        return {} if self._watch is None else {STATE: self._watch.state.copy()}
+
+    def _restore_watch(self, frame):
+        """March with what was taken in up to `frame`."""
+        if self._watch is None:
+            return
+        state = np.asarray(frame.state.get(STATE, np.zeros(0)))
+        if state.shape != self._watch.state.shape:
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        if not np.array_equal(state, self._watch.state):
+            self._watch.state[:] = state
+            self._march_with_taken_in()
 
     def _alive(self):
         """Rows, ids and keys of the particles that are on the terrain."""

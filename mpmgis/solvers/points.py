@@ -354,8 +354,28 @@ class PointSolver(ParticleStore):
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
             self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._barriers,
-            float(until), float(after), int(max_steps), self._settings, self._effects,
+            float(until), float(after), int(max_steps), self._settings, self._effects, self._watched,
         )  # fmt: skip
+
+    def _march_with(self, effects, places, walls):
+        """Go on with other `effects`, `places` and `walls`; sums of barriers that stay are kept."""
+        self.effects = effects
+        self._effects = self._effects._replace(contact=effects.contact, zones=effects.zones, barrier=effects.barrier)
+        zone_values = places.zone_values
+        self._zone_values = NO_PLACES if zone_values is None else self._padded(zone_values)
+        if self.walls != tuple(walls):
+            self.walls = tuple(walls)
+            self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
+            self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
+
+    @classmethod
+    def _on_kernel_nodes(cls, values):
+        """`values` [ny + 3, nx + 3] on the nodes that blocks are made of."""
+        return cls._padded(values[..., None])[..., 0]
+
+    def _map_places(self, rows, keys):
+        """float64[n, 2] [m]: map E, N of points."""
+        return self._places(rows, keys)[:, :2] + (self.grid.x0, self.grid.y0)
 
     def _places(self, rows, keys):
         """float64[n, 3] [m] from the domain's corner at its lowest level."""
@@ -395,7 +415,8 @@ class PointSolver(ParticleStore):
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
-        return state | self._left_state() | {name: array.copy() for name, array in self._changing().items()}
+        state |= self._left_state() | self._watch_state()
+        return state | {name: array.copy() for name, array in self._changing().items()}
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
@@ -410,6 +431,7 @@ class PointSolver(ParticleStore):
         FormatError
             No state in it, or the state of another run.
         """
+        self._restore_watch(frame)
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
         if not {"rows", "keys", *LEFT_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
