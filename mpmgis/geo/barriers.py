@@ -6,6 +6,8 @@ from math import cos, radians
 import numpy as np
 import shapely
 
+from .openings import MOST_SHARE, openings_at
+
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
 CORNER = cos(radians(30.0))  # neighbours whose normals differ by more make a corner
@@ -54,6 +56,11 @@ class WallNodes:
         thin walls, of the middle of the two faces' cores of thick ones.
     depth : float [m]
         Behind the wall's nearest side as it is computed.
+    share : float
+        Of the node's spline that is open: beyond a wall's end and in narrow openings (`geo.openings`). The normal there
+        is the way through the opening.
+    side : float
+        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
     """
 
     number: np.ndarray
@@ -64,6 +71,8 @@ class WallNodes:
     corner: np.ndarray
     weight: np.ndarray
     depth: np.ndarray
+    share: np.ndarray
+    side: np.ndarray
 
 
 def half_thickness(footprint):
@@ -109,9 +118,20 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
         normal[window][mine], mu[window][mine] = away[mine], wall.mu
         crest[window][mine] = wall.crest if wall.crest is not None else bed[window][mine] + wall.height
         weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
-    core = depth >= FACE_CELLS * cell_size
+    share, side = np.zeros(bed.shape), np.zeros(bed.shape)
+    rows, columns = np.nonzero(number)
+    domain = x[1], y[1], x[-2], y[-2]
+    opening = openings_at(
+        np.column_stack([x[columns], y[rows]]), [wall.footprint for wall in walls], domain, cell_size
+    )
+    opened = opening.share > 0.0
+    at = rows[opened], columns[opened]
+    share[at], side[at], normal[at] = opening.share[opened], opening.side[opened], opening.normal[opened]
+    number[share > MOST_SHARE] = 0
+    share[number == 0] = side[number == 0] = 0.0
+    core = (depth >= FACE_CELLS * cell_size) & (number > 0)
     depth = np.where(number > 0, depth, 0.0)
-    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight, depth)
+    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight, depth, share, side)
 
 
 def _weight(depth, half, cell_size):

@@ -68,4 +68,5 @@ def barrier_entries(walls):
     nodes[..., entries.BARRIER] = walls.number
     nodes[..., entries.HOLD] = np.where(corner, CORNER, np.where(walls.core, CORE, FACE))
     nodes[..., entries.WEIGHT] = walls.weight
+    nodes[..., entries.SHARE], nodes[..., entries.SIDE] = walls.share, walls.side
     return nodes
