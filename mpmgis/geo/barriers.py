@@ -5,8 +5,9 @@ from math import cos, radians
 
 import numpy as np
 import shapely
+from scipy import ndimage
 
-from .openings import MOST_SHARE, openings_at
+from .openings import MOST_SHARE, SPLINE, openings_at
 
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
@@ -59,6 +60,8 @@ class WallNodes:
     share : float
         Of the node's spline that is open: beyond a wall's end and in narrow openings (`geo.openings`). The normal there
         is the way through the opening.
+    limit : float
+        How much passes there at most, over the critical discharge of a metre of opening.
     side : float
         -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
     """
@@ -72,6 +75,7 @@ class WallNodes:
     weight: np.ndarray
     depth: np.ndarray
     share: np.ndarray
+    limit: np.ndarray
     side: np.ndarray
 
 
@@ -107,31 +111,58 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
         How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
+    nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     normal, crest, mu, weight = np.zeros((*bed.shape, 2)), np.zeros(bed.shape), np.zeros(bed.shape), np.zeros(bed.shape)
     for k, wall in enumerate(walls, 1):
         margin = margin_of(wall.footprint, cell_size)
-        window = _window(wall.footprint.buffer(margin).bounds, x, y)
+        around = max(margin, SPLINE * cell_size)
+        window = _window(wall.footprint.buffer(around).bounds, x, y)
         here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
+        near = (here >= -around) & (here > behind[window])
+        nearest[window][near], behind[window][near] = k, here[near]
         here += margin
         mine = (here >= 0) & (here > depth[window])  # where walls overlap a node belongs to the one it is deepest in
         number[window][mine], depth[window][mine] = k, here[mine]
         normal[window][mine], mu[window][mine] = away[mine], wall.mu
-        crest[window][mine] = wall.crest if wall.crest is not None else bed[window][mine] + wall.height
+        crest[window][mine] = _crest(wall, bed[window][mine])
         weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
-    share, side = np.zeros(bed.shape), np.zeros(bed.shape)
-    rows, columns = np.nonzero(number)
-    domain = x[1], y[1], x[-2], y[-2]
-    opening = openings_at(
-        np.column_stack([x[columns], y[rows]]), [wall.footprint for wall in walls], domain, cell_size
-    )
-    opened = opening.share > 0.0
-    at = rows[opened], columns[opened]
-    share[at], side[at], normal[at] = opening.share[opened], opening.side[opened], opening.normal[opened]
-    number[share > MOST_SHARE] = 0
-    share[number == 0] = side[number == 0] = 0.0
-    core = (depth >= FACE_CELLS * cell_size) & (number > 0)
+    turns, core = _turns(normal, number), depth >= FACE_CELLS * cell_size
     depth = np.where(number > 0, depth, 0.0)
-    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight, depth, share, side)
+    share, limit, side = np.zeros((3, *bed.shape))
+    nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
+    _open(nodes, walls, nearest, x, y, bed, cell_size)
+    return nodes
+
+
+def _open(nodes, walls, nearest, x, y, bed, cell_size):
+    """Set, in place, what `nodes` (WallNodes) know of openings; `nearest` is 1 + the wall within a spline's reach."""
+    rows, columns = np.nonzero(nearest)
+    thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
+    places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
+    opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size)
+    opened = opening.share > 0.0
+    free = opening.share > MOST_SHARE
+    nodes.number[rows[free], columns[free]] = 0
+    partly = opened & ~free
+    at = rows[partly], columns[partly]
+    for entry, values in (
+        (nodes.share, opening.share), (nodes.limit, opening.limit), (nodes.side, opening.side),
+        (nodes.normal, opening.normal),
+    ):  # fmt: skip
+        entry[at] = values[partly]
+    for j, i in zip(*at, strict=True):
+        wall = walls[nearest[j, i] - 1]
+        nodes.number[j, i], nodes.mu[j, i] = nearest[j, i], wall.mu
+        nodes.crest[j, i] = _crest(wall, bed[j, i])
+    beside = np.zeros(nodes.number.shape, bool)
+    beside[rows[opened], columns[opened]] = True
+    nodes.corner[ndimage.binary_dilation(beside, np.ones((3, 3)))] = False  # flow that turns into an opening slips there
+    nodes.core[nodes.number == 0] = False
+
+
+def _crest(wall, bed):
+    """Elevation [m] of the crest of `wall` over ground at `bed` [m]."""
+    return wall.crest if wall.crest is not None else bed + wall.height
 
 
 def _weight(depth, half, cell_size):

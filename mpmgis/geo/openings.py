@@ -13,10 +13,13 @@ import shapely
 import shapely.affinity
 
 SPLINE = 1.5  # [cells] half width of the quadratic B-spline
-REGIONS = (3.0, 5.0, 8.0, 12.0)  # [cells] radii in which the direction of the walls is sought, the first that has one
+REGION = 3.0  # [cells] radius in which the direction of the walls is sought; twice the wall's thickness if that is more
+WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the walls there have a direction
 LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
 SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one
 LEAST_SHARE, MOST_SHARE = 1e-6, 0.995  # a node with less is closed, one with more is free
+BEFORE, WITHIN = 1.1, 2.0  # limit over share of nodes before an opening, and of those in it
+DEEP = 0.3  # [cells] how far behind the wall's faces a node counts as in the opening
 
 
 class Opening(NamedTuple):
@@ -28,21 +31,28 @@ class Opening(NamedTuple):
         Of the node's spline that is open; 0 where the wall is closed.
     normal : float [n, 2]
         Unit vector (east, north) along which the flow passes.
+    limit : float
+        How much passes at most, over the critical discharge of a metre of opening. Before the opening it is a tenth
+        more than the share, which the nodes beside it take from the flow; in the opening, which holds only what has
+        passed there, it is twice the share.
     side : float
         -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
     """
 
     share: np.ndarray
+    limit: np.ndarray
     normal: np.ndarray
     side: np.ndarray
 
 
-def openings_at(places, footprints, domain, cell_size):
+def openings_at(places, thickness, footprints, domain, cell_size):
     """The Opening of nodes near walls.
 
     Parameters
     ----------
     places : float[n, 2] [m]
+    thickness : float[n] [m]
+        Of the wall near each.
     footprints : sequence of shapely.Polygon or MultiPolygon [m]
         Of all walls.
     domain : (west, south, east, north) [m]
@@ -50,7 +60,7 @@ def openings_at(places, footprints, domain, cell_size):
     cell_size : float [m]
     """
     n = len(places)
-    answer = Opening(np.zeros(n), np.zeros((n, 2)), np.zeros(n))
+    answer = Opening(np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n))
     walls = _with_mirror_images(shapely.union_all(footprints), domain, SIGHT * cell_size)
     if n == 0 or walls.is_empty:
         return answer
@@ -58,12 +68,13 @@ def openings_at(places, footprints, domain, cell_size):
     points = shapely.points(places)
     vertices = shapely.STRtree(shapely.points(shapely.get_coordinates(walls)))
     near = np.unique(vertices.query(points, "dwithin", 2.0 * SPLINE * cell_size)[0])
-    normal = wall_normals(walls, points[near], cell_size)
+    normal = wall_normals(walls, points[near], np.maximum(REGION * cell_size, 2.0 * thickness[near]))
     near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
     for k, across in zip(near, normal, strict=True):
-        share, change = _open_share(walls, points[k], across, cell_size)
+        share, change, within = _open_share(walls, points[k], across, cell_size)
         if share > LEAST_SHARE:
-            answer.share[k], answer.normal[k], answer.side[k] = share, across, np.sign(round(change, 9))
+            answer.share[k], answer.limit[k] = share, share * (WITHIN if within else BEFORE)
+            answer.normal[k], answer.side[k] = across, np.sign(round(change, 9))
     return answer
 
 
@@ -109,17 +120,18 @@ def _with_mirror_images(walls, domain, reach):
     return walls
 
 
-def wall_normals(walls, points, cell_size):
+def wall_normals(walls, points, radius):
     """float[n, 2]: unit normals of the direction in which `walls` run about each point; NaN where they have none.
 
-    The direction is the axis of the largest second moment of the walls' area in the smallest region that has one.
+    The direction is the axis of the largest second moment of the walls' area around the point, in the smallest of some
+    regions where it is clear; `radius` float[n] [m] is that of the first.
     """
     normal = np.full((len(points), 2), np.nan)
-    for radius in REGIONS:
+    for wider in WIDER:
         open_yet = np.flatnonzero(np.isnan(normal[:, 0]))
         if open_yet.size == 0:
             break
-        pieces = shapely.intersection(walls, shapely.buffer(points[open_yet], radius * cell_size, quad_segs=8))
+        pieces = shapely.intersection(walls, shapely.buffer(points[open_yet], wider * radius[open_yet], quad_segs=8))
         xx, xy, yy = _second_moments(pieces, shapely.get_coordinates(points[open_yet]))
         mean, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
         long = mean - half < LONG * (mean + half)
@@ -153,7 +165,7 @@ def _second_moments(shapes, origins):
 
 
 def _open_share(walls, point, across, cell_size):
-    """(share of the node's spline that is open, its change along the wall) of the node at `point`."""
+    """(share of the node's spline that is open, its change along the wall, whether the node is in the opening)."""
     x, y = point.x, point.y
     along = np.array([across[1], -across[0]])
     here = np.array([x, y])
@@ -162,10 +174,11 @@ def _open_share(walls, point, across, cell_size):
     low, high = min(level - reach, -0.1 * cell_size), max(level + reach, 0.1 * cell_size)
     corners = [here + a * along + b * across for a, b in ((-reach, low), (reach, low), (reach, high), (-reach, high))]
     parts = shapely.get_parts(shapely.intersection(walls, shapely.Polygon(corners)))
-    shadows = []
+    shadows, within = [], False
     for part in parts:
-        offsets = (shapely.get_coordinates(part) - here) @ along
+        offsets, levels = (shapely.get_coordinates(part) - here) @ along, (shapely.get_coordinates(part) - here) @ across
         shadows.append((offsets.min(), offsets.max()))
+        within |= levels.min() + DEEP * cell_size <= 0.0 <= levels.max() - DEEP * cell_size
     share = change = 0.0
     sides = None
     for a, b in _gaps(shadows, reach, 1e-9 * cell_size):
@@ -175,7 +188,7 @@ def _open_share(walls, point, across, cell_size):
             a, b = a / cell_size, b / cell_size
             share += _below(b) - _below(a)
             change += _spline(a) - _spline(b)
-    return share, change
+    return share, change, within
 
 
 def _gaps(shadows, reach, least):

@@ -14,8 +14,8 @@ from .jit import jit, jit_inline, jit_parallel, prange
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
 # wall here), friction along it [1], how it holds the flow (`effects.barrier`), and the weight with which what passes
 # there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
-# is open, and to which side of it the opening lies (`geo.openings`)
-WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, SIDE, BARRIER_ENTRIES = range(10)
+# is open, how much passes there at most, and to which side of it the opening lies (`geo.openings`)
+WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
 # what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
 IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
 PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], beside a barrier's sums
@@ -54,7 +54,7 @@ def hold_at_barriers(
                     speed = speed_before if before >= beyond else speed_beyond
                     over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
                     if here[SHARE] > 0.0:
-                        through = here[SHARE] * barrier.opening_discharge(
+                        through = here[LIMIT] * barrier.opening_discharge(
                             gravity, before, speed_before, beyond, speed_beyond
                         )
                         u_held, v_held = barrier.let_through(

@@ -151,6 +151,7 @@ class PointSolver(ParticleStore):
         entries = np.dstack([
             nodes.normal, nodes.crest - floor, nodes.depth, nodes.mu, nodes.weight,
             x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
+            nodes.share, nodes.limit, nodes.side,
         ])  # fmt: skip
         return self._padded(np.where(standing, entries, 0.0))
 
