@@ -11,6 +11,7 @@ from .openings import MOST_SHARE, SPLINE, openings_at
 
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
+WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
 CORNER = cos(radians(30.0))  # neighbours whose normals differ by more make a corner
 
 
@@ -98,7 +99,7 @@ def margin_of(footprint, cell_size):
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
 
 
-def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
+def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
     """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) that stand in `walls`; a WallNodes.
 
     Parameters
@@ -109,6 +110,8 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
     cell_size : float [m]
     margin_of : callable, optional
         How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
+    widened : float, optional [cells]
+        As of `geo.openings.openings_at`.
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
@@ -130,16 +133,16 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
     depth = np.where(number > 0, depth, 0.0)
     share, limit, side = np.zeros((3, *bed.shape))
     nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
-    _open(nodes, walls, nearest, x, y, bed, cell_size)
+    _open(nodes, walls, nearest, x, y, bed, cell_size, widened)
     return nodes
 
 
-def _open(nodes, walls, nearest, x, y, bed, cell_size):
+def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
     """Set, in place, what `nodes` (WallNodes) know of openings; `nearest` is 1 + the wall within a spline's reach."""
     rows, columns = np.nonzero(nearest)
     thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
     places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
-    opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size)
+    opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size, widened)
     opened = opening.share > 0.0
     free = opening.share > MOST_SHARE
     nodes.number[rows[free], columns[free]] = 0

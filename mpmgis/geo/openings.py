@@ -45,7 +45,7 @@ class Opening(NamedTuple):
     side: np.ndarray
 
 
-def openings_at(places, thickness, footprints, domain, cell_size):
+def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     """The Opening of nodes near walls.
 
     Parameters
@@ -58,6 +58,8 @@ def openings_at(places, thickness, footprints, domain, cell_size):
     domain : (west, south, east, north) [m]
         Walls are mirrored at its edges, as the flow is.
     cell_size : float [m]
+    widened : float, optional [cells]
+        By how much an opening is taken to be wider on each side. What passes at most stays that of its own width.
     """
     n = len(places)
     answer = Opening(np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n))
@@ -71,9 +73,9 @@ def openings_at(places, thickness, footprints, domain, cell_size):
     normal = wall_normals(walls, points[near], np.maximum(REGION * cell_size, 2.0 * thickness[near]))
     near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
     for k, across in zip(near, normal, strict=True):
-        share, change, within = _open_share(walls, points[k], across, cell_size)
+        share, limit, change, within = _open_share(walls, points[k], across, cell_size, widened)
         if share > LEAST_SHARE:
-            answer.share[k], answer.limit[k] = share, share * (WITHIN if within else BEFORE)
+            answer.share[k], answer.limit[k] = share, limit * (WITHIN if within else BEFORE)
             answer.normal[k], answer.side[k] = across, np.sign(round(change, 9))
     return answer
 
@@ -164,14 +166,16 @@ def _second_moments(shapes, origins):
     return xx / area - (x / area) ** 2, xy / area - x * y / area**2, yy / area - (y / area) ** 2
 
 
-def _open_share(walls, point, across, cell_size):
-    """(share of the node's spline that is open, its change along the wall, whether the node is in the opening)."""
+def _open_share(walls, point, across, cell_size, widened):
+    """What the node at `point` sees of openings: (share of its spline that is open, the same over the widening, change
+    of the share along the wall, whether the node is in the opening)."""
     x, y = point.x, point.y
     along = np.array([across[1], -across[0]])
     here = np.array([x, y])
     nearest = shapely.get_coordinates(shapely.shortest_line(walls.boundary, point))[0] - here
-    level, reach = nearest @ across, SPLINE * cell_size
-    low, high = min(level - reach, -0.1 * cell_size), max(level + reach, 0.1 * cell_size)
+    level, reach = nearest @ across, (SPLINE + 2.0 * widened) * cell_size
+    depth = SPLINE * cell_size
+    low, high = min(level - depth, -0.1 * cell_size), max(level + depth, 0.1 * cell_size)
     corners = [here + a * along + b * across for a, b in ((-reach, low), (reach, low), (reach, high), (-reach, high))]
     parts = shapely.get_parts(shapely.intersection(walls, shapely.Polygon(corners)))
     shadows, within = [], False
@@ -179,16 +183,19 @@ def _open_share(walls, point, across, cell_size):
         offsets, levels = (shapely.get_coordinates(part) - here) @ along, (shapely.get_coordinates(part) - here) @ across
         shadows.append((offsets.min(), offsets.max()))
         within |= levels.min() + DEEP * cell_size <= 0.0 <= levels.max() - DEEP * cell_size
-    share = change = 0.0
+    share = limit = change = 0.0
     sides = None
     for a, b in _gaps(shadows, reach, 1e-9 * cell_size):
         if sides is None:
             sides = _Sides(walls, here, across, level, cell_size)
         if sides.connected_by(here + 0.5 * (a + b) * along + level * across):
-            a, b = a / cell_size, b / cell_size
+            own = b - a
+            a = a / cell_size - (widened if a > -reach else 0.0)
+            b = b / cell_size + (widened if b < reach else 0.0)
             share += _below(b) - _below(a)
+            limit += (_below(b) - _below(a)) * own / ((b - a) * cell_size)
             change += _spline(a) - _spline(b)
-    return share, change, within
+    return min(share, 1.0), limit, change, within
 
 
 def _gaps(shadows, reach, least):
