@@ -18,7 +18,8 @@ WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the
 LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
 SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one
 LEAST_SHARE, MOST_SHARE = 1e-6, 0.995  # a node with less is closed, one with more is free
-BEFORE, WITHIN = 1.1, 2.0  # limit over share of nodes before an opening, and of those in it
+BEFORE, WITHIN = 1.08, 2.5  # limit over share of nodes before an opening, and of those in it
+LONGER = 0.04, 5.0  # by which the first is more for each cell of the wall's thickness, and for how many at most
 DEEP = 0.3  # [cells] how far behind the wall's faces a node counts as in the opening
 
 
@@ -33,8 +34,8 @@ class Opening(NamedTuple):
         Unit vector (east, north) along which the flow passes.
     limit : float
         How much passes at most, over the critical discharge of a metre of opening. Before the opening it is a tenth
-        more than the share, which the nodes beside it take from the flow; in the opening, which holds only what has
-        passed there, it is twice the share.
+        more than the share, which the held nodes beside it take from the flow, and up to a quarter where the way
+        through is long; in the opening, which holds only what has passed there, it is WITHIN times the share.
     side : float
         -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
     """
@@ -72,10 +73,11 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     near = np.unique(vertices.query(points, "dwithin", 2.0 * SPLINE * cell_size)[0])
     normal = wall_normals(walls, points[near], np.maximum(REGION * cell_size, 2.0 * thickness[near]))
     near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
+    before = BEFORE + LONGER[0] * np.minimum(thickness / cell_size, LONGER[1])
     for k, across in zip(near, normal, strict=True):
         share, limit, change, within = _open_share(walls, points[k], across, cell_size, widened)
         if share > LEAST_SHARE:
-            answer.share[k], answer.limit[k] = share, limit * (WITHIN if within else BEFORE)
+            answer.share[k], answer.limit[k] = share, limit * (WITHIN if within else before[k])
             answer.normal[k], answer.side[k] = across, np.sign(round(change, 9))
     return answer
 
