@@ -23,10 +23,16 @@ class NoBarrier(NamedTuple):
     def weir_discharge(self, gravity, head, speed):
         return 0.0
 
+    def opening_discharge(self, gravity, depth, speed, depth_beyond, speed_beyond):
+        return 0.0
+
     def kept_along(self, mu, slip, pressed):
         return 1.0
 
     def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
+        return u, v
+
+    def let_through(self, u, v, normal_x, normal_y, side, mu, open_speed):
         return u, v
 
 
@@ -49,6 +55,22 @@ class Barrier(NamedTuple):
         critical = 2.0 * above / 3.0
         return max(sqrt(gravity * critical) * critical, above * speed)
 
+    def opening_discharge(self, gravity, depth, speed, depth_beyond, speed_beyond):
+        """The most that passes through a metre of an opening [m2 s-1].
+
+        `depth` [m] is the flow's on one side and `speed` [m s-1] its speed towards the opening, `depth_beyond` and
+        `speed_beyond` those of the other side. From the side with the larger energy head E = depth + speed^2 / 2g the
+        flow passes critically, q = sqrt(g) (2 E / 3)^(3/2), the largest discharge that any flow of this head has
+        (Chow 1959, section 3-3). Where it stands higher than 2 E / 3 beyond, that depth is the one in the opening,
+        q = depth sqrt(2 g (E - depth)).
+        """
+        head = depth + 0.5 * speed * speed / gravity
+        head_beyond = depth_beyond + 0.5 * speed_beyond * speed_beyond / gravity
+        tail = depth_beyond if head >= head_beyond else depth
+        head = max(head, head_beyond)
+        within = max(2.0 * head / 3.0, min(tail, head))
+        return within * sqrt(2.0 * gravity * (head - within))
+
     def kept_along(self, mu, slip, pressed):
         """Share [1] left of the speed `slip` [m s-1] along a rigid face into which `pressed` [m s-1] goes, in 3D."""
         return max(0.0, 1.0 - mu * pressed / slip)
@@ -70,3 +92,18 @@ class Barrier(NamedTuple):
             kept_along = min(kept_along, open_speed)
         share = kept_along / along if along > 0.0 else 0.0
         return kept_across * normal_x + share * along_x, kept_across * normal_y + share * along_y
+
+    def let_through(self, u, v, normal_x, normal_y, side, mu, open_speed):
+        """Velocity [m s-1] at a node that is partly open; the flow passes along the normal (normal_x, normal_y).
+
+        It passes at `open_speed` at most. Sideways, along (normal_y, -normal_x), it moves only away from the wall,
+        whose opening lies in the direction `side`. What is taken off one speed takes `mu` times as much off the other.
+        """
+        across, along = u * normal_x + v * normal_y, u * normal_y - v * normal_x
+        kept_across = min(max(across, -open_speed), open_speed)
+        kept_along = along if along * side >= 0.0 else 0.0
+        rubbed_along = max(abs(kept_along) - mu * abs(across - kept_across), 0.0)
+        rubbed_across = max(abs(kept_across) - mu * abs(along - kept_along), 0.0)
+        kept_along = rubbed_along if kept_along > 0.0 else -rubbed_along
+        kept_across = rubbed_across if kept_across > 0.0 else -rubbed_across
+        return kept_across * normal_x + kept_along * normal_y, kept_across * normal_y - kept_along * normal_x

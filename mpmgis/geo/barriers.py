@@ -5,9 +5,13 @@ from math import cos, radians
 
 import numpy as np
 import shapely
+from scipy import ndimage
+
+from .openings import MOST_SHARE, SPLINE, openings_at
 
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
+WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
 CORNER = cos(radians(30.0))  # neighbours whose normals differ by more make a corner
 
 
@@ -54,6 +58,13 @@ class WallNodes:
         thin walls, of the middle of the two faces' cores of thick ones.
     depth : float [m]
         Behind the wall's nearest side as it is computed.
+    share : float
+        Of the node's spline that is open: beyond a wall's end and in narrow openings (`geo.openings`). The normal there
+        is the way through the opening.
+    limit : float
+        How much passes there at most, over the critical discharge of a metre of opening.
+    side : float
+        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
     """
 
     number: np.ndarray
@@ -64,6 +75,9 @@ class WallNodes:
     corner: np.ndarray
     weight: np.ndarray
     depth: np.ndarray
+    share: np.ndarray
+    limit: np.ndarray
+    side: np.ndarray
 
 
 def half_thickness(footprint):
@@ -85,7 +99,7 @@ def margin_of(footprint, cell_size):
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
 
 
-def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
+def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
     """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) that stand in `walls`; a WallNodes.
 
     Parameters
@@ -96,22 +110,62 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of):
     cell_size : float [m]
     margin_of : callable, optional
         How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
+    widened : float, optional [cells]
+        As of `geo.openings.openings_at`.
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
+    nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     normal, crest, mu, weight = np.zeros((*bed.shape, 2)), np.zeros(bed.shape), np.zeros(bed.shape), np.zeros(bed.shape)
     for k, wall in enumerate(walls, 1):
         margin = margin_of(wall.footprint, cell_size)
-        window = _window(wall.footprint.buffer(margin).bounds, x, y)
+        around = max(margin, SPLINE * cell_size)
+        window = _window(wall.footprint.buffer(around).bounds, x, y)
         here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
+        near = (here >= -around) & (here > behind[window])
+        nearest[window][near], behind[window][near] = k, here[near]
         here += margin
         mine = (here >= 0) & (here > depth[window])  # where walls overlap a node belongs to the one it is deepest in
         number[window][mine], depth[window][mine] = k, here[mine]
         normal[window][mine], mu[window][mine] = away[mine], wall.mu
-        crest[window][mine] = wall.crest if wall.crest is not None else bed[window][mine] + wall.height
+        crest[window][mine] = _crest(wall, bed[window][mine])
         weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
-    core = depth >= FACE_CELLS * cell_size
+    turns, core = _turns(normal, number), depth >= FACE_CELLS * cell_size
     depth = np.where(number > 0, depth, 0.0)
-    return WallNodes(number, normal, crest, mu, core, core & _turns(normal, number), weight, depth)
+    share, limit, side = np.zeros((3, *bed.shape))
+    nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
+    _open(nodes, walls, nearest, x, y, bed, cell_size, widened)
+    return nodes
+
+
+def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
+    """Set, in place, what `nodes` (WallNodes) know of openings; `nearest` is 1 + the wall within a spline's reach."""
+    rows, columns = np.nonzero(nearest)
+    thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
+    places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
+    opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size, widened)
+    opened = opening.share > 0.0
+    free = opening.share > MOST_SHARE
+    nodes.number[rows[free], columns[free]] = 0
+    partly = opened & ~free
+    at = rows[partly], columns[partly]
+    for entry, values in (
+        (nodes.share, opening.share), (nodes.limit, opening.limit), (nodes.side, opening.side),
+        (nodes.normal, opening.normal),
+    ):  # fmt: skip
+        entry[at] = values[partly]
+    for j, i in zip(*at, strict=True):
+        wall = walls[nearest[j, i] - 1]
+        nodes.number[j, i], nodes.mu[j, i] = nearest[j, i], wall.mu
+        nodes.crest[j, i] = _crest(wall, bed[j, i])
+    beside = np.zeros(nodes.number.shape, bool)
+    beside[rows[opened], columns[opened]] = True
+    nodes.corner[ndimage.binary_dilation(beside, np.ones((3, 3)))] = False  # flow that turns into an opening slips there
+    nodes.core[nodes.number == 0] = False
+
+
+def _crest(wall, bed):
+    """Elevation [m] of the crest of `wall` over ground at `bed` [m]."""
+    return wall.crest if wall.crest is not None else bed + wall.height
 
 
 def _weight(depth, half, cell_size):

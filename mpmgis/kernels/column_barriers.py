@@ -13,8 +13,9 @@ from .jit import jit, jit_inline, jit_parallel, prange
 
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
 # wall here), friction along it [1], how it holds the flow (`effects.barrier`), and the weight with which what passes
-# there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1
-WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, BARRIER_ENTRIES = range(8)
+# there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
+# is open, how much passes there at most, and to which side of it the opening lies (`geo.openings`)
+WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
 # what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
 IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
 BARRIER_LOSS = BARRIER_SUMS  # of a chunk's report only: kinetic energy lost to the barrier [J]
@@ -52,10 +53,21 @@ def hold_at_barriers(
                     side = 1.0 if before >= beyond else -1.0  # on which the flow stands higher
                     head = max(before, beyond) - (here[CREST] - bed[j, i])
                     speed = speed_before if before >= beyond else speed_beyond
-                    open_speed = barrier.weir_discharge(gravity, head, speed) * per_metre / mass
-                    u_held, v_held = barrier.deflected(
-                        u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], open_speed
-                    )
+                    over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
+                    if here[SHARE] > 0.0:
+                        through = here[LIMIT] * barrier.opening_discharge(
+                            gravity, before, speed_before, beyond, speed_beyond
+                        )
+                        u_held, v_held = barrier.let_through(
+                            u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU],
+                            (over + through) * per_metre / mass,
+                        )  # fmt: skip
+                        over /= max(over + through, 1e-300)
+                    else:
+                        u_held, v_held = barrier.deflected(
+                            u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass
+                        )
+                        over = 1.0
                     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
                     own = mass * share_within(j, i, rows, columns, wall)
                     slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
@@ -65,7 +77,7 @@ def hold_at_barriers(
                     sums[IMPULSE_Y] += own * (v - v_held)
                     across = -side * (u_held * here[WALL_X] + v_held * here[WALL_Y])
                     if head > 0.0 and across > 0.0:
-                        sums[OVERTOPPED] += own * across * dt * here[WEIGHT]
+                        sums[OVERTOPPED] += own * across * dt * here[WEIGHT] * over
 
 
 @jit_inline

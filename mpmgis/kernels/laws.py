@@ -29,7 +29,9 @@ METHODS = (
     "bed_lowering",
     "barrier_active",  # barriers
     "weir_discharge",
+    "opening_discharge",
     "deflected",
+    "let_through",
     "stress_step_far",  # material
     "stored_energy",
     "volume_ratio",

@@ -2,32 +2,113 @@
 
 from math import sqrt
 
+import numpy as np
+
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .jit import jit, jit_inline
+from .jit import jit, jit_inline, jit_parallel, prange
+from .point_ground import GROUND_HEIGHT
+from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 
 # of a node column with a barrier: outward unit normal of its nearest side, elevation of the crest above the domain's
 # lowest level [m], depth behind that side [m], friction [1], weight with which what passes above is counted [m-1],
-# place of the barrier's foot from here [m], 1 + number of the barrier (0: none)
-WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, POINT_BARRIER_ENTRIES = range(11)
+# place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of openings (`geo.openings`) the
+# share that is open, how much passes at most, to which side it lies
+(
+    WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
+    POINT_BARRIER_ENTRIES,
+) = range(14)  # fmt: skip
+# of a node column, what passes an opening is judged by: mass [kg], momentum east and north [kg m s-1]
+FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
+BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
+LOOK = 64  # [cells] how far an opening looks for the flow before it
 # what is booked for each barrier [N s], [N m s], [kg]; the last is the largest normal force of a single step [N]
 (
     NORMAL, IMPULSE_X, IMPULSE_Y, IMPULSE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, OVER, POINT_BARRIER_SUMS,
 ) = range(9)  # fmt: skip
 
 
+@jit_parallel
+def weigh_flow(nodes, touched, n_touched, flows):
+    """Mass and momentum in each block's node columns, into `flows` float[blocks, BLOCK_FLOW]."""
+    for c in prange(CHUNKS):
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            block, mine = nodes[t], flows[t]
+            mine[:] = 0.0
+            for column in range(BLOCK * BLOCK):
+                for k in range(BLOCK):
+                    n = (k * BLOCK * BLOCK + column) * 4
+                    mine[column * COLUMN_FLOW + FLOW_MASS] += block[n + NODE_MASS]
+                    mine[column * COLUMN_FLOW + FLOW_X] += block[n + NODE_X]
+                    mine[column * COLUMN_FLOW + FLOW_Y] += block[n + NODE_Y]
+
+
+@jit
+def passing_share(flow, ground, barriers, j, i, per_metre, gravity, barrier):
+    """Share [1] of the momentum through the opening that the node column (j, i) keeps, so that no more passes than can.
+
+    `flow` float[rows, columns, COLUMN_FLOW] is that of all node columns, `per_metre` [kg m-1] the mass of one for each
+    metre of thickness. The column loses as much at all heights: what passes is a discharge.
+    """
+    here = barriers[j, i]
+    mass = flow[j, i, FLOW_MASS]
+    passing = abs(flow[j, i, FLOW_X] * here[WALL_X] + flow[j, i, FLOW_Y] * here[WALL_Y])
+    if passing == 0.0 or mass <= 0.0:
+        return 1.0
+    depth, speed = _flow_before(flow, ground, barriers, j, i, 1.0, per_metre)
+    depth_beyond, speed_beyond = _flow_before(flow, ground, barriers, j, i, -1.0, per_metre)
+    most = here[LIMIT] * barrier.opening_discharge(gravity, depth, speed, depth_beyond, speed_beyond)
+    return min(most * per_metre / passing, 1.0)
+
+
 @jit_inline
-def at_barrier(u, v, w, mass, z, dt, place, booked, barrier):
+def _flow_before(flow, ground, barriers, j, i, side, per_metre):
+    """(thickness that the flow beside an opening would have here [m], its speed towards the opening [m s-1]).
+
+    As for columns (`column_barriers`): parallel to the ground, or level where it deepens towards the opening.
+    """
+    step_x, step_y = side * barriers[j, i, WALL_X], side * barriers[j, i, WALL_Y]
+    thickness, speed = 0.0, 0.0
+    for k in range(1, LOOK):
+        near_j, near_i = int(np.floor(j + k * step_y + 0.5)), int(np.floor(i + k * step_x + 0.5))
+        far_j, far_i = int(np.floor(j + (k + 1) * step_y + 0.5)), int(np.floor(i + (k + 1) * step_x + 0.5))
+        if min(near_j, near_i, far_j, far_i) < 0:
+            break
+        if max(near_j, far_j) >= flow.shape[0] or max(near_i, far_i) >= flow.shape[1]:
+            break
+        if barriers[near_j, near_i, BARRIER] > 0.0:
+            continue
+        mass = flow[near_j, near_i, FLOW_MASS]
+        if mass > 0.0:
+            thickness = mass / per_metre
+            deeper = k * (thickness - flow[far_j, far_i, FLOW_MASS] / per_metre)
+            lower = ground[near_j, near_i, GROUND_HEIGHT] - ground[j, i, GROUND_HEIGHT]
+            thickness += max(min(deeper, lower), 0.0)
+            speed = -(flow[near_j, near_i, FLOW_X] * step_x + flow[near_j, near_i, FLOW_Y] * step_y) / mass
+        break
+    return thickness, max(speed, 0.0)
+
+
+@jit_inline
+def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     """Velocity of a node at height `z` [m] in the node column `place` of a barrier, and its share of what is booked.
 
     The nearest face holds: a side, or the top if that is nearer. What moves into it loses that speed, and mu times as
-    much of the speed along it; what moves away is free.
+    much of the speed along it; what moves away is free. A node that is partly open keeps the share `passing` of its
+    speed through the opening.
     """
     book = booked[int(place[BARRIER]) - 1]
     beneath = place[CREST] - z
     if beneath < 0.0:
         book[OVER] += mass * dt * place[WEIGHT] * abs(u * place[WALL_X] + v * place[WALL_Y])
         return u, v, w
+    if place[SHARE] > 0.0:
+        nx, ny = place[WALL_X], place[WALL_Y]
+        across, along = u * nx + v * ny, u * ny - v * nx
+        u1, v1 = barrier.let_through(u, v, nx, ny, place[SIDE], place[WALL_MU], passing * abs(across))
+        pressed = abs(across - (u1 * nx + v1 * ny)) + abs(along - (u1 * ny - v1 * nx))
+        _book(book, place, mass * (u - u1), mass * (v - v1), 0.0, mass * pressed, z)
+        return u1, v1, w
     sideways = place[DEPTH] <= beneath
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
     into = u * nx + v * ny + w * nz
@@ -37,8 +118,14 @@ def at_barrier(u, v, w, mass, z, dt, place, booked, barrier):
     slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
     kept = barrier.kept_along(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
     u1, v1, w1 = kept * u1, kept * v1, kept * w1
-    jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
-    book[NORMAL] -= mass * into
+    _book(book, place, mass * (u - u1), mass * (v - v1), mass * (w - w1), -mass * into, z)
+    return u1, v1, w1
+
+
+@jit_inline
+def _book(book, place, jx, jy, jz, normal, z):
+    """Add the impulse (jx, jy, jz) [N s] that a node at height `z` [m] gives, `normal` of it into the face."""
+    book[NORMAL] += normal
     book[IMPULSE_X] += jx
     book[IMPULSE_Y] += jy
     book[IMPULSE_Z] += jz
@@ -46,7 +133,6 @@ def at_barrier(u, v, w, mass, z, dt, place, booked, barrier):
     book[MOMENT_X] += place[ARM_Y] * jz - up * jy
     book[MOMENT_Y] += up * jx - place[ARM_X] * jz
     book[MOMENT_Z] += place[ARM_X] * jy - place[ARM_Y] * jx
-    return u1, v1, w1
 
 
 @jit

@@ -44,14 +44,15 @@ def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
 
 @jit
 def spread_contact(masses, touched, n_touched, columns):
-    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, COLUMN_MASSES] of all the ground."""
+    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, entries] of all the ground."""
+    entries = columns.shape[2]
     for t in range(n_touched):
         for j in range(BLOCK):
             for i in range(BLOCK):
                 jj, ii = touched[t, 0] * BLOCK + j, touched[t, 1] * BLOCK + i
                 if jj < columns.shape[0] and ii < columns.shape[1]:
-                    for entry in range(COLUMN_MASSES):
-                        columns[jj, ii, entry] += masses[t, (j * BLOCK + i) * COLUMN_MASSES + entry]
+                    for entry in range(entries):
+                        columns[jj, ii, entry] += masses[t, (j * BLOCK + i) * entries + entry]
 
 
 @jit

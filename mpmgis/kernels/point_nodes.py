@@ -6,7 +6,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
-from .point_barriers import BARRIER, at_barrier
+from .point_barriers import BARRIER, SHARE, at_barrier, passing_share
 from .point_drag import bed_per_mass
 from .point_ground import exact_at, fold_at, plane_at
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
@@ -62,15 +62,15 @@ def _on_ground(u, v, w, nx, ny, nz, law, drag):
 
 @jit_parallel
 def update_points_nodes(
-    nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, column_mass, report, barrier_report,
-    dx, dt, density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
+    nodes, tiles, sources, touched, n_touched, gathered, ground, zone_values, barriers, column_mass, flow, report,
+    barrier_report, dx, dt, density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
 ):  # fmt: skip
     """Velocities at the nodes of all touched blocks; contact where a node lies under the ground by `clearance` [m].
 
     A node that moves into the ground keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t
     max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). Barriers come after it, and the ground is seen to once more. On
-    walls the velocity outwards is taken away. Where the contact has drag, the nodes are gathered already and
-    `column_mass` is what `kernels/point_drag` has weighed.
+    walls the velocity outwards is taken away. Where the contact has drag or a barrier has openings the nodes are
+    `gathered` already; `column_mass` is what `kernels/point_drag` has weighed, `flow` what passes openings is judged by.
     """
     for c in prange(CHUNKS):
         mine = report[c]
@@ -79,7 +79,7 @@ def update_points_nodes(
         booked[:] = 0.0
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block = nodes[t]
-            if not contact.drag_active():
+            if not gathered:
                 _gather(block, sources[t], tiles)
             j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
@@ -90,6 +90,11 @@ def update_points_nodes(
                     law, drag = zones.local(contact, zone_values, jj, ii), 0.0
                     if contact.drag_active():
                         drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
+                    passing = 1.0
+                    if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
+                        passing = passing_share(
+                            flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier
+                        )
                     for k in range(BLOCK):
                         n = ((k * BLOCK + j) * BLOCK + i) * 4
                         mass = block[n + NODE_MASS]
@@ -111,7 +116,9 @@ def update_points_nodes(
                             u, v, w = u1, v1, w1
                         if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
                             height_here = (k_first + k - GHOSTS) * dx
-                            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], booked, barrier)
+                            u1, v1, w1 = at_barrier(
+                                u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier
+                            )
                             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
                             u, v, w = u1, v1, w1
                             into = u * ox + v * oy + w * oz

@@ -15,11 +15,15 @@ from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
 from .jit import jit
 from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 from .point_barriers import (
+    BLOCK_FLOW,
+    COLUMN_FLOW,
     IMPULSE_X,
     IMPULSE_Z,
     POINT_BARRIER_ENTRIES,
     POINT_BARRIER_SUMS,
+    SHARE,
     collect_point_barriers,
+    weigh_flow,
 )
 from .point_blocks import EAST as BLOCKS_EAST
 from .point_blocks import NORTH as BLOCKS_NORTH
@@ -357,6 +361,16 @@ def _more_state(rows, p):
 
 
 @jit
+def has_openings(barriers):
+    """Is any node column of `barriers` partly open?"""
+    for j in range(barriers.shape[0]):
+        for i in range(barriers.shape[1]):
+            if barriers[j, i, SHARE] > 0.0:
+                return True
+    return False
+
+
+@jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
     zone_values, barriers, until, after, max_steps, settings, effects, watched,
@@ -388,6 +402,9 @@ def advance(
     rows_of_ground, columns_of_ground = ground.nodes.shape[0], ground.nodes.shape[1]
     column_mass = np.zeros((rows_of_ground if drags else 1, columns_of_ground if drags else 1, COLUMN_MASSES))
     block_mass = np.zeros((node_room if drags else 1, BLOCK_COLUMNS))
+    opens = effects.barrier.barrier_active() and has_openings(barriers)
+    flow = np.zeros((rows_of_ground if opens else 1, columns_of_ground if opens else 1, COLUMN_FLOW))
+    block_flow = np.zeros((node_room if opens else 1, BLOCK_FLOW))
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
@@ -429,6 +446,7 @@ def advance(
         if n_touched > nodes.shape[0]:
             nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE), real)
             block_mass = np.zeros((nodes.shape[0] if drags else 1, BLOCK_COLUMNS))
+            block_flow = np.zeros((nodes.shape[0] if opens else 1, BLOCK_FLOW))
         for a in range(active):
             own = targets[a, 0]
             blocks[a, 0], blocks[a, 1], blocks[a, 2] = touched[own, 1], touched[own, 0], touched[own, 2]
@@ -436,17 +454,23 @@ def advance(
         dt, hits = clock[STEP_NOW], clock[HITS] > 0.0
         end = until if hits else clock[TIME] + dt
         points_to_grid(rows, order, start, bounds, tiles)
-        if drags:
+        if drags or opens:
             gather_nodes(nodes, tiles, sources, n_touched)
+        if drags:
             weigh_contact(nodes, touched, n_touched, ground, dx, settings.clearance, block_mass)
             spread_contact(block_mass, touched, n_touched, column_mass)
+        if opens:
+            weigh_flow(nodes, touched, n_touched, block_flow)
+            spread_contact(block_flow, touched, n_touched, flow)
         update_points_nodes(
-            nodes, tiles, sources, touched, n_touched, ground, zone_values, barriers, column_mass, node_report,
-            barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall, settings.cells_x,
+            nodes, tiles, sources, touched, n_touched, drags or opens, ground, zone_values, barriers, column_mass, flow,
+            node_report, barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall, settings.cells_x,
             settings.cells_y, effects.contact, effects.zones, effects.barrier,
         )  # fmt: skip
         if drags:
             clear_contact(touched, n_touched, column_mass)
+        if opens:
+            clear_contact(touched, n_touched, flow)
         collect_nodes(node_report, clock)
         if effects.barrier.barrier_active():
             collect_point_barriers(barrier_report, barrier_sums, dt)

@@ -68,4 +68,6 @@ def barrier_entries(walls):
     nodes[..., entries.BARRIER] = walls.number
     nodes[..., entries.HOLD] = np.where(corner, CORNER, np.where(walls.core, CORE, FACE))
     nodes[..., entries.WEIGHT] = walls.weight
+    nodes[..., entries.SHARE], nodes[..., entries.LIMIT] = walls.share, walls.limit
+    nodes[..., entries.SIDE] = walls.side
     return nodes

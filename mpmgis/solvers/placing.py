@@ -144,7 +144,8 @@ def _require_standing(walls, nodes, grid, frame, say):
     x, y = frame.map_xy()
     i = np.rint((x - grid.x0) / grid.cell_size).astype(int) + 1
     j = np.rint((y - grid.y0) / grid.cell_size).astype(int) + 1
-    under = nodes.number[np.clip(j, 0, grid.bed.shape[0] - 1), np.clip(i, 0, grid.bed.shape[1] - 1)]
+    closed = np.where(nodes.share > 0.0, 0, nodes.number)
+    under = closed[np.clip(j, 0, grid.bed.shape[0] - 1), np.clip(i, 0, grid.bed.shape[1] - 1)]
     for number, wall in enumerate(walls, 1):
         mine = nodes.number == number
         if not mine.any():

@@ -1,0 +1,254 @@
+"""Openings in barriers: which share of a node's spline is open, and which way the flow passes there.
+
+A wall that is thinner than three cells is held by nodes up to a cell and a half from its middle. Beyond its end, and in
+an opening narrower than that, the same nodes also serve the flow that passes. Such a node gets the share of its
+quadratic B-spline, along the wall, that sees no wall: summed over the nodes of a row, the shares times the cell size
+are the width of the opening, whatever its place and its direction on the grid.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+import shapely.affinity
+
+SPLINE = 1.5  # [cells] half width of the quadratic B-spline
+REGION = 3.0  # [cells] radius in which the direction of the walls is sought; twice the wall's thickness if that is more
+WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the walls there have a direction
+LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
+SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one
+LEAST_SHARE, MOST_SHARE = 1e-6, 0.995  # a node with less is closed, one with more is free
+BEFORE, WITHIN = 1.08, 2.5  # limit over share of nodes before an opening, and of those in it
+LONGER = 0.04, 5.0  # by which the first is more for each cell of the wall's thickness, and for how many at most
+DEEP = 0.3  # [cells] how far behind the wall's faces a node counts as in the opening
+
+
+class Opening(NamedTuple):
+    """What the nodes near openings know, arrays [n].
+
+    Parameters
+    ----------
+    share : float
+        Of the node's spline that is open; 0 where the wall is closed.
+    normal : float [n, 2]
+        Unit vector (east, north) along which the flow passes.
+    limit : float
+        How much passes at most, over the critical discharge of a metre of opening. Before the opening it is a tenth
+        more than the share, which the held nodes beside it take from the flow, and up to a quarter where the way
+        through is long; in the opening, which holds only what has passed there, it is WITHIN times the share.
+    side : float
+        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
+    """
+
+    share: np.ndarray
+    limit: np.ndarray
+    normal: np.ndarray
+    side: np.ndarray
+
+
+def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
+    """The Opening of nodes near walls.
+
+    Parameters
+    ----------
+    places : float[n, 2] [m]
+    thickness : float[n] [m]
+        Of the wall near each.
+    footprints : sequence of shapely.Polygon or MultiPolygon [m]
+        Of all walls.
+    domain : (west, south, east, north) [m]
+        Walls are mirrored at its edges, as the flow is.
+    cell_size : float [m]
+    widened : float, optional [cells]
+        By how much an opening is taken to be wider on each side. What passes at most stays that of its own width.
+    """
+    n = len(places)
+    answer = Opening(np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n))
+    walls = _with_mirror_images(shapely.union_all(footprints), domain, SIGHT * cell_size)
+    if n == 0 or walls.is_empty:
+        return answer
+    shapely.prepare(walls)
+    points = shapely.points(places)
+    vertices = shapely.STRtree(shapely.points(shapely.get_coordinates(walls)))
+    near = np.unique(vertices.query(points, "dwithin", 2.0 * SPLINE * cell_size)[0])
+    normal = wall_normals(walls, points[near], np.maximum(REGION * cell_size, 2.0 * thickness[near]))
+    near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
+    before = BEFORE + LONGER[0] * np.minimum(thickness / cell_size, LONGER[1])
+    for k, across in zip(near, normal, strict=True):
+        share, limit, change, within = _open_share(walls, points[k], across, cell_size, widened)
+        if share > LEAST_SHARE:
+            answer.share[k], answer.limit[k] = share, limit * (WITHIN if within else before[k])
+            answer.normal[k], answer.side[k] = across, np.sign(round(change, 9))
+    return answer
+
+
+def narrow_openings(footprints, narrower):
+    """Places and widths of the openings between walls that are narrower than `narrower` [m].
+
+    Returns
+    -------
+    list of (float, float, float)
+        East and north [m] of the middle, width [m]; the narrowest first.
+    """
+    walls = shapely.union_all(footprints)
+    radius = 0.5 * narrower
+    closed = walls.buffer(radius).buffer(-radius * (1.0 - 1e-6))
+    found = []
+    for part in shapely.get_parts(closed.difference(walls.buffer(1e-6 * narrower))):
+        sides = shapely.get_parts(shapely.line_merge(part.boundary.intersection(walls.buffer(1e-4 * narrower))))
+        sides = [side for side in sides if side.length > 1e-2 * narrower]
+        if len(sides) < 2:
+            continue  # the fillet of a corner
+        apart = min(
+            (shapely.shortest_line(one, other) for k, one in enumerate(sides) for other in sides[k + 1 :]),
+            key=shapely.length,
+        )
+        if 1e-3 * narrower < apart.length < narrower * (1.0 - 1e-6):
+            middle = apart.centroid
+            found.append((middle.x, middle.y, apart.length))
+    return sorted(found, key=lambda opening: opening[2])
+
+
+def _with_mirror_images(walls, domain, reach):
+    """`walls` within `domain`, with the mirror images at its edges of what lies within `reach` [m] of them."""
+    west, south, east, north = domain
+    walls = shapely.intersection(walls, shapely.box(*domain))
+    for axis, edge in ((0, west), (1, south), (0, east), (1, north)):
+        strip = [*shapely.box(*domain).buffer(2.0 * reach, join_style="mitre").bounds]
+        strip[axis], strip[axis + 2] = edge - reach, edge + reach
+        beside = shapely.intersection(walls, shapely.box(*strip))
+        if not beside.is_empty:
+            factors = (-1.0, 1.0) if axis == 0 else (1.0, -1.0)
+            origin = (edge, 0.0) if axis == 0 else (0.0, edge)
+            walls = shapely.union_all([walls, shapely.affinity.scale(beside, *factors, origin=origin)])
+    return walls
+
+
+def wall_normals(walls, points, radius):
+    """float[n, 2]: unit normals of the direction in which `walls` run about each point; NaN where they have none.
+
+    The direction is the axis of the largest second moment of the walls' area around the point, in the smallest of some
+    regions where it is clear; `radius` float[n] [m] is that of the first.
+    """
+    normal = np.full((len(points), 2), np.nan)
+    for wider in WIDER:
+        open_yet = np.flatnonzero(np.isnan(normal[:, 0]))
+        if open_yet.size == 0:
+            break
+        pieces = shapely.intersection(walls, shapely.buffer(points[open_yet], wider * radius[open_yet], quad_segs=8))
+        xx, xy, yy = _second_moments(pieces, shapely.get_coordinates(points[open_yet]))
+        mean, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        long = mean - half < LONG * (mean + half)
+        angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+        normal[open_yet[long]] = np.column_stack([-np.sin(angle), np.cos(angle)])[long]
+    return normal
+
+
+def _second_moments(shapes, origins):
+    """(xx, xy, yy) central second moments of area of each polygonal shape; coordinates are taken from `origins`."""
+    n = len(shapes)
+    area, x, y, xx, xy, yy = np.zeros((6, n))
+    polygons, owner = shapely.get_parts(shapes, return_index=True)
+    flat = shapely.get_dimensions(polygons) == 2
+    rings, of = shapely.get_rings(polygons[flat], return_index=True)
+    owner = owner[flat][of]
+    outer = np.r_[True, of[1:] != of[:-1]][: len(rings)]
+    for ring, k, outside in zip(rings, owner, outer, strict=True):
+        px, py = (shapely.get_coordinates(ring) - origins[k]).T
+        cross = px[:-1] * py[1:] - px[1:] * py[:-1]
+        sign = np.sign(cross.sum()) * (1.0 if outside else -1.0)
+        qx, qy = px[:-1] + px[1:], py[:-1] + py[1:]
+        area[k] += sign * cross.sum() / 2.0
+        x[k] += sign * (cross * qx).sum() / 6.0
+        y[k] += sign * (cross * qy).sum() / 6.0
+        xx[k] += sign * (cross * (qx**2 - px[:-1] * px[1:])).sum() / 12.0
+        yy[k] += sign * (cross * (qy**2 - py[:-1] * py[1:])).sum() / 12.0
+        xy[k] += sign * (cross * (qx * qy + px[:-1] * py[:-1] + px[1:] * py[1:])).sum() / 24.0
+    area = np.maximum(area, 1e-300)
+    return xx / area - (x / area) ** 2, xy / area - x * y / area**2, yy / area - (y / area) ** 2
+
+
+def _open_share(walls, point, across, cell_size, widened):
+    """What the node at `point` sees of openings: (share of its spline that is open, the same over the widening, change
+    of the share along the wall, whether the node is in the opening)."""
+    x, y = point.x, point.y
+    along = np.array([across[1], -across[0]])
+    here = np.array([x, y])
+    nearest = shapely.get_coordinates(shapely.shortest_line(walls.boundary, point))[0] - here
+    level, reach = nearest @ across, (SPLINE + 2.0 * widened) * cell_size
+    depth = SPLINE * cell_size
+    low, high = min(level - depth, -0.1 * cell_size), max(level + depth, 0.1 * cell_size)
+    corners = [here + a * along + b * across for a, b in ((-reach, low), (reach, low), (reach, high), (-reach, high))]
+    parts = shapely.get_parts(shapely.intersection(walls, shapely.Polygon(corners)))
+    shadows, within = [], False
+    for part in parts:
+        offsets, levels = (shapely.get_coordinates(part) - here) @ along, (shapely.get_coordinates(part) - here) @ across
+        shadows.append((offsets.min(), offsets.max()))
+        within |= levels.min() + DEEP * cell_size <= 0.0 <= levels.max() - DEEP * cell_size
+    share = limit = change = 0.0
+    sides = None
+    for a, b in _gaps(shadows, reach, 1e-9 * cell_size):
+        if sides is None:
+            sides = _Sides(walls, here, across, level, cell_size)
+        if sides.connected_by(here + 0.5 * (a + b) * along + level * across):
+            own = b - a
+            a = a / cell_size - (widened if a > -reach else 0.0)
+            b = b / cell_size + (widened if b < reach else 0.0)
+            share += _below(b) - _below(a)
+            limit += (_below(b) - _below(a)) * own / ((b - a) * cell_size)
+            change += _spline(a) - _spline(b)
+    return min(share, 1.0), limit, change, within
+
+
+def _gaps(shadows, reach, least):
+    """Intervals of [-reach, reach] that no shadow covers."""
+    end = -reach
+    for a, b in sorted(shadows):
+        if a - end > least:
+            yield end, a
+        end = max(end, b)
+    if reach - end > least:
+        yield end, reach
+
+
+class _Sides:
+    """The free ground around a node in parts that walls divide, and in which of them its own two sides lie."""
+
+    def __init__(self, walls, here, across, level, cell_size):
+        window = shapely.Point(here).buffer(SIGHT * cell_size)
+        self.parts = shapely.get_parts(window.difference(walls))
+        self.own = set()
+        line = shapely.LineString([here - SIGHT * cell_size * across, here + SIGHT * cell_size * across])
+        blocked = shapely.get_parts(line.intersection(walls))
+        blocked = [part for part in blocked if part.length > 0]
+        if not blocked:
+            self.own.add(self._part_of(here))
+            return
+        wall = here + level * across
+        crossed = min(blocked, key=lambda part: part.distance(shapely.Point(wall)))
+        step = 1e-3 * cell_size
+        ends = (shapely.get_coordinates(crossed) - here) @ across
+        for end, sign in ((ends.min(), -1.0), (ends.max(), 1.0)):
+            if abs(end) < (SIGHT - 0.01) * cell_size:
+                self.own.add(self._part_of(here + (end + sign * step) * across))
+
+    def _part_of(self, place):
+        point = shapely.Point(place)
+        return int(np.argmin([part.distance(point) for part in self.parts])) if len(self.parts) else -1
+
+    def connected_by(self, place):
+        """True where the free ground at `place` is connected with both sides of the wall at the node."""
+        return len(self.own) <= 1 and self._part_of(place) in (self.own or {self._part_of(place)})
+
+
+def _spline(s):
+    """The quadratic B-spline at `s` cells from its middle."""
+    s = abs(s)
+    return max(0.75 - s * s, 0.0) if s < 0.5 else 0.5 * max(1.5 - s, 0.0) ** 2
+
+
+def _below(s):
+    """Integral of the quadratic B-spline up to `s` cells from its middle."""
+    s = min(max(s, -SPLINE), SPLINE)
+    rest = (SPLINE - abs(s)) ** 3 / 6.0 if abs(s) > 0.5 else 0.5 - (0.75 * abs(s) - abs(s) ** 3 / 3.0)
+    return rest if s < 0 else 1.0 - rest
