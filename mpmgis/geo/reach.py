@@ -19,7 +19,7 @@ MOST_SOURCES = 32  # separate areas from which lines are drawn; more are united 
 FLOW_WIDTHS = 2.0  # by which reachable ground is grown, for what is beside it
 SMOOTHING = 2.0  # [pixels] standard deviation of the Gaussian before second derivatives are taken
 SMOOTHED = 10  # [pixels] how far a second derivative sees: four standard deviations, and two differences
-EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # a way over eight neighbours is up to 1 / this times as long as the straight one
+EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # the straight way over that by eight neighbours is at least this
 LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached anew
 _NEIGHBOURS = tuple((i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
@@ -290,9 +290,7 @@ def _cell(grid, xy, step, shape):
 def _cells_of(grid, xy, step, shape):
     """(rows, columns) of the thinned raster nearest to the map points `xy` [n, 2]."""
     row, column = grid.rowcol(xy[:, 0], xy[:, 1])
-    return tuple(
-        np.clip(np.rint(v / step).astype(int), 0, m - 1) for v, m in zip((row, column), shape, strict=True)
-    )
+    return tuple(np.clip(np.rint(v / step).astype(int), 0, m - 1) for v, m in zip((row, column), shape, strict=True))
 
 
 def _bending(elevation):

@@ -93,11 +93,11 @@ class Terrain:
         return Terrain(self.grid.part(rows.start, columns.start, elevation.shape), elevation, self.path, self.sha256)
 
 
-def continued(elevation, pad=0):
+def continued(elevation, pad=0, most=np.inf):
     """`elevation` with `pad` pixels more on every side, and where it has no data the ground goes on with its slope.
 
     Each missing pixel lies on the tangent plane of the nearest pixel whose slope is known, so that a plane stays
-    one, whatever its holes. What has an elevation keeps it.
+    one, whatever its holes; beyond `most` pixels along an axis it is level. What has an elevation keeps it.
     """
     padded = np.pad(elevation, pad, constant_values=np.nan)
     known = np.isfinite(padded)
@@ -110,7 +110,9 @@ def continued(elevation, pad=0):
     nearest = ndimage.distance_transform_edt(~sloping, return_distances=False, return_indices=True)
     missing = np.nonzero(~known)
     source = tuple(axis[missing] for axis in nearest)
-    rise = sum(slope[source] * (to - back) for slope, to, back in zip(slopes, missing, source, strict=True))
+    rise = sum(
+        slope[source] * np.clip(to - back, -most, most) for slope, to, back in zip(slopes, missing, source, strict=True)
+    )
     padded[missing] = padded[source] + rise
     return padded
 

@@ -173,9 +173,7 @@ def _standing(inlet):
     p, density = inlet.frame.particles, inlet.frame.header["density"]
     thickness = np.full(len(p), inlet.reference_thickness)
     volume = thickness * p.area
-    standing = replace(
-        p, thickness=thickness, volume=volume, mass=density * volume, velocity=inlet.fastest_velocity()
-    )
+    standing = replace(p, thickness=thickness, volume=volume, mass=density * volume, velocity=inlet.fastest_velocity())
     return replace(inlet.frame, particles=standing)
 
 

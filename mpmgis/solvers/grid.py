@@ -7,12 +7,13 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import SceneError
-from ..geo.terrain import Terrain, bilinear
+from ..geo.terrain import Terrain, bilinear, continued
 from ..kernels.columns import beds_at, node_gradients
 
 MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
 
 
+RIM = 3  # [cells] beyond the known ground over which its slope goes on
 LEVEL = 1e-6  # tangent of a slope below which nothing says where down is
 
 
@@ -71,9 +72,8 @@ class ColumnGrid:
         known = np.isfinite(bed)
         core = known[1:-1, 1:-1] & _on_raster(terrain.grid, x0, y0, cell_size, nx, ny)
         inside = core[:-1, :-1] & core[:-1, 1:] & core[1:, :-1] & core[1:, 1:]
-        if not known.all():  # ghosts and rims need a finite bed; nobody flows there
-            nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-            bed = bed[tuple(nearest)]
+        if not known.all():  # ghosts and rims need a bed on which a plane stays one; nobody flows there
+            bed = continued(bed, most=RIM)
         gradient = node_gradients(bed, cell_size)
         gradient[0], gradient[-1] = gradient[1], gradient[-2]
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]

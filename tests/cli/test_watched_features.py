@@ -81,7 +81,8 @@ class Scene:
             opening, middle = rng.uniform(0.0, 40.0), rng.uniform(south, north)
             pieces = [shapely.box(west, south, west + width, middle - opening / 2)]
             pieces += [shapely.box(west, middle + opening / 2, west + width, north)]
-            pieces = [piece for piece in pieces if piece.is_valid and piece.area > (50.0 if kind == "barrier" else 600.0) and piece.bounds[3] > south]
+            least = 50.0 if kind == "barrier" else 600.0  # [m2], for some nodes of the grid
+            pieces = [piece for piece in pieces if piece.is_valid and piece.area > least and piece.bounds[3] > south]
             pieces = pieces or [shapely.box(west, south, west + width, north)]
             write_shapes(self.folder / f"{kind}.gpkg", pieces)
             masks[kind] = shapely.union_all(pieces)
@@ -119,7 +120,7 @@ class Scene:
 
     def run(self, *options, output="results", use=None):
         """Exit code of the command; with `use` = "on" of the same scene with its features forced on."""
-        text = self.text if use is None else self.text.replace(".gpkg\"\n", f'.gpkg"\nuse = "{use}"\n')
+        text = self.text if use is None else self.text.replace('.gpkg"\n', f'.gpkg"\nuse = "{use}"\n')
         (self.folder / "scene.toml").write_text(text)
         return main(["run", str(self.folder / "scene.toml"), "-q", "--yes", "-o", str(self.folder / output), *options])
 
@@ -170,7 +171,7 @@ def checked(monkeypatch):
 
 def holds(folder, seed, kinds, solvers, checked, compare=True):
     """A random scene's features are on before the flow is there, which is as good as on from the start."""
-    masks, seen = checked
+    masks, _ = checked
     scene = Scene(folder, seed, kinds, solvers)
     masks.clear()
     masks.update(scene.masks)
@@ -196,7 +197,7 @@ def last_frame(folder):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_no_flow_passes_a_barrier_that_is_off(seed, tmp_path, blind, checked):
-    """Columns with speeds and inflows, in small: every step is looked at, and the end is that of a barrier forced on."""
+    """Columns with speeds and inflows: every step is looked at, and the end is that of a barrier forced on."""
     told = holds(tmp_path, seed, ["barrier"], ["columns"], checked)
     states = {decision["effect"]: decision for decision in told["effects"]}
     taken = [one["effect"] for one in told["taken_in"]]

@@ -9,7 +9,7 @@ from affine import Affine
 from mpmgis.fields import GRAVITY
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.reach import reach_facts, reach_of, release_facts, steepest_profile
-from mpmgis.geo.terrain import Terrain
+from mpmgis.geo.terrain import Terrain, continued
 
 
 def terrain_of(height, length=2000.0, width=600.0, pixel=10.0):
@@ -136,3 +136,83 @@ def test_a_release_is_as_long_as_its_rectangle():
     facts = release_facts(terrain, np.column_stack([x, y]), np.ones(len(x)), np.full(len(x), 3.0))
     assert facts["release_length"] == pytest.approx(100.0, rel=1e-3)
     assert facts["release_thickness"] == pytest.approx(3.0)
+
+
+def test_speed_at_the_start_is_head_on_the_energy_line():
+    """40 m/s are 81.6 m: on level ground with mu = 0.2 the line ends 408 m away, and its speed is that of the start."""
+    plain = terrain_of(lambda x, y: 0.0 * x + 100.0, width=2000.0)
+    at = RELEASE + np.array([900.0, 700.0])
+    head = 40.0**2 / (2.0 * GRAVITY)
+    still = reach_of(plain, at, plain.sample(*at.T), 0.2)
+    fast = reach_of(plain, at, plain.sample(*at.T), 0.2, np.array([0.0, 0.0, head, 0.0]))
+    x = 1020.0 + np.array([0.0, 380.0, 430.0])
+    assert fast.below_line(plain.grid, x, np.full(3, 1000.0)).tolist() == [True, True, False]
+    assert not still.below_line(plain.grid, x, np.full(3, 1000.0))[1:].any()
+    facts = reach_facts(plain, fast)
+    assert facts["speed"] == pytest.approx(40.0, rel=0.01) and facts["drop"] == 0.0
+    assert facts["edge_distance"] == pytest.approx(1000.0 - 408.0 - 20.0, abs=50.0)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_plane_bends_nowhere_whatever_its_size_collar_and_holes(seed):
+    """Nor would a flow take off from it: 0 to round-off at speeds of 40 to 140 m/s."""
+    rng = np.random.default_rng(seed)
+    rows, columns = rng.integers(2, 160, 2)
+    pixel, (a, b) = float(rng.uniform(0.5, 30.0)), rng.uniform(-1.0, 1.0, 2)
+    grid = Grid(None, Affine(pixel, 0, 0.0, 0, -pixel, pixel * rows), (int(rows), int(columns)))
+    x, y = grid.xy(*np.mgrid[0:rows, 0:columns])
+    height = 1500.0 + a * x + b * y
+    if seed % 2:
+        collar = rng.integers(0, 1 + min(rows, columns) // 3)
+        height[:collar], height[rows - collar :] = np.nan, np.nan
+        height[:, : collar // 2] = np.nan
+    height[rng.random(height.shape) < rng.choice([0.0, 0.02, 0.3])] = np.nan
+    known = np.argwhere(np.isfinite(height))
+    some = known[rng.integers(0, len(known), 5)]
+    terrain = Terrain(grid, height)
+    xy = np.column_stack(grid.xy(some[:, 0], some[:, 1]))
+    facts = reach_facts(terrain, reach_of(terrain, xy, height[tuple(some.T)], 0.1, rng.uniform(80.0, 1000.0)))
+    assert facts["centrifugal_ratio"] < 1e-8 and facts.get("detachment_ratio", 0.0) < 1e-8
+
+
+def test_a_continued_plane_is_the_plane():
+    rng = np.random.default_rng(1)
+    row, column = np.mgrid[0:30, 0:40]
+    plane = 800.0 - 2.0 * row + 0.5 * column
+    holed = np.where(rng.random(plane.shape) < 0.5, np.nan, plane)
+    around = continued(holed, 7)
+    row, column = np.mgrid[-7:37, -7:47]
+    np.testing.assert_allclose(around, 800.0 - 2.0 * row + 0.5 * column, atol=1e-9)
+
+
+def test_ground_that_falls_behind_a_ridge_is_in_reach():
+    """The line ends on the gentle slope behind; what creeps on there leaves the terrain, so the edge is in reach."""
+
+    def ridge(x, y):
+        return 300.0 - 0.5 * np.minimum(x, 500.0) - 0.05 * np.maximum(x - 500.0, 0.0) + 0.02 * np.abs(y - 3000.0)
+
+    terrain = terrain_of(ridge, length=4000.0, width=6000.0)
+    at = RELEASE + np.array([0.0, 2700.0])
+    facts = reach_facts(terrain, reach_of(terrain, at, terrain.sample(*at.T), 0.3))
+    assert facts["line_edge_distance"] > 90.0 and facts["edge_distance"] == 0.0
+
+
+def test_a_place_uphill_of_the_release_is_not_in_reach_unless_it_starts_uphill():
+    """Not even near it: 60 m above the highest part of the release. With 40 m/s it could get there."""
+    terrain = terrain_of(lambda x, y: 1000.0 - 0.5 * x, width=2000.0)
+    at = RELEASE + np.array([800.0, 700.0])
+    uphill = np.array([780.0]), np.array([1000.0])
+    still = reach_of(terrain, at, terrain.sample(*at.T), 0.2)
+    assert not np.any(still.at(terrain.grid, *uphill))
+    fast = reach_of(terrain, at, terrain.sample(*at.T), 0.2, 40.0**2 / (2.0 * GRAVITY))
+    assert np.any(fast.at(terrain.grid, *uphill))
+
+
+def test_areas_that_lie_apart_have_a_line_each():
+    """A low source far from a high one does not carry the high one's energy, nor does it lose its own."""
+    terrain = terrain_of(lambda x, y: 0.0 * x + 100.0, length=6000.0, width=600.0)
+    both = np.concatenate([RELEASE, RELEASE + np.array([4000.0, 0.0])])
+    head = np.array([100.0] * 4 + [10.0] * 4)
+    reach = reach_of(terrain, both, terrain.sample(*both.T), 0.2, head)
+    x = np.array([120.0 + 480.0, 120.0 + 540.0, 4120.0 - 40.0, 4120.0 + 90.0])
+    assert reach.below_line(terrain.grid, x, np.full(4, 300.0)).tolist() == [True, False, True, False]

@@ -266,3 +266,19 @@ def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
     solver = solver_on(terrain, frame, DX, metric=WaterMetric(), still_water=StillWater(), places=places, edges="wall")
     solver.advance(1e9, 1000)
     assert np.linalg.norm(solver.frame().particles.velocity, axis=1).max() <= 1e-12
+
+
+def test_the_bed_of_a_plane_is_plane_up_to_the_cells_without_elevation():
+    """Beside a hole no node bends that a column on known ground can feel; far into the hole the bed is level."""
+    terrain = terrain_of(lambda x, y: 500.0 - 0.6 * x + 0.2 * y, 400.0, 300.0, 5.0)
+    terrain.elevation[:8] = np.nan
+    terrain.elevation[25:45, 30:60] = np.nan
+    grid = ColumnGrid.on(terrain, 5.0)
+    x, y = grid.node_points()
+    cells = np.argwhere(grid.inside)
+    felt = np.zeros(grid.bed.shape, bool)
+    for j in range(4):
+        for i in range(4):
+            felt[cells[:, 0] + j, cells[:, 1] + i] = True
+    np.testing.assert_allclose(grid.bed[felt], (500.0 - 0.6 * x + 0.2 * y)[felt], atol=1e-9)
+    assert grid.bed.min() > 500.0 - 0.6 * 410.0 - 10.0
