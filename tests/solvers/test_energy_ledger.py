@@ -15,6 +15,7 @@ from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
 from mpmgis.effects.zones import FrictionZones
 from mpmgis.geo.barriers import Wall, wall_nodes
+from mpmgis.kernels.columns import BARRIER_ENTRIES
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
 from mpmgis.solvers.grid import ColumnGrid
 from mpmgis.solvers.march import March
@@ -46,10 +47,14 @@ def hill_solver(frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0
     zones = np.zeros((*grid.bed.shape, 2))
     zones[..., 0], zones[..., 1] = np.where(y < 0.5 * WIDTH, mu, 1.5 * mu)[:, None], 800.0
     walls = [] if wall is None else [wall]
+    standing = (
+        barrier_entries(wall_nodes(walls, x, y, grid.bed, DX))
+        if walls
+        else np.zeros((*grid.bed.shape, BARRIER_ENTRIES))
+    )
     places = Places(
         zone_values=zones, erodible=np.full(grid.bed.shape, float(erodible)),
-        barriers=barrier_entries(wall_nodes(walls, x, y, grid.bed, DX)) if walls else None,
-        barrier_names=tuple(one.name for one in walls),
+        barriers=standing, barrier_names=tuple(one.name for one in walls),
     )  # fmt: skip
     laws = {"entrainment": erosion, "zones": FrictionZones(), "barrier": Barrier()}
     turns = Curvature() if form == "slope" else NoCurvature()
