@@ -182,7 +182,7 @@ def _open_share(walls, point, across, cell_size, widened):
     parts = shapely.get_parts(shapely.intersection(walls, shapely.Polygon(corners)))
     shadows, within = [], False
     for part in parts:
-        offsets, levels = (shapely.get_coordinates(part) - here) @ along, (shapely.get_coordinates(part) - here) @ across
+        offsets, levels = ((shapely.get_coordinates(part) - here) @ axis for axis in (along, across))
         shadows.append((offsets.min(), offsets.max()))
         within |= levels.min() + DEEP * cell_size <= 0.0 <= levels.max() - DEEP * cell_size
     share = limit = change = 0.0
