@@ -1,8 +1,7 @@
 """Basins of water that run out through an opening in their wall, and what theory says that passes.
 
-The reference is critical flow in the opening, Q = b sqrt(g) (2 E / 3)^1.5. A shallow water scheme on finite volumes (HLL, second
-order, cells of
-1/16 of the opening) gives 0.865 of it for a sharp-edged opening.
+The reference is critical flow in the opening, Q = b sqrt(g) (2 E / 3)^1.5. A shallow water scheme (finite volumes, HLL,
+second order, cells of 1/16 of the opening) gives 0.865 of it for a sharp-edged opening.
 """
 
 from dataclasses import replace

@@ -33,9 +33,7 @@ def two_walls(gap, degrees, offset, thickness):
     long = shapely.box(-0.5 * thickness, 0.5 * gap, 0.5 * thickness, 90.0)
     pair = (long, shapely.affinity.scale(long, 1.0, -1.0, origin=(0, 0)))
     centre = (30.0 + offset[0], 30.0 + offset[1])
-    return [
-        shapely.affinity.translate(shapely.affinity.rotate(part, degrees, origin=(0, 0)), *centre) for part in pair
-    ]
+    return [shapely.affinity.translate(shapely.affinity.rotate(part, degrees, origin=(0, 0)), *centre) for part in pair]
 
 
 @settings(max_examples=15, deadline=None)
