@@ -159,7 +159,8 @@ def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
         nodes.crest[j, i] = _crest(wall, bed[j, i])
     beside = np.zeros(nodes.number.shape, bool)
     beside[rows[opened], columns[opened]] = True
-    nodes.corner[ndimage.binary_dilation(beside, np.ones((3, 3)))] = False  # flow that turns into an opening slips there
+    slips = ndimage.binary_dilation(beside, np.ones((3, 3)))  # flow that turns into an opening
+    nodes.corner[slips] = False
     nodes.core[nodes.number == 0] = False
 
 

@@ -181,8 +181,8 @@ def _open_share(walls, point, across, cell_size, widened):
     corners = [here + a * along + b * across for a, b in ((-reach, low), (reach, low), (reach, high), (-reach, high))]
     parts = shapely.get_parts(shapely.intersection(walls, shapely.Polygon(corners)))
     shadows, within = [], False
-    for part in parts:
-        offsets, levels = (shapely.get_coordinates(part) - here) @ along, (shapely.get_coordinates(part) - here) @ across
+    for part in parts[~shapely.is_empty(parts)]:
+        offsets, levels = ((shapely.get_coordinates(part) - here) @ axis for axis in (along, across))
         shadows.append((offsets.min(), offsets.max()))
         within |= levels.min() + DEEP * cell_size <= 0.0 <= levels.max() - DEEP * cell_size
     share = limit = change = 0.0
@@ -220,7 +220,7 @@ class _Sides:
         self.own = set()
         line = shapely.LineString([here - SIGHT * cell_size * across, here + SIGHT * cell_size * across])
         blocked = shapely.get_parts(line.intersection(walls))
-        blocked = [part for part in blocked if part.length > 0]
+        blocked = [part for part in blocked if part.length > 0.0]
         if not blocked:
             self.own.add(self._part_of(here))
             return

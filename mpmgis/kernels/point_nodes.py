@@ -70,7 +70,8 @@ def update_points_nodes(
     A node that moves into the ground keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t
     max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). Barriers come after it, and the ground is seen to once more. On
     walls the velocity outwards is taken away. Where the contact has drag or a barrier has openings the nodes are
-    `gathered` already; `column_mass` is what `kernels/point_drag` has weighed, `flow` what passes openings is judged by.
+    `gathered` already; `column_mass` is what `kernels/point_drag` has weighed, `flow` the mass and momentum of the node
+    columns, which limit what passes openings.
     """
     for c in prange(CHUNKS):
         mine = report[c]

@@ -464,8 +464,8 @@ def advance(
             spread_contact(block_flow, touched, n_touched, flow)
         update_points_nodes(
             nodes, tiles, sources, touched, n_touched, drags or opens, ground, zone_values, barriers, column_mass, flow,
-            node_report, barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall, settings.cells_x,
-            settings.cells_y, effects.contact, effects.zones, effects.barrier,
+            node_report, barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall,
+            settings.cells_x, settings.cells_y, effects.contact, effects.zones, effects.barrier,
         )  # fmt: skip
         if drags:
             clear_contact(touched, n_touched, column_mass)

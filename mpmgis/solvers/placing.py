@@ -10,10 +10,12 @@ from ..effects.friction import given_instead, turbulent_coefficient
 from ..errors import InputError, SceneError
 from ..geo.barriers import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
 from ..geo.lakes import lake_cells, water_depth
+from ..geo.openings import narrow_openings
 from ..geo.zones import cell_values, within
 from .places import NO_LAKE
 
 DRY = 1e-6  # [m] thinner water at a lake's shore is none
+MOST_NAMED = 5  # narrow openings that are reported one by one
 TOLD = 1e-3  # share of a release by which it may change without a word
 
 
@@ -140,7 +142,7 @@ def _unlike(name, walls):
 
 
 def _require_standing(walls, nodes, grid, frame, say):
-    """Refuse walls off the terrain, under the ground or on the release; say which are thickened (design note H28)."""
+    """Refuse walls off the terrain, under the ground or on the release; report thin walls and narrow openings."""
     x, y = frame.map_xy()
     i = np.rint((x - grid.x0) / grid.cell_size).astype(int) + 1
     j = np.rint((y - grid.y0) / grid.cell_size).astype(int) + 1
@@ -169,6 +171,11 @@ def _require_standing(walls, nodes, grid, frame, say):
                 f"barrier '{wall.name}' is {thin:.3g} m thick, thinner than a cell; it is computed {least:g} m thick "
                 "(3 cells), which is what holds a flow on this grid"
             )
+    for east, north, width in narrow_openings([wall.footprint for wall in walls], grid.cell_size)[:MOST_NAMED]:
+        say(
+            f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
+            f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
+        )
 
 
 # ----------------------------------------------------------------------------------------------------- erodible ground

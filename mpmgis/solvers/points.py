@@ -8,8 +8,7 @@ from scipy import ndimage
 
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
-from ..geo import barriers as geo_barriers
-from ..geo.barriers import margin_in_3d, wall_nodes
+from ..geo.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes
 from ..geo.terrain import bilinear
 from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
@@ -147,7 +146,7 @@ class PointSolver(ParticleStore):
         grid, floor = self.grid, self.floor
         x, y = grid.node_axes()
         bed = self._ground[kernel.GHOSTS - 1 : -kernel.GHOSTS - 1, kernel.GHOSTS - 1 : -kernel.GHOSTS - 1, 0]
-        nodes = wall_nodes(self.walls, x, y, bed + floor, grid.cell_size, margin_in_3d, geo_barriers.WIDENED_IN_3D)
+        nodes = wall_nodes(self.walls, x, y, bed + floor, grid.cell_size, margin_in_3d, WIDENED_IN_3D)
         middle = np.zeros((len(self.walls) + 1, 3))
         for k, wall in enumerate(self.walls, 1):
             centre = wall.footprint.centroid
