@@ -184,7 +184,7 @@ def load_of(folder):
     moment = np.hypot(column("mean moment east [N m]"), column("mean moment north [N m]"))
     return Load(
         column("time [s]"), column("mean normal force [N]"), moment, column("overtopped mass [kg]"),
-        column("peak normal force [N]"),
+        column("largest normal force of a step so far [N]"),
     )  # fmt: skip
 
 
