@@ -13,7 +13,6 @@ from ..conversion.switching import switch_to_columns, switch_to_points
 from ..errors import SceneError
 from ..geo.nodata import NodataInReach
 from ..io.by_place import read_area
-from ..products.bed import Bed, place
 from ..products.point_volume import point_volume
 from ..scene import resolve
 from ..scene.placed import with_effects_on
@@ -180,10 +179,10 @@ class Stage:
         if not len(x):
             return point_volume(points, np.zeros(0), np.zeros(0), self.grid.cell_size, self.numerics.density)
         near = terrain.cropped((x.min(), y.min(), x.max(), y.max()), 2)
-        bed = Bed.of(near)
-        placed = place(points, bed)
-        slope = np.hypot(*bed.gradient_by_pixel[placed.pixel].T)
-        height = placed.distance * np.hypot(1.0, slope)
+        height = points.particles.position[:, 2] + points.origin[2] - near.sample(x, y)
+        at = (np.rint(place).astype(int) for place in near.grid.rowcol(x, y))
+        row, column = (np.clip(k, 0, n - 1) for k, n in zip(at, near.elevation.shape, strict=True))
+        slope = np.hypot(*near.limited_gradient[row, column].T)
         return point_volume(points, height, slope, self.grid.cell_size, self.numerics.density)
 
     @property
