@@ -16,8 +16,14 @@ from ..io.frame_list import OWN, list_frames, missing_frames
 from ..io.step_spool import StepSpool
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
-from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
-from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
+from ..products.maxima import MAXIMA_BANDS, PRODUCTS_NEEDED, RUNNING_BANDS
+from ..products.sampling import (
+    automatic_cell_size,
+    automatic_time_step,
+    choose_steps,
+    export_grid,
+    farthest_crossing,
+)
 from ..products.solver_maxima import BANDS as SOLVER_BANDS
 from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, survey_frame
@@ -246,7 +252,13 @@ def tell(request, plan, tally, say):
     grid = plan.averaging.grid
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
-    _tell_of_time(request, plan, tally, say)
+    side, name = tally.point_side
+    if grid.cell_size < side * (1 - 1e-6):
+        say(
+            f"warning: cells of {grid.cell_size:.3g} m are smaller than Eq 15 asks for, {side:.3g} m (cube root of a "
+            f"point's mean volume in {name}): cells inside the flow stay empty; take --cs-e {side:.3g} or more, or auto"
+        )
+    _tell_of_time(plan, tally, say)
 
 
 def _tell_of_foreign(plan, tally, say):
@@ -304,18 +316,33 @@ def _word_on_peaks(plan):
     return word
 
 
-def _tell_of_time(request, plan, tally, say):
+def _tell_of_time(plan, tally, say):
     times = [entry.time for entry in plan.entries]
+    _tell_of_crossing(plan, farthest_crossing(times, tally.speeds, plan.averaging.grid.cell_size), say)
     if plan.time_step is None or np.isinf(plan.time_step) or len(times) < 2:  # infinite: maxima alone were asked for
         return
     last = times[plan.steps[-1]]
     if last < times[-1]:
         end = f"the last step is that of {last:.4g} s, the frames go on to {times[-1]:.4g} s"
         say(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
-    interval = float(np.median(np.diff(times)))
-    if plan.time_step < interval * (1 - 1e-6):
-        wanted = automatic_time_step(plan.averaging.grid.cell_size, tally.fastest)
-        say(
-            f"the frames lie {interval:.4g} s apart, so --dt-e {plan.time_step:.4g} takes each of them once; Eq 17 "
-            f"asks for {wanted:.3g} s (cells of {plan.averaging.grid.cell_size:.4g} m, {tally.fastest:.3g} m/s)"
-        )
+
+
+def _tell_of_crossing(plan, crossing, say):
+    """Say where frames are farther apart than Eq 17 wants, and which maxima that concerns."""
+    if crossing.cells <= 1 + 1e-6:
+        return
+    cell = plan.averaging.grid.cell_size
+    wanted = automatic_time_step(cell, crossing.speed)
+    got = f"the frames are up to {crossing.interval:.4g} s apart"
+    if plan.time_step is not None and plan.time_step < crossing.interval * (1 - 1e-6):
+        got += f", so --dt-e {plan.time_step:.4g} takes each of them once"
+    eq17 = f"Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
+    solver_bands = () if plan.peaks is None else plan.peaks.bands(plan.averaging.min_depth)
+    if set(SOLVER_BANDS) <= set(solver_bands):
+        others = [name for name in MAXIMA_BANDS if name not in solver_bands]
+        say(f"{got}; {eq17}: this concerns {' and '.join(others)} alone, the other maxima are of every step")
+        return
+    say(
+        f"warning: {got}; {eq17}. The flow crosses {crossing.cells:.3g} cells between two frames and maxima miss cells: "
+        f"write frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
+    )

@@ -58,7 +58,8 @@ class Tally:
     without_slope: tuple = (0, "")
     below: tuple = (0.0, 0.0, "")
     column_side: float = 0.0
-    fastest: float = 0.0
+    point_side: tuple = (0.0, "")
+    speeds: list = field(default_factory=list)  # [m s-1] largest mean speed on the map of each frame
     largest: dict = field(default_factory=dict)
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
 
@@ -69,7 +70,8 @@ class Tally:
         self.without_slope = max(self.without_slope, (values.without_slope, name))
         self.below = max(self.below, (values.below, values.lowest, name))
         self.column_side = max(self.column_side, values.column_side)
-        self.fastest = max(self.fastest, values.fastest)
+        self.point_side = max(self.point_side, (values.point_side, name))
+        self.speeds.append(values.fastest)
 
     def add_step(self, values):
         """Take in the values of an exported step."""

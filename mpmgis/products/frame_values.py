@@ -64,6 +64,8 @@ class FrameValues:
         Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
     column_side : float [m]
         Side of the mean column, 0 for points.
+    point_side : float [m]
+        Eq 15's cell size: the cube root of the mean point's present volume, 0 for columns.
     fastest : float [m s-1]
         Largest depth-averaged speed in the map plane where the flow is at least min_depth deep.
     """
@@ -80,6 +82,7 @@ class FrameValues:
     below: float
     lowest: float
     column_side: float
+    point_side: float
     fastest: float
 
 
@@ -111,6 +114,7 @@ def average_frame(frame, averaging):
         below=below,
         lowest=lowest,
         column_side=float(np.sqrt(frame.particles.area.mean())) if frame.dimension == 2 else 0.0,
+        point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
         fastest=_fastest(cells, values["h"], averaging.min_depth),
     )
 

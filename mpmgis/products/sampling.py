@@ -81,6 +81,42 @@ def automatic_time_step(cell_size, fastest):
     return cell_size / fastest if fastest > 0 else math.inf
 
 
+class Crossing(NamedTuple):
+    """The two neighbouring frames between which the flow crosses most cells.
+
+    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1].
+    """
+
+    cells: float
+    interval: float
+    speed: float
+
+
+def farthest_crossing(times, speeds, cell_size):
+    """How far the flow moves between neighbouring frames, in export cells; Eq 17 wants one cell at most.
+
+    Parameters
+    ----------
+    times : sequence of float [s]
+        Of the frames, ascending.
+    speeds : sequence of float [m s-1]
+        Largest depth-averaged speed in the map plane of each. Between two frames the larger one counts.
+    cell_size : float [m]
+
+    Returns
+    -------
+    Crossing
+        Of the worst pair; zeros where there are fewer than two frames.
+    """
+    if len(times) < 2:
+        return Crossing(0.0, 0.0, 0.0)
+    intervals = np.diff(np.asarray(times, float))
+    faster = np.maximum(speeds[:-1], speeds[1:])
+    worst = int(np.argmax(intervals * faster))
+    interval, speed = float(intervals[worst]), float(faster[worst])
+    return Crossing(interval * speed / cell_size, interval, speed)
+
+
 def choose_steps(times, time_step=None):
     """Indices of the frames to export: for each multiple of `time_step` [s] the nearest in time, each once.
 

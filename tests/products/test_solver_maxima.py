@@ -233,9 +233,10 @@ def telling(tmp_path_factory):
     return write_run(tmp_path_factory.mktemp("telling") / "slide", maxima=kept())
 
 
-def test_without_peaks_nothing_is_said_and_the_maxima_are_those_of_the_frames(silent, tmp_path):
+def test_without_peaks_the_maxima_are_those_of_the_frames_with_a_warning_of_eq_17(silent, tmp_path):
     peaks, tags, said = export(silent, tmp_path / "out")
-    assert said == [] and tags["maxima"] == "frames" and "maxima_solver" not in tags
+    assert tags["maxima"] == "frames" and "maxima_solver" not in tags
+    assert len(said) == 1 and said[0].startswith("warning:") and "Eq 17" in said[0]  # frames of 1 s at 28 m/s
     ground = written(silent)
     averaging = Averaging(Bed.of(ground), export_grid(ground.grid), DENSITY, PRODUCTS_NEEDED)
     expected = RunningMaxima(40 * 36, 0.05)
