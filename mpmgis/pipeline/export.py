@@ -232,8 +232,10 @@ def tell(request, plan, tally, say):
     if plan.entries[0].reader != OWN:
         _tell_of_foreign(plan, tally, say)
     _tell_of_kinds(plan.entries, say)
+    grid, times = plan.averaging.grid, [entry.time for entry in plan.entries]
+    crossing = farthest_crossing(times, tally.speeds, grid.cell_size)
     if plan.peaks is not None:
-        say(_word_on_peaks(plan))
+        say(_word_on_peaks(plan, crossing))
     count, mass, name = tally.outside
     if count:
         say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
@@ -249,7 +251,6 @@ def tell(request, plan, tally, say):
     missing = missing_frames(plan.entries)
     if missing:
         say(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
-    grid = plan.averaging.grid
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(f"columns are {tally.column_side:.3g} m wide: cells of {grid.cell_size:.3g} m add no detail")
     side, name = tally.point_side
@@ -258,7 +259,8 @@ def tell(request, plan, tally, say):
             f"warning: cells of {grid.cell_size:.3g} m are smaller than Eq 15 asks for, {side:.3g} m (cube root of a "
             f"point's mean volume in {name}): cells inside the flow stay empty; take --cs-e {side:.3g} or more, or auto"
         )
-    _tell_of_time(plan, tally, say)
+    _warn_of_crossing(plan, crossing, say)
+    _tell_of_time(plan, times, say)
 
 
 def _tell_of_foreign(plan, tally, say):
@@ -299,8 +301,8 @@ def _tell_of_kinds(entries, say):
             )
 
 
-def _word_on_peaks(plan):
-    """Which maxima come from the solver, and which do not and why."""
+def _word_on_peaks(plan, crossing):
+    """Which maxima come from the solver, which do not and why, and how far apart the frames are for those."""
     peaks = plan.peaks
     bands = peaks.bands(plan.averaging.min_depth)
     word = f"maxima: {', '.join(bands)} take in the solver's own peaks, of every step up to t = {peaks.time:g} s"
@@ -308,6 +310,9 @@ def _word_on_peaks(plan):
     if not others:
         word += f"; {', '.join(name for name in bands if name not in WITHOUT_THRESHOLD)} are of flow over "
         word += f"{peaks.arrival_thickness:g} m"
+        if apart := _word_on_crossing(plan, crossing):
+            of_frames = [name for name in MAXIMA_BANDS if name not in bands]
+            word += f"; {' and '.join(of_frames)} are of the frames alone: {apart}"
     if others:
         word += (
             f"; its {', '.join(others)} are of flow over {peaks.arrival_thickness:g} m and are not mixed with "
@@ -316,9 +321,7 @@ def _word_on_peaks(plan):
     return word
 
 
-def _tell_of_time(plan, tally, say):
-    times = [entry.time for entry in plan.entries]
-    _tell_of_crossing(plan, farthest_crossing(times, tally.speeds, plan.averaging.grid.cell_size), say)
+def _tell_of_time(plan, times, say):
     if plan.time_step is None or np.isinf(plan.time_step) or len(times) < 2:  # infinite: maxima alone were asked for
         return
     last = times[plan.steps[-1]]
@@ -327,22 +330,29 @@ def _tell_of_time(plan, tally, say):
         say(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
 
 
-def _tell_of_crossing(plan, crossing, say):
-    """Say where frames are farther apart than Eq 17 wants, and which maxima that concerns."""
+def _word_on_crossing(plan, crossing):
+    """How far apart the frames are and what Eq 17 asks for; "" where they are close enough."""
     if crossing.cells <= 1 + 1e-6:
-        return
+        return ""
     cell = plan.averaging.grid.cell_size
-    wanted = automatic_time_step(cell, crossing.speed)
     got = f"the frames are up to {crossing.interval:.4g} s apart"
     if plan.time_step is not None and plan.time_step < crossing.interval * (1 - 1e-6):
         got += f", so --dt-e {plan.time_step:.4g} takes each of them once"
-    eq17 = f"Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
-    solver_bands = () if plan.peaks is None else plan.peaks.bands(plan.averaging.min_depth)
-    if set(SOLVER_BANDS) <= set(solver_bands):
-        others = [name for name in MAXIMA_BANDS if name not in solver_bands]
-        say(f"{got}; {eq17}: this concerns {' and '.join(others)} alone, the other maxima are of every step")
-        return
-    say(
-        f"warning: {got}; {eq17}. The flow crosses {crossing.cells:.3g} cells between two frames and maxima miss cells: "
-        f"write frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
-    )
+    wanted = automatic_time_step(cell, crossing.speed)
+    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
+
+
+def _warn_of_crossing(plan, crossing, say):
+    """Warn where maxima of the frames alone miss cells because the frames are farther apart than Eq 17 asks for."""
+    word = _word_on_crossing(plan, crossing)
+    if word and not _all_of_every_step(plan):
+        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.speed)
+        say(
+            f"warning: {word}. The flow crosses {crossing.cells:.3g} cells between frames and maxima miss cells: write "
+            f"frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
+        )
+
+
+def _all_of_every_step(plan):
+    """Whether the solver kept all the maxima that it can keep."""
+    return plan.peaks is not None and plan.peaks.bands(plan.averaging.min_depth) == SOLVER_BANDS
