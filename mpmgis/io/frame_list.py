@@ -16,7 +16,7 @@ from ..particles import Frame
 from .foreign.file import ForeignFrame
 from .foreign.meaning import foreign_header, foreign_particles, require_told, series_place, times_of
 from .foreign.readers import FOREIGN, OWN, head_of, reader_of
-from .foreign.sidecar import with_sidecar
+from .foreign.sidecar import merged, with_sidecar
 from .foreign.terms import ForeignTerms
 from .frames import read_frame, read_maxima
 
@@ -83,8 +83,8 @@ def list_frames(paths, terms=None):
     reader = _one_reader(files, terms.reader)
     if reader == OWN:
         _refuse_unknown(files)
-        _refuse_terms(files[0], terms)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
+        _refuse_terms(files[0], terms)  # now it is known that they are frames of mpmgis
     else:
         entries = _foreign_entries(files, reader, terms)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
@@ -111,7 +111,19 @@ def foreign_frames(paths, reader, terms):
         Damaged files, or such without any particle; a damaged sidecar, or several.
     """
     terms = with_sidecar(paths, terms)
-    return _begun(FOREIGN[reader].frames(paths, terms)), terms
+    frames = _begun(FOREIGN[reader].frames(paths, terms))
+    return frames, _with_own_words(frames, terms)
+
+
+def _with_own_words(frames, terms):
+    """`terms`, and where these leave a thing open what the files themselves say in a sidecar's words."""
+    for frame in frames:
+        if frame.said != frames[0].said:
+            raise InputError(
+                f"{frames[0].path} and {frame.path} say different things of the map (crs, origin, axes); export those "
+                "of one place at a time"
+            )
+    return terms if frames[0].said is None else merged(terms, frames[0].said)
 
 
 def _begun(frames):

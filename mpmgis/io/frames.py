@@ -4,11 +4,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pyproj
 
 from .. import __version__
-from ..errors import FormatError, one_line
+from ..errors import FormatError, InputError, one_line
 from ..fields import PARTICLE
+from ..geo.georeference import crs_of_text
 from ..particles import Frame, Particles
 from .atomic import whole_file
 from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
@@ -191,7 +191,10 @@ def _read(path, file, with_state, with_particles, density, memory):
     attrs = _attributes(path, file)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
-        raise FormatError(f"{path}: format {got!r}, wanted {FORMAT!r}; it is no mpmgis frame")
+        raise FormatError(
+            f"{path}: format {one_line(got)[:40]!r}, wanted {FORMAT!r}; it is no mpmgis frame (particles of another "
+            "code: name its datasets with --columns x=..,y=..)"
+        )
     version = _number(path, attrs, "format_version", 1)
     if version > FORMAT_VERSION:
         raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
@@ -270,9 +273,9 @@ def _crs(path, text):
     if not text:
         return None
     try:
-        return pyproj.CRS.from_wkt(text)
-    except pyproj.exceptions.CRSError as error:
-        raise FormatError(f"{path}: its crs is no readable WKT ({one_line(error)[:80]})") from error
+        return crs_of_text(text)
+    except InputError as error:
+        raise FormatError(f"{path}: its {error}") from error
 
 
 def _count(group):
