@@ -18,7 +18,7 @@ from .foreign.meaning import foreign_header, foreign_particles, require_told, se
 from .foreign.readers import FOREIGN, OWN, head_of, reader_of
 from .foreign.sidecar import merged, with_sidecar
 from .foreign.terms import ForeignTerms
-from .frames import read_frame, read_maxima
+from .frames import PLACES, read_frame, read_maxima
 
 PATTERN = "*.h5"
 HDF5_MAGIC = b"\x89HDF"
@@ -57,6 +57,12 @@ class FrameEntry:
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
         return replace(self.header, particles=foreign_particles(self.source, self.terms))
+
+    def read_places(self):
+        """The frame with the places of its particles alone, of columns their areas too, where that is less to read."""
+        if self.reader == OWN:
+            return read_frame(self.path, with_state=False, memory=vars(_memory), names=PLACES)
+        return self.read()
 
     def read_maxima(self):
         """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""

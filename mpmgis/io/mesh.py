@@ -165,7 +165,7 @@ def _open_new(path):
 
 def _write_places(file, run, wet):
     """The mesh's nodes, faces and CRS."""
-    nodes, corners = _corners(wet)
+    nodes, corners = _corners(wet, mirrored=np.linalg.det(run.flow_grid.matrix) > 0)
     x, y = _node_places(run.flow_grid, nodes)
     file.createDimension("node", len(x))
     file.createDimension("face", len(corners))
@@ -199,16 +199,18 @@ def _write_node_variable(file, name, values, attributes):
     variable[:] = np.where(np.isfinite(values), values, NODATA)
 
 
-def _corners(wet):
+def _corners(wet, mirrored=False):
     """The lattice nodes that wet cells use, bool[rows + 1, columns + 1], and each face's nodes, int32[faces, 4].
 
-    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner.
+    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner, also where
+    the grid is `mirrored`, so that its rows lie to the left of its columns.
     """
     used = np.zeros((wet.shape[0] + 1, wet.shape[1] + 1), dtype=bool)
     row, column = np.nonzero(wet)
     around = ((row + 1, column), (row + 1, column + 1), (row, column + 1), (row, column))
     for corner in around:
         used[corner] = True
+    around = around[::-1] if mirrored else around
     number = np.cumsum(used.ravel(), dtype=np.int32).reshape(used.shape) - 1
     return used, np.stack([number[corner] for corner in around], axis=1)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import InputError
 from ..geo.terrain import Terrain
 from ..io import qgis_folder
 from ..io.ascii_grid import require_square
@@ -21,12 +22,13 @@ from ..products.sampling import (
     automatic_cell_size,
     automatic_time_step,
     choose_steps,
+    export_axes,
     export_grid,
     farthest_crossing,
 )
 from ..products.solver_maxima import BANDS as SOLVER_BANDS
 from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
-from ..products.survey import automatic_standoff, fastest_mean, survey_frame
+from ..products.survey import automatic_standoff, fastest_mean, reached, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
 from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write_rasters
@@ -50,10 +52,12 @@ class ExportRequest:
     cell_size: float | str | None = None  # [m]
     time_step: float | str | None = None  # [s]
     extent: str | None = None
+    north_up: bool = False
     percentile: float = 100.0
     bed: str = "bilinear"
     min_depth: float = 0.05  # [m]
     standoff: float | str = 0.0  # [m]
+    paper: bool = False
     density: float | None = None  # [kg m-3]
     products: tuple = ()
     layout: str = "steps"
@@ -115,6 +119,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     ------
     MpmgisError
     """
+    request = _as_the_paper(request)
     products = choose_products(request.products)
     entries = list_frames(request.frames, request.terms())
     output = output_folder(request, entries)
@@ -136,18 +141,40 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
 
 
+def _as_the_paper(request):
+    """`request` with all that `paper` stands for (Vicari et al. 2025, Eqs 2 to 14 to the letter)."""
+    if not request.paper:
+        return request
+    usual = ExportRequest(())
+    for name in ("min_depth", "standoff"):
+        if getattr(request, name) not in (getattr(usual, name), 0.0):
+            raise InputError(f"--paper has --{name.replace('_', '-')} 0; leave {getattr(request, name)} out")
+    return replace(request, bed="plane", min_depth=0.0)
+
+
 def make_plan(request, entries, terrain, products, pool, say):
     """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
     density = release_density(request, entries, say)
     if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
         say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
-    bed = Bed.of(terrain, request.bed, 0.0 if request.standoff == AUTO else request.standoff)
-    facts = _survey(request, entries, bed, density, terrain, pool)
+    standoff = 0.0 if request.standoff == AUTO else request.standoff
+    bed = Bed.of(terrain, request.bed, standoff, clamped=request.paper)
+    axes = export_axes(terrain.grid, request.north_up)
+    facts = _survey(request, entries, bed, density, axes, pool)
+    bounds = _bounds(request, entries, facts, bed, axes, terrain, pool)
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
     peaks = solver_peaks(next((entry for entry in reversed(entries) if entry.header.dimension == 2), entries[-1]))
-    grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts, peaks))
+    if bounds is not None and peaks is not None:
+        bounds = _with_peaks(bounds, peaks.bounds(request.min_depth), axes)
+    cell_size = _cell_size(request, facts, terrain, say)
+    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.north_up)
+    if peaks is not None and grid.is_rotated:
+        raise InputError(
+            f"{entries[-1].path} holds maxima of the solver, which lie north-up, and {terrain.path} is rotated; give "
+            "--north-up, or the DTM that the run used"
+        )
     time_step = _time_step(request, entries, bed, grid, density, pool, say)
     steps = choose_steps([entry.time for entry in entries], time_step)
     needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.qgis else ()))
@@ -170,31 +197,50 @@ def _extent(request):
     return request.extent or ("dtm" if request.cell_size is None else "flow")
 
 
-def _survey(request, entries, bed, density, terrain, pool):
-    if _extent(request) == "dtm" and AUTO not in (request.cell_size, request.standoff):
+def _survey(request, entries, bed, density, axes, pool):
+    """FrameFacts of every frame where something is to be chosen by them; none otherwise."""
+    if AUTO not in (request.cell_size, request.standoff):
         return []
-    facts = list(pool.map(_survey_entry, entries, bed, density))
-    for entry, fact in zip(entries, facts, strict=True):
-        if fact.bounds is None:
-            refuse_nowhere(entry, terrain)
-    return facts
+    return list(pool.map(_survey_entry, entries, bed, density, axes))
 
 
-def _survey_entry(entry, bed, density):
-    return survey_frame(entry.read(density), bed, density)
+def _survey_entry(entry, bed, density, axes):
+    return survey_frame(entry.read(density), bed, density, axes)
+
+
+def _reached_by_entry(entry, bed, axes):
+    return reached(entry.read_places(), bed, axes)
 
 
 def _fastest_entry(entry, bed, grid, density):
     return fastest_mean(entry.read(density), bed, grid, density)
 
 
-def _bounds(request, facts, peaks):
-    """(west, south, east, north) [m] of the flow in all frames and between them; None for all of the DTM."""
-    if _extent(request) == "dtm":
+def _bounds(request, entries, facts, bed, axes, terrain, pool):
+    """Where the flow is in all frames, along `axes` [m]; None for all of the DTM."""
+    whole = _extent(request) == "dtm"
+    if whole and not facts:
         return None
-    reached = None if peaks is None else peaks.bounds(request.min_depth)
-    bounds = np.array([fact.bounds for fact in facts] + ([reached] if reached is not None else []))
+    found = [fact.bounds for fact in facts] or list(pool.map(_reached_by_entry, entries, bed, axes))
+    for entry, bounds in zip(entries, found, strict=True):
+        if bounds is None:
+            refuse_nowhere(entry, terrain)
+    return None if whole else _around(found)
+
+
+def _around(found):
+    """The bounds around several ones."""
+    bounds = np.array(found)
     return (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist())
+
+
+def _with_peaks(bounds, reached, axes):
+    """`bounds` and what the flow reached between frames, (west, south, east, north) [m] or None."""
+    if reached is None:
+        return bounds
+    west, south, east, north = reached
+    row, column = axes.rowcol(np.array([west, east]), np.array([north, south]))
+    return _around([bounds, (column[0] + 0.5, row[0] + 0.5, column[1] + 0.5, row[1] + 0.5)])
 
 
 def _cell_size(request, facts, terrain, say):
@@ -239,6 +285,9 @@ def tell(request, plan, tally, say):
     count, mass, name = tally.outside
     if count:
         say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
+    count, name = tally.moved
+    if count:
+        say(f"{name}: {count} particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)")
     count, name = tally.without_slope
     if count:
         say(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")

@@ -60,6 +60,8 @@ class FrameValues:
         The same on the second grid.
     outside, mass_outside, without_slope : int, float [kg], int
         Particles off the DTM, their mass, and particles on it where it has no slope.
+    moved : int
+        Particles that lie outside the DTM and were taken to its rim (a clamped bed's).
     below, lowest : float, float [m]
         Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
     column_side : float [m]
@@ -79,6 +81,7 @@ class FrameValues:
     outside: int
     mass_outside: float
     without_slope: int
+    moved: int
     below: float
     lowest: float
     column_side: float
@@ -111,6 +114,7 @@ def average_frame(frame, averaging):
         outside=cells.outside,
         mass_outside=cells.mass_outside,
         without_slope=cells.without_slope,
+        moved=placed.moved,
         below=below,
         lowest=lowest,
         column_side=float(np.sqrt(frame.particles.area.mean())) if frame.dimension == 2 else 0.0,

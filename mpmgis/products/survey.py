@@ -2,15 +2,38 @@
 
 import numpy as np
 
+from ..kernels import binning
 from .bed import place
 from .cells import bin_frame, grid_spacing
 from .depth_average import map_speed, volume_thickness
-from .sampling import FrameFacts, export_grid
+from .sampling import FrameFacts, export_axes, export_grid
 
 RESTING_BELOW = 0.01  # share of the mass below the bed from which a code's own offset is assumed
 
 
-def survey_frame(frame, bed, density):
+def reached(frame, bed, axes):
+    """(First column, first row, last column, last row) [m] of what lies on the DTM; None where nothing does.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of its particles only `position` is wanted, and `area` of columns, whose squares count as a whole.
+    bed : Bed
+    axes : Grid
+        `export_axes`, along which the answer is.
+    """
+    return _reached(frame, place(frame, bed), axes)
+
+
+def _reached(frame, placed, axes):
+    particles, bounds = frame.particles, np.empty(4)
+    half = 0.5 * np.sqrt(particles.area) if frame.dimension == 2 else np.zeros(1)
+    origin = np.asarray(frame.origin, float)
+    count = binning.reach(particles.position, half, placed.pixel, origin, axes.corner, axes.axes, bounds)
+    return tuple(bounds.tolist()) if count else None
+
+
+def survey_frame(frame, bed, density, axes=None):
     """What `frame` contributes to the choice of cells and of the standoff.
 
     Parameters
@@ -19,6 +42,8 @@ def survey_frame(frame, bed, density):
     bed : Bed
     density : float [kg m-3]
         Of the release.
+    axes : Grid, optional
+        `export_axes` that the bounds are along (default: north-up).
 
     Returns
     -------
@@ -34,7 +59,7 @@ def survey_frame(frame, bed, density):
     if frame.dimension == 3:
         below, offset = resting_offset(placed.distance[inside], particles.mass[inside])
     return FrameFacts(
-        bounds=_bounds(frame, inside),
+        bounds=_reached(frame, placed, export_axes(bed.grid) if axes is None else axes),
         particle_volume=volume,
         dilation=min(1.0, float(np.quantile(released / particles.volume, 0.1))),
         thickness=_median_thickness(frame, placed, bed, density),
@@ -43,14 +68,6 @@ def survey_frame(frame, bed, density):
         offset=offset,
         column_side=float(np.sqrt(particles.area.mean())) if frame.dimension == 2 else 0.0,
     )
-
-
-def _bounds(frame, inside):
-    """(west, south, east, north) [m] of the particles `inside`, of columns with the squares that they fill."""
-    x, y = frame.map_xy()
-    half = 0.5 * np.sqrt(frame.particles.area[inside]) if frame.dimension == 2 else 0.0
-    x, y = x[inside], y[inside]
-    return float((x - half).min()), float((y - half).min()), float((x + half).max()), float((y + half).max())
 
 
 def _median_thickness(frame, placed, bed, density):
