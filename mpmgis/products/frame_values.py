@@ -21,7 +21,7 @@ class Averaging:
     ----------
     bed : Bed
     grid : Grid
-        Export grid, north-up.
+        Export grid.
     density : float [kg m-3]
         Of the release.
     names : tuple of str

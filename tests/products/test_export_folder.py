@@ -184,11 +184,11 @@ def test_extent_of_the_flow_is_a_part_of_the_terrains(run3, tmp_path):
         assert (a.read(1) > 0).sum() == (b.read(1) > 0).sum()
 
 
-@pytest.mark.parametrize("affine", ["south-up", "rotated", "oblong"])
-def test_any_terrain_gives_a_north_up_raster(affine, tmp_path):
+@pytest.mark.parametrize("affine", ["south-up", "rotated", "sheared", "oblong"])
+def test_any_terrain_gives_a_north_up_raster_on_request(affine, tmp_path):
     ground = terrain(AFFINES[affine])
     frames = write_run(tmp_path / "slide", ground=ground, dimension=3)
-    folder, _ = export(frames, products=("mass",))
+    folder, _ = export(frames, products=("mass",), north_up=True)
     with rasterio.open(folder / "rasters/slide_0000.tif") as source:
         t = source.transform
         assert t.a > 0 > t.e and t.b == t.d == 0
