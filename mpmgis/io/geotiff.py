@@ -24,6 +24,7 @@ LAYOUT = {
     "blockysize": BLOCK,
     "compress": "deflate",
     "predictor": 3,
+    "zlevel": 1,  # 3 % larger than the usual 6 in three quarters of the time (measured): a flow's digits do not repeat
     "interleave": "band",
     "sparse_ok": True,
     "bigtiff": "if_safer",

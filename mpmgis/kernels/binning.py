@@ -23,7 +23,7 @@ ROW = 16  # of a cell while points are summed: the sums, then these
 TOP, LOWEST, COUNT = 12, 13, 14
 RECORD = 8  # of a point between two passes: velocity, mass, volume, distance, pixel, number of its cell
 TILE = 32  # cells along a tile's side: its rows stay in the cache while its points are summed
-SLAB = 1 << 17  # points that are sorted by tile at a time, so that memory does not grow with their number
+SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does not grow with their number
 
 
 @jit_inline
@@ -159,17 +159,22 @@ def cells_of_points(position, pixel, origin, corner, axes, shape, clamped, row, 
 
 
 @jit
-def reach(position, half, pixel, origin, corner, axes, bounds):
+def reach(position, half, origin, dem_corner, dem_axes, elevation, clamped, corner, axes, bounds):
     """Find the rectangle along a grid's axes that holds every particle that has a pixel, with `half` of its side.
 
-    `half` float64[n] or float64[1] [m]; `axes` of a grid whose cells have sides of 1 m. `bounds` float64[4] takes
+    The DTM is that of `place`, with `dem_corner` and `dem_axes`. `half` float64[n] or float64[1] [m]; `corner` and
+    `axes` are of a grid whose cells have sides of 1 m. `bounds` float64[4] takes
     (first column, first row, last column, last row) [m] from `corner`. Answers how many particles that are.
     """
     bounds[0], bounds[1], bounds[2], bounds[3] = np.inf, np.inf, -np.inf, -np.inf
     count, each = 0, half.shape[0] > 1
     shift_east, shift_north = origin[0] - corner[0], origin[1] - corner[1]
+    dem_east, dem_north = origin[0] - dem_corner[0], origin[1] - dem_corner[1]
     for p in range(position.shape[0]):
-        if pixel[p] < 0:
+        x, y = position[p, 0] + dem_east, position[p, 1] + dem_north
+        row, column = along(dem_axes, 1, x, y), along(dem_axes, 0, x, y)
+        i, j = cell_at(row, column, elevation.shape[0], elevation.shape[1], clamped)
+        if i < 0 or not np.isfinite(elevation[i, j]):
             continue
         x, y = position[p, 0] + shift_east, position[p, 1] + shift_north
         u, v, h = along(axes, 0, x, y), along(axes, 1, x, y), half[p if each else 0]
@@ -177,6 +182,32 @@ def reach(position, half, pixel, origin, corner, axes, bounds):
         bounds[2], bounds[3] = max(bounds[2], u + h), max(bounds[3], v + h)
         count += 1
     return count
+
+
+@jit
+def left_out(row, distance, mass):
+    """(Particles without a cell, their mass, particles with a cell and no known distance)."""
+    outside, mass_outside, unknown = 0, 0.0, 0
+    for p in range(row.shape[0]):
+        if row[p] < 0:
+            outside += 1
+            mass_outside += mass[p]
+        elif np.isnan(distance[p]):
+            unknown += 1
+    return outside, mass_outside, unknown
+
+
+@jit
+def below(distance, mass, limit):
+    """(Mass of what lies nearer to the bed than `limit` [m], the smallest distance known; inf where there is none)."""
+    total, lowest = 0.0, np.inf
+    for p in range(distance.shape[0]):
+        d = distance[p]
+        if d < limit:
+            total += mass[p]
+        if d < lowest:
+            lowest = d
+    return total, lowest
 
 
 @jit

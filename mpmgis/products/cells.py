@@ -76,13 +76,13 @@ def bin_frame(frame, placed, bed, grid, density, percentile=100.0):
     Cells
     """
     row, column, bounds = _cells_of(frame, placed, grid, bed.clamped and frame.dimension == 3)
-    left_out = row < 0
+    outside, mass_outside, without_slope = binning.left_out(row, placed.distance, frame.particles.mass)
     totals = {
         "cell_area": grid.cell_area,
         "density": density,
-        "outside": int(np.count_nonzero(left_out)),
-        "mass_outside": float(frame.particles.mass[left_out].sum()),
-        "without_slope": int(np.count_nonzero(~left_out & np.isnan(placed.distance))),
+        "outside": int(outside),
+        "mass_outside": float(mass_outside),
+        "without_slope": int(without_slope),
     }
     bin_particles = _bin_columns if frame.dimension == 2 else _bin_points
     return bin_particles(frame, placed, bed, grid, row, column, bounds, percentile, totals)

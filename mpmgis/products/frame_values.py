@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geo.grid import Grid
+from ..kernels import binning
 from .bed import Bed, place
 from .cells import bin_frame
 from .depth_average import map_speed
@@ -103,11 +104,12 @@ def average_frame(frame, averaging):
         there = _bin(frame, placed, averaging, averaging.second_grid)
         second = there.index, _stored(cell_values(there, averaging.second_names, averaging.min_depth))
     values = cell_values(cells, averaging.names, averaging.min_depth)
-    below, lowest = _below_terrain(frame, placed.distance + averaging.bed.standoff, cells.spacing)
+    mass = float(frame.particles.mass.sum())
+    below, lowest = _below_terrain(frame, placed, averaging.bed.standoff, cells.spacing, mass)
     return FrameValues(
         time=frame.time,
         count=len(frame.particles),
-        mass=float(frame.particles.mass.sum()),
+        mass=mass,
         index=cells.index,
         values=_stored(values),
         second=second,
@@ -136,10 +138,9 @@ def _fastest(cells, depth, min_depth):
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
 
 
-def _below_terrain(frame, distance, spacing):
+def _below_terrain(frame, placed, standoff, spacing, mass):
     """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns, which stand on it."""
-    if frame.dimension == 2 or not np.isfinite(distance).any():
+    if frame.dimension == 2:
         return 0.0, 0.0
-    mass = frame.particles.mass
-    below = distance < -_ROUNDING * spacing
-    return float(mass[below].sum() / mass.sum()), float(np.nanmin(distance))
+    below, lowest = binning.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
+    return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)

@@ -22,14 +22,13 @@ def reached(frame, bed, axes):
     axes : Grid
         `export_axes`, along which the answer is.
     """
-    return _reached(frame, place(frame, bed), axes)
-
-
-def _reached(frame, placed, axes):
     particles, bounds = frame.particles, np.empty(4)
     half = 0.5 * np.sqrt(particles.area) if frame.dimension == 2 else np.zeros(1)
     origin = np.asarray(frame.origin, float)
-    count = binning.reach(particles.position, half, placed.pixel, origin, axes.corner, axes.axes, bounds)
+    count = binning.reach(
+        particles.position, half, origin, bed.grid.corner, bed.grid.axes, bed.elevation,
+        bed.clamped and frame.dimension == 3, axes.corner, axes.axes, bounds,
+    )  # fmt: skip
     return tuple(bounds.tolist()) if count else None
 
 
@@ -59,7 +58,7 @@ def survey_frame(frame, bed, density, axes=None):
     if frame.dimension == 3:
         below, offset = resting_offset(placed.distance[inside], particles.mass[inside])
     return FrameFacts(
-        bounds=_reached(frame, placed, export_axes(bed.grid) if axes is None else axes),
+        bounds=reached(frame, bed, export_axes(bed.grid) if axes is None else axes),
         particle_volume=volume,
         dilation=min(1.0, float(np.quantile(released / particles.volume, 0.1))),
         thickness=_median_thickness(frame, placed, bed, density),
