@@ -23,6 +23,7 @@ ROW = 16  # of a cell while points are summed: the sums, then these
 TOP, LOWEST, COUNT = 12, 13, 14
 RECORD = 8  # of a point between two passes: velocity, mass, volume, distance, pixel, number of its cell
 TILE = 32  # cells along a tile's side: its rows stay in the cache while its points are summed
+JUMPS_SEEN = 4096  # pairs of points that tell whether they come in any order
 SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does not grow with their number
 
 
@@ -264,23 +265,63 @@ def add_motion(sums, k, weight, u, v, w, slope_east, slope_north):
 def bin_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table, records, start):
     """Sum the points of a frame into their cells, with the largest and smallest distance of each (Eqs 7 to 14).
 
-    Cells are met in any order, and their rows do not fit in the cache. So the points are sorted by tiles of cells
-    first, SLAB at a time, as records that lie one after the other; within a tile they keep their order, so that every
-    sum has the order of the points. `gradient` float64[pixels, 2]; `table` float64[cells, ROW] takes the sums, then
-    TOP, LOWEST (-inf and inf in a cell where no point has a slope) and COUNT; `records` float64[SLAB or less, RECORD]
-    and `start` int64[tiles + 1] are room to work in.
+    Where points that follow each other lie far apart, the rows of their cells are not in the cache. Such points are
+    sorted by tiles of cells first, SLAB at a time, as records that lie one after the other. Within a tile they keep
+    their order, so that every sum has the order of the points either way, to the last bit.
+
+    `gradient` float64[pixels, 2]; `table` float64[cells, ROW] takes the sums, then TOP, LOWEST (-inf and inf in a cell
+    where no point has a slope) and COUNT; `records` float64[SLAB or less, RECORD] and `start` int64[tiles + 1] are room
+    to work in.
     """
     across = (bounds[3] - bounds[2] + TILE - 1) // TILE
     for k in range(table.shape[0]):
         table[k, :] = 0.0
         table[k, TOP], table[k, LOWEST] = -np.inf, np.inf
     n, size = row.shape[0], records.shape[0]
+    if not _jumps(row, column):
+        _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table)
+        return
     for first in range(0, n, size):
         end = min(first + size, n)
         _sort_by_tile(
             first, end, row, column, bounds, across, mark, pixel, distance, velocity, mass, volume, records, start
         )
         _sum_records(records, start[start.shape[0] - 1], gradient, table)
+
+
+@jit
+def _jumps(row, column):
+    """True where more than a quarter of some points lie over a tile's side away from the one before."""
+    n, far = row.shape[0], 0
+    step = max(n // JUMPS_SEEN, 1)
+    for p in range(step, n, step):
+        if abs(row[p] - row[p - 1]) >= TILE or abs(column[p] - column[p - 1]) >= TILE:
+            far += 1
+    return 4 * far > n // step
+
+
+@jit_inline
+def add_point(table, k, weight, bulk, d, u, v, w, slope_east, slope_north):
+    """Add a point of mass `weight` [kg] and volume `bulk` [m3] at distance `d` [m] to row `k` of `bin_points`."""
+    table[k, COUNT] += 1.0
+    table[k, MASS] += weight
+    table[k, VOLUME] += bulk
+    if np.isnan(d):
+        return  # no slope under it: mass and number are all that is known (X4)
+    table[k, TOP] = max(table[k, TOP], d)
+    table[k, LOWEST] = min(table[k, LOWEST], d)
+    add_motion(table, k, weight, u, v, w, slope_east, slope_north)
+
+
+@jit
+def _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table):
+    """Add the points to the rows of their cells as they come."""
+    for p in range(row.shape[0]):
+        if row[p] < 0:
+            continue
+        k, q = mark[row[p] - bounds[0], column[p] - bounds[2]], pixel[p]
+        u, v, w = velocity[p, 0], velocity[p, 1], velocity[p, 2]
+        add_point(table, k, mass[p], volume[p], distance[p], u, v, w, gradient[q, 0], gradient[q, 1])
 
 
 @jit
@@ -311,15 +352,8 @@ def _sum_records(records, count, gradient, table):
     """Add the first `count` of `records` to the rows of their cells."""
     for r in range(count):
         k, q = int(records[r, 7]), int(records[r, 6])
-        weight, d = records[r, 3], records[r, 5]
-        table[k, COUNT] += 1.0
-        table[k, MASS] += weight
-        table[k, VOLUME] += records[r, 4]
-        if np.isnan(d):
-            continue  # no slope under it: mass and number are all that is known (X4)
-        table[k, TOP] = max(table[k, TOP], d)
-        table[k, LOWEST] = min(table[k, LOWEST], d)
-        add_motion(table, k, weight, records[r, 0], records[r, 1], records[r, 2], gradient[q, 0], gradient[q, 1])
+        u, v, w = records[r, 0], records[r, 1], records[r, 2]
+        add_point(table, k, records[r, 3], records[r, 4], records[r, 5], u, v, w, gradient[q, 0], gradient[q, 1])
 
 
 @jit
