@@ -36,7 +36,7 @@ class Particles:
     parent: np.ndarray | None = None
 
     def __len__(self):
-        return len(self.mass)
+        return len(self.position)
 
     def arrays(self):
         """Name -> array of everything that is present, in the table's order."""

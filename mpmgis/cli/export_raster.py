@@ -65,6 +65,11 @@ def _add_sampling_options(group):
         help="a step for each multiple of this time [s]; auto: Eq 17 (default: every frame)",
     )
     group.add_argument(
+        "--north-up",
+        action="store_true",
+        help="cells along east and north also where the DTM is rotated (default: those of a rotated DTM are rotated)",
+    )
+    group.add_argument(
         "--extent", choices=("flow", "dtm"), help="cover the flow or the DTM (default: dtm without --cs-e, else flow)"
     )
 
@@ -99,6 +104,12 @@ def _add_averaging_options(group):
         help="height [m] over the DTM, along its normal, at which a 3D code lets particles rest (often "
         "below it); auto: in the frame with the largest share of its mass below the bed, the "
         "distance that 1 %% of the mass lies under; 0 where that share is under 1 %% (default 0)",
+    )
+    group.add_argument(
+        "--paper",
+        action="store_true",
+        help="Vicari et al. (2025) to the letter: --bed plane, --min-depth 0, and points outside the DTM in the "
+        "nearest cell of its rim (Eq 5)",
     )
     group.add_argument(
         "--density", type=positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"

@@ -1,6 +1,7 @@
 """Is this CRS, with these coordinates, a map in metres? Refusals (design note D7), each with its cure."""
 
 import math
+import warnings
 from pathlib import PurePath
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..errors import GeoreferenceError, InputError, one_line
 
 LOCAL = "local"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
+_SAME_NUMBERS = 1e-3  # [m] that the same place may differ by in two projections that are one
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
 _LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] design note D7
 
@@ -32,6 +34,29 @@ def parse_crs(text):
         return pyproj.CRS.from_epsg(int(code))
     except pyproj.exceptions.CRSError as error:
         raise InputError(f"--crs got {word!r}, but PROJ knows no such EPSG code; look it up at epsg.io") from error
+
+
+def crs_of_text(text):
+    """The pyproj.CRS that a file names in its `crs`: `EPSG:n`, WKT or a PROJ string.
+
+    Raises
+    ------
+    InputError
+        None of these, or one that PROJ does not know.
+    """
+    word = str(text).strip()
+    try:
+        if word.upper().startswith("EPSG:"):
+            return parse_crs(word)
+        if word.startswith("+"):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", FutureWarning)  # +init=epsg:n is old and still in use
+                return pyproj.CRS.from_string(word)
+        return pyproj.CRS.from_wkt(word)
+    except (InputError, pyproj.exceptions.CRSError) as error:
+        raise InputError(
+            f"crs is {one_line(word)[:40]!r}, wanted EPSG:n, WKT or a PROJ string ({one_line(error)[:60]})"
+        ) from error
 
 
 def name_of(crs):
@@ -89,7 +114,25 @@ def same_place(first, second):
     """True where two CRS are one and the same on the map (vertical datum and axis order apart)."""
     if first is None or second is None:
         return first is second
-    return horizontal(first).equals(horizontal(second), ignore_axis_order=True)
+    first, second = horizontal(first), horizontal(second)
+    return first.equals(second, ignore_axis_order=True) or _same_but_for_the_datum(first, second)
+
+
+def _same_but_for_the_datum(first, second):
+    """True where one of two projections does not name its datum, as a PROJ string, and both give the same numbers."""
+    if not (first.is_projected and second.is_projected):
+        return False
+    unnamed = [crs.datum is None or crs.datum.name.lower().startswith("unknown") for crs in (first, second)]
+    area = next((crs.area_of_use for crs in (first, second) if crs.area_of_use is not None), None)
+    if not any(unnamed) or area is None:
+        return False
+    longitude = np.array([area.west, area.east, 0.5 * (area.west + area.east)])
+    latitude = np.array([area.south, area.north, 0.5 * (area.south + area.north)])
+    try:
+        places = [np.array(pyproj.Proj(crs)(longitude, latitude)) for crs in (first, second)]
+    except pyproj.exceptions.ProjError:
+        return False
+    return bool(np.isfinite(places).all() and np.abs(places[0] - places[1]).max() < _SAME_NUMBERS)
 
 
 def require_metric(crs, bounds, where, say):

@@ -38,6 +38,33 @@ class Grid:
         return np.array([[t.a, t.b], [t.d, t.e]], dtype=float)
 
     @cached_property
+    def corner(self):
+        """float64[2] [m]: map position of the raster's first corner (row 0, column 0)."""
+        return np.array([self.transform.c, self.transform.f], dtype=float)
+
+    @cached_property
+    def axes(self):
+        """float64[2, 3]: the inverse of `matrix`, so written that nothing is rounded twice where nothing is rotated.
+
+        Row 0 tells columns, row 1 rows: (first * east + second * north) / third, counted in cells from `corner`, of a
+        place [m] from there.
+        """
+        t = self.transform
+        if abs(t.a * t.e) >= abs(t.b * t.d):
+            return np.array([[1.0, -t.b / t.e, t.a - t.b * t.d / t.e], [-t.d / t.a, 1.0, t.e - t.b * t.d / t.a]])
+        return np.array([[-t.e / t.b, 1.0, t.d - t.a * t.e / t.b], [1.0, -t.a / t.d, t.b - t.a * t.e / t.d]])
+
+    @property
+    def is_rotated(self):
+        """True where rows or columns do not run along east and north: rotated or sheared."""
+        return self.transform.b != 0 or self.transform.d != 0
+
+    @cached_property
+    def sides(self):
+        """(float, float) [m]: length of one step in column and of one step in row."""
+        return tuple(np.hypot(*self.matrix).tolist())
+
+    @cached_property
     def cell_area(self):
         """Plan area of one pixel [m2]."""
         return abs(float(np.linalg.det(self.matrix)))

@@ -14,6 +14,7 @@ from .atomic import whole_file
 from .picture import (
     DOTS_PER_INCH,
     INK,
+    draw_image,
     draw_north_arrow,
     draw_scale_bar,
     draw_terrain,
@@ -95,10 +96,7 @@ def _draw_classes(axes, grid, masks):
     image = np.zeros((*grid.shape, 4))
     for where, colour in ((first & ~second, ONLY_FIRST), (second & ~first, ONLY_SECOND), (first & second, BOTH)):
         image[where] = to_rgba(colour, OPACITY)
-    west, south, east, north = grid.bounds
-    limits = axes.get_xlim(), axes.get_ylim()
-    axes.imshow(image, extent=(west, east, south, north), zorder=2, interpolation="nearest")
-    axes.set(xlim=limits[0], ylim=limits[1])
+    draw_image(axes, grid, image)
 
 
 def _draw_line(axes, line, sides):

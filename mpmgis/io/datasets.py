@@ -47,6 +47,8 @@ def gridded(grid, variables, times=None, **attributes):
     xarray.Dataset
         With x, y [m] at the cells' centres, time [s], and the CRS, where the grid has one, as `spatial_ref`.
     """
+    if grid.is_rotated:
+        raise InputError("the rasters are rotated, and x and y have no axes of their own; export with --north-up")
     rows, columns = grid.shape
     coordinates = {"y": grid.xy(np.arange(rows), 0)[1], "x": grid.xy(0, np.arange(columns))[0]}
     if times is not None:

@@ -26,7 +26,7 @@ class ExportedRun:
     name : str
         Name of the run, with which its files begin.
     grid : Grid
-        Export grid, north-up.
+        Export grid.
     terrain_file : str
         Terrain on the export grid.
     times : tuple of float [s]

@@ -16,9 +16,9 @@ from ..particles import Frame
 from .foreign.file import ForeignFrame
 from .foreign.meaning import foreign_header, foreign_particles, require_told, series_place, times_of
 from .foreign.readers import FOREIGN, OWN, head_of, reader_of
-from .foreign.sidecar import with_sidecar
+from .foreign.sidecar import merged, with_sidecar
 from .foreign.terms import ForeignTerms
-from .frames import read_frame, read_maxima
+from .frames import PLACES, read_frame, read_maxima
 
 PATTERN = "*.h5"
 HDF5_MAGIC = b"\x89HDF"
@@ -58,6 +58,12 @@ class FrameEntry:
             return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
         return replace(self.header, particles=foreign_particles(self.source, self.terms))
 
+    def read_places(self):
+        """The frame with the places of its particles alone, of columns their areas too, where that is less to read."""
+        if self.reader == OWN:
+            return read_frame(self.path, with_state=False, memory=vars(_memory), names=PLACES)
+        return self.read()
+
     def read_maxima(self):
         """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""
         return read_maxima(self.path) if self.reader == OWN else {}
@@ -83,8 +89,8 @@ def list_frames(paths, terms=None):
     reader = _one_reader(files, terms.reader)
     if reader == OWN:
         _refuse_unknown(files)
-        _refuse_terms(files[0], terms)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
+        _refuse_terms(files[0], terms)  # now it is known that they are frames of mpmgis
     else:
         entries = _foreign_entries(files, reader, terms)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
@@ -111,7 +117,19 @@ def foreign_frames(paths, reader, terms):
         Damaged files, or such without any particle; a damaged sidecar, or several.
     """
     terms = with_sidecar(paths, terms)
-    return _begun(FOREIGN[reader].frames(paths, terms)), terms
+    frames = _begun(FOREIGN[reader].frames(paths, terms))
+    return frames, _with_own_words(frames, terms)
+
+
+def _with_own_words(frames, terms):
+    """`terms`, and where these leave a thing open what the files themselves say in a sidecar's words."""
+    for frame in frames:
+        if frame.said != frames[0].said:
+            raise InputError(
+                f"{frames[0].path} and {frame.path} say different things of the map (crs, origin, axes); export those "
+                "of one place at a time"
+            )
+    return terms if frames[0].said is None else merged(terms, frames[0].said)
 
 
 def _begun(frames):

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pyproj
 
 from .. import __version__
-from ..errors import FormatError, one_line
+from ..errors import FormatError, InputError, one_line
 from ..fields import PARTICLE
+from ..geo.georeference import crs_of_text
 from ..particles import Frame, Particles
 from .atomic import whole_file
 from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
@@ -23,6 +23,7 @@ _LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has,
 _LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # what quotients of two of them bear; the least of what is above 0
 _LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
 _IDENTITY = ("id", "parent")
+PLACES = ("position", "area")  # all that is asked of particles where only their places matter
 MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
 
@@ -133,7 +134,7 @@ def set_digest(path, digest):
             target.attrs["digest"] = digest
 
 
-def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None):
+def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None, names=None):
     """Read the frame at `path`.
 
     Needs position, velocity and mass or volume (with `density` [kg m-3] the other follows and that is recorded in
@@ -141,6 +142,8 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
     Without `with_particles` only attributes are read: `particles` is None, and `header` says their `count`.
     With a dict as `memory` the arrays of an earlier frame read with it are filled anew, where they fit: fresh memory
     costs more than what is read into it.
+    With `names` (of particle arrays, `position` among them) the others are None; columns that do not store their area
+    are read as a whole.
 
     Raises
     ------
@@ -154,7 +157,7 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
         raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
     try:
         with h5py.File(path, "r") as file:
-            return _read(path, file, with_state, with_particles, density, memory)
+            return _read(path, file, with_state, with_particles, density, memory, names)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
         raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
@@ -196,11 +199,14 @@ def _require_maxima(path, kept):
     return kept
 
 
-def _read(path, file, with_state, with_particles, density, memory):
+def _read(path, file, with_state, with_particles, density, memory, names):
     attrs = _attributes(path, file)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
-        raise FormatError(f"{path}: format {got!r}, wanted {FORMAT!r}; it is no mpmgis frame")
+        raise FormatError(
+            f"{path}: format {one_line(got)[:40]!r}, wanted {FORMAT!r}; it is no mpmgis frame (particles of another "
+            "code: name its datasets with --columns x=..,y=..)"
+        )
     version = _number(path, attrs, "format_version", 1)
     if version > FORMAT_VERSION:
         raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
@@ -216,7 +222,7 @@ def _read(path, file, with_state, with_particles, density, memory):
     header = _attributes(path, file["particles"])
     if with_particles:
         particles = _read_particles(
-            path, file["particles"], dimension, header, density, {} if memory is None else memory
+            path, file["particles"], dimension, header, density, {} if memory is None else memory, names
         )
     else:
         particles, header["count"] = None, _count(file["particles"])
@@ -279,9 +285,9 @@ def _crs(path, text):
     if not text:
         return None
     try:
-        return pyproj.CRS.from_wkt(text)
-    except pyproj.exceptions.CRSError as error:
-        raise FormatError(f"{path}: its crs is no readable WKT ({one_line(error)[:80]})") from error
+        return crs_of_text(text)
+    except InputError as error:
+        raise FormatError(f"{path}: its {error}") from error
 
 
 def _count(group):
@@ -289,18 +295,22 @@ def _count(group):
     return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
 
 
-def _read_particles(path, group, dimension, header, density, memory):
+def _read_particles(path, group, dimension, header, density, memory, names):
     arrays = {}
+    if dimension == 2 and "area" not in group:
+        names = None
     for name in PARTICLE:
-        if name in group:
+        if name in group and (names is None or name in names):
             count = len(arrays["position"]) if "position" in arrays else None
             _require_shape(path, name, group[name], count)
             arrays[name] = _array(path, name, group[name], memory)
     for name in ("position", "velocity"):
-        if name not in arrays:
+        if name not in arrays and (names is None or name in names):
             raise FormatError(f"{path}: no particles/{name}")
     if len(arrays["position"]) == 0:
         raise FormatError(f"{path}: no particle in it")
+    if names is not None:
+        return Particles(**dict.fromkeys(("velocity", "mass", "volume")) | arrays)
     _complete_mass(path, arrays, header, density)
     if dimension == 2:
         _complete_columns(path, arrays)

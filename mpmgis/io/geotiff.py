@@ -1,4 +1,4 @@
-"""GeoTIFFs for every GIS: north-up, float32, nodata -9999, tiled, band by band, sparse."""
+"""GeoTIFFs for every GIS: float32, nodata -9999, tiled, band by band, sparse."""
 
 import mmap
 from contextlib import ExitStack, contextmanager
@@ -24,6 +24,7 @@ LAYOUT = {
     "blockysize": BLOCK,
     "compress": "deflate",
     "predictor": 3,
+    "zlevel": 1,  # 3 % larger than the usual 6 in three quarters of the time (measured): a flow's digits do not repeat
     "interleave": "band",
     "sparse_ok": True,
     "bigtiff": "if_safer",
@@ -50,7 +51,7 @@ def write_geotiff(path, grid, bands, tags, cog=False):
     ----------
     path : path
     grid : Grid
-        North-up.
+        North-up, or rotated as the DTM is.
     bands : list of (Quantity, float array [rows, columns])
         NaN where there is no data.
     tags : dict

@@ -23,6 +23,7 @@ MESH_BANDS = ("h", "t", "Un", "Ut")
 VELOCITY = "velocity along the slope (m/s)"
 BED = "Bed Elevation"  # QGIS' own name for node heights
 COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
+LEAST_REPEATED = 0.25  # share of bytes like the one before, below which deflating costs more than it gains
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
@@ -116,10 +117,17 @@ def _packed(values):
     """float32[faces] as HDF5 stores a chunk of LIGHT: bytes of equal weight together, then deflated.
 
     Run lengths alone are looked for: the digits of a flow do not repeat, and looking for it costs twice the time and
-    makes the file larger (measured).
+    makes the file larger (measured). Bytes that hardly ever repeat, the last digits of a flow, are stored as they are:
+    a deflated stream may be put together of parts.
     """
-    packer = zlib.compressobj(LIGHT["complevel"], zlib.DEFLATED, 15, 9, zlib.Z_RLE)
-    return packer.compress(np.ascontiguousarray(values.view(np.uint8).reshape(-1, 4).T)) + packer.flush()
+    planes = np.ascontiguousarray(values.view(np.uint8).reshape(-1, 4).T)
+    parts = [b"\x78\x01"]  # zlib's header of a window of 32 kB
+    for k, plane in enumerate(planes):
+        level = LIGHT["complevel"] if np.count_nonzero(plane[1:] == plane[:-1]) > LEAST_REPEATED * plane.size else 0
+        packer = zlib.compressobj(level, zlib.DEFLATED, -15, 9, zlib.Z_RLE)
+        end = zlib.Z_FINISH if k == len(planes) - 1 else zlib.Z_FULL_FLUSH
+        parts += [packer.compress(plane), packer.flush(end)]
+    return b"".join(parts) + zlib.adler32(planes).to_bytes(4, "big")
 
 
 def _write_values(path, names, steps):
@@ -165,7 +173,7 @@ def _open_new(path):
 
 def _write_places(file, run, wet):
     """The mesh's nodes, faces and CRS."""
-    nodes, corners = _corners(wet)
+    nodes, corners = _corners(wet, mirrored=np.linalg.det(run.flow_grid.matrix) > 0)
     x, y = _node_places(run.flow_grid, nodes)
     file.createDimension("node", len(x))
     file.createDimension("face", len(corners))
@@ -199,16 +207,18 @@ def _write_node_variable(file, name, values, attributes):
     variable[:] = np.where(np.isfinite(values), values, NODATA)
 
 
-def _corners(wet):
+def _corners(wet, mirrored=False):
     """The lattice nodes that wet cells use, bool[rows + 1, columns + 1], and each face's nodes, int32[faces, 4].
 
-    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner.
+    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner, also where
+    the grid is `mirrored`, so that its rows lie to the left of its columns.
     """
     used = np.zeros((wet.shape[0] + 1, wet.shape[1] + 1), dtype=bool)
     row, column = np.nonzero(wet)
     around = ((row + 1, column), (row + 1, column + 1), (row, column + 1), (row, column))
     for corner in around:
         used[corner] = True
+    around = around[::-1] if mirrored else around
     number = np.cumsum(used.ravel(), dtype=np.int32).reshape(used.shape) - 1
     return used, np.stack([number[corner] for corner in around], axis=1)
 

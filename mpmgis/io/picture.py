@@ -175,7 +175,6 @@ def draw_values(axes, grid, values, look, min_depth=0.0):
     """
     from matplotlib.colors import to_rgba
 
-    west, south, east, north = grid.bounds
     known = np.isfinite(values)
     sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
     typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
@@ -183,10 +182,19 @@ def draw_values(axes, grid, values, look, min_depth=0.0):
     number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
     opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
     image = np.where(known[..., None], np.array(opaque)[number], 0.0)
-    view = axes.get_xlim(), axes.get_ylim()
-    axes.imshow(image, extent=(west, east, south, north), zorder=2, interpolation="nearest")
-    axes.set(xlim=view[0], ylim=view[1])
+    draw_image(axes, grid, image)
     return [entry for k, entry in enumerate(classes) if entry.colour and k <= number[known].max(initial=0)]
+
+
+def draw_image(axes, grid, image):
+    """Colours float[rows, columns, 4] on the cells of `grid`, rotated or not, within what the axes show."""
+    from matplotlib.transforms import Affine2D
+
+    t, (rows, columns) = grid.transform, grid.shape
+    view = axes.get_xlim(), axes.get_ylim()
+    placed = Affine2D(np.array([[t.a, t.b, t.c], [t.d, t.e, t.f], [0.0, 0.0, 1.0]])) + axes.transData
+    axes.imshow(image, extent=(0, columns, rows, 0), transform=placed, zorder=2, interpolation="nearest")
+    axes.set(xlim=view[0], ylim=view[1])
 
 
 def draw_outline(axes, shapes, colour):

@@ -314,9 +314,8 @@ def _view(run, margin=0.08):
     row, column = np.nonzero(peak >= run.min_depth)
     if row.size == 0:
         return run.grid.bounds
-    x, y = run.flow_grid.xy(
-        np.array([row.min() - 0.5, row.max() + 0.5]), np.array([column.min() - 0.5, column.max() + 0.5])
-    )
+    shape = int(row.max() - row.min()) + 1, int(column.max() - column.min()) + 1
+    x, y = run.flow_grid.part(row.min(), column.min(), shape).corners().T
     rim = margin * max(np.ptp(x), np.ptp(y))
     return float(x.min() - rim), float(y.min() - rim), float(x.max() + rim), float(y.max() + rim)
 

@@ -51,6 +51,10 @@ class GivenFrame:
         """The frame, whatever `density` is: mass and volume are there."""
         return self.frame
 
+    def read_places(self):
+        """The frame, which has more than places."""
+        return self.frame
+
     def read_maxima(self):
         """Running peaks of the solver."""
         return self.frame.maxima
@@ -150,7 +154,7 @@ def _request(frames, options, where):
     require_known(options, AveragingOptions, where)
     if RUNNING in options.get("products", ()):
         raise InputError(f"{where}: products={RUNNING!r} is of exported folders; here it is .max('time')")
-    return ExportRequest(frames=(frames,), **({"extent": "dtm"} | options))
+    return ExportRequest(frames=(frames,), **({"extent": "dtm", "north_up": True} | options))
 
 
 def _dataset(request, entries, dem, say, with_maxima=False):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import InputError
 from ..geo.terrain import Terrain
 from ..io import qgis_folder
 from ..io.ascii_grid import require_square
@@ -16,11 +17,18 @@ from ..io.frame_list import OWN, list_frames, missing_frames
 from ..io.step_spool import StepSpool
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
-from ..products.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
-from ..products.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_grid
+from ..products.maxima import MAXIMA_BANDS, PRODUCTS_NEEDED, RUNNING_BANDS
+from ..products.sampling import (
+    automatic_cell_size,
+    automatic_time_step,
+    choose_steps,
+    export_axes,
+    export_grid,
+    farthest_crossing,
+)
 from ..products.solver_maxima import BANDS as SOLVER_BANDS
 from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
-from ..products.survey import automatic_standoff, fastest_mean, survey_frame
+from ..products.survey import automatic_standoff, fastest_mean, reached, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
 from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write_rasters
@@ -44,10 +52,12 @@ class ExportRequest:
     cell_size: float | str | None = None  # [m]
     time_step: float | str | None = None  # [s]
     extent: str | None = None
+    north_up: bool = False
     percentile: float = 100.0
     bed: str = "bilinear"
     min_depth: float = 0.05  # [m]
     standoff: float | str = 0.0  # [m]
+    paper: bool = False
     density: float | None = None  # [kg m-3]
     products: tuple = ()
     layout: str = "steps"
@@ -109,6 +119,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     ------
     MpmgisError
     """
+    request = _as_the_paper(request)
     products = choose_products(request.products)
     entries = list_frames(request.frames, request.terms())
     output = output_folder(request, entries)
@@ -130,18 +141,35 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
 
 
+def _as_the_paper(request):
+    """`request` with all that `paper` stands for (Vicari et al. 2025, Eqs 2 to 14 to the letter)."""
+    if not request.paper:
+        return request
+    usual = ExportRequest(())
+    for name in ("min_depth", "standoff"):
+        if getattr(request, name) not in (getattr(usual, name), 0.0):
+            raise InputError(f"--paper has --{name.replace('_', '-')} 0; leave {getattr(request, name)} out")
+    return replace(request, bed="plane", min_depth=0.0)
+
+
 def make_plan(request, entries, terrain, products, pool, say):
     """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
     density = release_density(request, entries, say)
     if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
         say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
-    bed = Bed.of(terrain, request.bed, 0.0 if request.standoff == AUTO else request.standoff)
-    facts = _survey(request, entries, bed, density, terrain, pool)
+    standoff = 0.0 if request.standoff == AUTO else request.standoff
+    bed = Bed.of(terrain, request.bed, standoff, clamped=request.paper)
+    axes = export_axes(terrain.grid, request.north_up)
+    facts = _survey(request, entries, bed, density, axes, pool)
+    bounds = _bounds(request, entries, facts, bed, axes, terrain, pool)
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
     peaks = solver_peaks(next((entry for entry in reversed(entries) if entry.header.dimension == 2), entries[-1]))
-    grid = export_grid(terrain.grid, _cell_size(request, facts, terrain, say), _bounds(request, facts, peaks))
+    if bounds is not None and peaks is not None:
+        bounds = _with_peaks(bounds, peaks.bounds(request.min_depth), axes)
+    cell_size = _cell_size(request, facts, terrain, say)
+    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.north_up)
     time_step = _time_step(request, entries, bed, grid, density, pool, say)
     steps = choose_steps([entry.time for entry in entries], time_step)
     needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.qgis else ()))
@@ -164,31 +192,50 @@ def _extent(request):
     return request.extent or ("dtm" if request.cell_size is None else "flow")
 
 
-def _survey(request, entries, bed, density, terrain, pool):
-    if _extent(request) == "dtm" and AUTO not in (request.cell_size, request.standoff):
+def _survey(request, entries, bed, density, axes, pool):
+    """FrameFacts of every frame where something is to be chosen by them; none otherwise."""
+    if AUTO not in (request.cell_size, request.standoff):
         return []
-    facts = list(pool.map(_survey_entry, entries, bed, density))
-    for entry, fact in zip(entries, facts, strict=True):
-        if fact.bounds is None:
-            refuse_nowhere(entry, terrain)
-    return facts
+    return list(pool.map(_survey_entry, entries, bed, density, axes))
 
 
-def _survey_entry(entry, bed, density):
-    return survey_frame(entry.read(density), bed, density)
+def _survey_entry(entry, bed, density, axes):
+    return survey_frame(entry.read(density), bed, density, axes)
+
+
+def _reached_by_entry(entry, bed, axes):
+    return reached(entry.read_places(), bed, axes)
 
 
 def _fastest_entry(entry, bed, grid, density):
     return fastest_mean(entry.read(density), bed, grid, density)
 
 
-def _bounds(request, facts, peaks):
-    """(west, south, east, north) [m] of the flow in all frames and between them; None for all of the DTM."""
-    if _extent(request) == "dtm":
+def _bounds(request, entries, facts, bed, axes, terrain, pool):
+    """Where the flow is in all frames, along `axes` [m]; None for all of the DTM."""
+    whole = _extent(request) == "dtm"
+    if whole and not facts:
         return None
-    reached = None if peaks is None else peaks.bounds(request.min_depth)
-    bounds = np.array([fact.bounds for fact in facts] + ([reached] if reached is not None else []))
+    found = [fact.bounds for fact in facts] or list(pool.map(_reached_by_entry, entries, bed, axes))
+    for entry, bounds in zip(entries, found, strict=True):
+        if bounds is None:
+            refuse_nowhere(entry, terrain)
+    return None if whole else _around(found)
+
+
+def _around(found):
+    """The bounds around several ones."""
+    bounds = np.array(found)
     return (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist())
+
+
+def _with_peaks(bounds, reached, axes):
+    """`bounds` and what the flow reached between frames, (west, south, east, north) [m] or None."""
+    if reached is None:
+        return bounds
+    west, south, east, north = reached
+    row, column = axes.rowcol(np.array([west, east]), np.array([north, south]))
+    return _around([bounds, (column[0] + 0.5, row[0] + 0.5, column[1] + 0.5, row[1] + 0.5)])
 
 
 def _cell_size(request, facts, terrain, say):
@@ -226,11 +273,16 @@ def tell(request, plan, tally, say):
     if plan.entries[0].reader != OWN:
         _tell_of_foreign(plan, tally, say)
     _tell_of_kinds(plan.entries, say)
+    grid, times = plan.averaging.grid, [entry.time for entry in plan.entries]
+    crossing = farthest_crossing(times, tally.speeds, grid.cell_size)
     if plan.peaks is not None:
-        say(_word_on_peaks(plan))
+        say(_word_on_peaks(plan, crossing))
     count, mass, name = tally.outside
     if count:
         say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
+    count, name = tally.moved
+    if count:
+        say(f"{name}: {count} particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)")
     count, name = tally.without_slope
     if count:
         say(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")
@@ -243,13 +295,19 @@ def tell(request, plan, tally, say):
     missing = missing_frames(plan.entries)
     if missing:
         say(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
-    grid = plan.averaging.grid
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(
             f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
             "finer raster, without more detail"
         )
-    _tell_of_time(request, plan, tally, say)
+    side, name = tally.point_side
+    if grid.cell_size < side * (1 - 1e-6):
+        say(
+            f"warning: cells of {grid.cell_size:.3g} m are smaller than Eq 15 asks for, {side:.3g} m (cube root of a "
+            f"point's mean volume in {name}): cells inside the flow stay empty; take --cs-e {side:.3g} or more, or auto"
+        )
+    _warn_of_crossing(plan, crossing, say)
+    _tell_of_time(plan, times, say)
 
 
 def _tell_of_foreign(plan, tally, say):
@@ -290,8 +348,8 @@ def _tell_of_kinds(entries, say):
             )
 
 
-def _word_on_peaks(plan):
-    """Which maxima come from the solver, and which do not and why."""
+def _word_on_peaks(plan, crossing):
+    """Which maxima come from the solver, which do not and why, and how far apart the frames are for those."""
     peaks = plan.peaks
     bands = peaks.bands(plan.averaging.min_depth)
     word = f"maxima: {', '.join(bands)} take in the solver's own peaks, of every step up to t = {peaks.time:g} s"
@@ -299,6 +357,9 @@ def _word_on_peaks(plan):
     if not others:
         word += f"; {', '.join(name for name in bands if name not in WITHOUT_THRESHOLD)} are of flow over "
         word += f"{peaks.arrival_thickness:g} m"
+        if apart := _word_on_crossing(plan, crossing):
+            of_frames = [name for name in MAXIMA_BANDS if name not in bands]
+            word += f"; {' and '.join(of_frames)} are of the frames alone: {apart}"
     if others:
         word += (
             f"; its {', '.join(others)} are of flow over {peaks.arrival_thickness:g} m and are not mixed with "
@@ -307,18 +368,38 @@ def _word_on_peaks(plan):
     return word
 
 
-def _tell_of_time(request, plan, tally, say):
-    times = [entry.time for entry in plan.entries]
+def _tell_of_time(plan, times, say):
     if plan.time_step is None or np.isinf(plan.time_step) or len(times) < 2:  # infinite: maxima alone were asked for
         return
     last = times[plan.steps[-1]]
     if last < times[-1]:
         end = f"the last step is that of {last:.4g} s, the frames go on to {times[-1]:.4g} s"
         say(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
-    interval = float(np.median(np.diff(times)))
-    if plan.time_step < interval * (1 - 1e-6):
-        wanted = automatic_time_step(plan.averaging.grid.cell_size, tally.fastest)
+
+
+def _word_on_crossing(plan, crossing):
+    """How far apart the frames are and what Eq 17 asks for; "" where they are close enough."""
+    if crossing.cells <= 1 + 1e-6:
+        return ""
+    cell = plan.averaging.grid.cell_size
+    got = f"the frames are up to {crossing.interval:.4g} s apart"
+    if plan.time_step is not None and plan.time_step < crossing.interval * (1 - 1e-6):
+        got += f", so --dt-e {plan.time_step:.4g} takes each of them once"
+    wanted = automatic_time_step(cell, crossing.speed)
+    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
+
+
+def _warn_of_crossing(plan, crossing, say):
+    """Warn where maxima of the frames alone miss cells because the frames are farther apart than Eq 17 asks for."""
+    word = _word_on_crossing(plan, crossing)
+    if word and not _all_of_every_step(plan):
+        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.speed)
         say(
-            f"the frames lie {interval:.4g} s apart, so --dt-e {plan.time_step:.4g} takes each of them once; Eq 17 "
-            f"asks for {wanted:.3g} s (cells of {plan.averaging.grid.cell_size:.4g} m, {tally.fastest:.3g} m/s)"
+            f"warning: {word}. The flow crosses {crossing.cells:.3g} cells between frames and maxima miss cells: write "
+            f"frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
         )
+
+
+def _all_of_every_step(plan):
+    """Whether the solver kept all the maxima that it can keep."""
+    return plan.peaks is not None and plan.peaks.bands(plan.averaging.min_depth) == SOLVER_BANDS

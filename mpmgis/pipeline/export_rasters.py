@@ -57,8 +57,10 @@ class Tally:
     outside: tuple = (0, 0.0, "")
     without_slope: tuple = (0, "")
     below: tuple = (0.0, 0.0, "")
+    moved: tuple = (0, "")
     column_side: float = 0.0
-    fastest: float = 0.0
+    point_side: tuple = (0.0, "")
+    speeds: list = field(default_factory=list)  # [m s-1] largest mean speed on the map of each frame
     largest: dict = field(default_factory=dict)
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
 
@@ -67,9 +69,11 @@ class Tally:
         self.frames.append((values.count, values.mass, values.below))
         self.outside = max(self.outside, (values.outside, values.mass_outside, name))
         self.without_slope = max(self.without_slope, (values.without_slope, name))
+        self.moved = max(self.moved, (values.moved, name))
         self.below = max(self.below, (values.below, values.lowest, name))
         self.column_side = max(self.column_side, values.column_side)
-        self.fastest = max(self.fastest, values.fastest)
+        self.point_side = max(self.point_side, (values.point_side, name))
+        self.speeds.append(values.fastest)
 
     def add_step(self, values):
         """Take in the values of an exported step."""
@@ -107,7 +111,7 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     with finished(_step_writer(request, plan, rasters, pool)) as writer:
         results = pool.map(average_entry, plan.entries, averaging, totals)
         for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
-            if values.outside == values.count:
+            if values.count in (values.outside, values.moved):
                 refuse_nowhere(entry, plan.terrain)
             tally.add(entry.path.name, values)
             maxima.absorb(values.index, values.values, values.time, values.least)
@@ -259,6 +263,7 @@ def run_tags(plan):
         "min_depth": averaging.min_depth,
         "bed": averaging.bed.kind,
         "standoff": averaging.bed.standoff,
+        "outside": "in the nearest cell of the rim" if averaging.bed.clamped else "left out",
         "density": averaging.density,
         "thickness": "normal to the bed",
         "frames": f"{len(plan.entries)}, {first.path.name} to {plan.entries[-1].path.name}",

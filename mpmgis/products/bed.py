@@ -23,6 +23,8 @@ class Bed:
         pixel, central differences, the paper to the letter (design note X3).
     standoff : float [m]
         Height, along the normal, at which the code that made the particles lets them rest; taken off distances.
+    clamped : bool
+        Points outside the DTM count in the nearest cell of its rim, as Eq 5 has it; otherwise they are left out.
     """
 
     grid: Grid
@@ -30,19 +32,20 @@ class Bed:
     gradient: np.ndarray
     kind: str = "bilinear"
     standoff: float = 0.0
+    clamped: bool = False
 
     @classmethod
-    def of(cls, terrain, kind="bilinear", standoff=0.0):
-        """The bed of `terrain`; `kind` as of the class."""
+    def of(cls, terrain, kind="bilinear", standoff=0.0, clamped=False):
+        """The bed of `terrain`; the rest as of the class."""
         gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
         return cls(
-            terrain.grid, np.ascontiguousarray(terrain.elevation), np.ascontiguousarray(gradient), kind, standoff
+            terrain.grid,
+            np.ascontiguousarray(terrain.elevation),
+            np.ascontiguousarray(gradient),
+            kind,
+            standoff,
+            clamped,
         )
-
-    @cached_property
-    def corner(self):
-        """float64[2] [m]: map position of the raster's corner."""
-        return np.array([self.grid.transform.c, self.grid.transform.f])
 
     @cached_property
     def gradient_by_pixel(self):
@@ -52,10 +55,14 @@ class Bed:
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a frame's particles are: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown)."""
+    """Where a frame's particles are: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown).
+
+    `moved` is the number of those that lie outside and were taken to the rim of a clamped bed.
+    """
 
     pixel: np.ndarray
     distance: np.ndarray
+    moved: int = 0
 
     @cached_property
     def inside(self):
@@ -67,16 +74,18 @@ def place(frame, bed):
     """Find the DTM pixel under every particle of `frame` and its distance d_p from the bed (Eqs 2, 5, 6)."""
     n = len(frame.particles)
     pixel, distance = np.empty(n, np.int64), np.empty(n)
-    binning.place(
+    moved = binning.place(
         frame.particles.position,
         np.asarray(frame.origin, float),
-        bed.corner,
+        bed.grid.corner,
+        bed.grid.axes,
         bed.grid.matrix,
         bed.elevation,
         bed.gradient,
         bed.kind == "plane",
+        bed.clamped and frame.dimension == 3,
         bed.standoff,
         pixel,
         distance,
     )
-    return Placed(pixel, distance)
+    return Placed(pixel, distance, int(moved))

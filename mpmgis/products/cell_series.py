@@ -9,7 +9,7 @@ NOWHERE = -1  # the number of a cell that a grid does not have
 
 
 def cells_of(grid, x, y):
-    """int64[n]: flat number of the cell of a north-up `grid` that holds each map point [m], NOWHERE off the grid."""
+    """int64[n]: flat number of the cell of `grid` that holds each map point [m], NOWHERE off the grid."""
     row, column = (np.floor(place + 0.5).astype(np.int64) for place in grid.rowcol(x, y))
     rows, columns = grid.shape
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)

@@ -1,11 +1,14 @@
 """Particles to cells: the sums behind every product, for points and for columns."""
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..kernels import binning
 from .node_fields import SPLINE_REACH, Lattice, column_sums
+
+_rooms = threading.local()
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Cells:
 
 
 def bin_frame(frame, placed, bed, grid, density, percentile=100.0):
-    """Sum the particles of `frame` into the cells of the north-up export `grid`.
+    """Sum the particles of `frame` into the cells of the export `grid`.
 
     Parameters
     ----------
@@ -64,7 +67,7 @@ def bin_frame(frame, placed, bed, grid, density, percentile=100.0):
         Where its particles are on `bed`.
     bed : Bed
     grid : Grid
-        North-up; its cells may be oblong.
+        Rotated or not; its cells may be oblong. Columns are squares along its axes.
     density : float [kg m-3]
     percentile : float
         Of the points' distances, mass-weighted, in (0, 100]; columns have none.
@@ -73,30 +76,31 @@ def bin_frame(frame, placed, bed, grid, density, percentile=100.0):
     -------
     Cells
     """
-    row, column, bounds = _cells_of(frame, placed, grid)
-    left_out = row < 0
+    row, column, bounds = _cells_of(frame, placed, grid, bed.clamped and frame.dimension == 3)
+    outside, mass_outside, without_slope = binning.left_out(row, placed.distance, frame.particles.mass)
     totals = {
         "cell_area": grid.cell_area,
         "density": density,
-        "outside": int(np.count_nonzero(left_out)),
-        "mass_outside": float(frame.particles.mass[left_out].sum()),
-        "without_slope": int(np.count_nonzero(~left_out & np.isnan(placed.distance))),
+        "outside": int(outside),
+        "mass_outside": float(mass_outside),
+        "without_slope": int(without_slope),
     }
     bin_particles = _bin_columns if frame.dimension == 2 else _bin_points
     return bin_particles(frame, placed, bed, grid, row, column, bounds, percentile, totals)
 
 
-def _corner_and_cell(grid):
-    t = grid.transform
-    return np.array([t.c, t.f]), np.array([t.a, -t.e])
+def _sides_of_cells(grid):
+    """float64[2] [m]: width and height of the rectangle with a cell's area and the proportions of its sides."""
+    width, height = grid.sides
+    return np.array([width, height]) * np.sqrt(grid.cell_area / (width * height))
 
 
-def _cells_of(frame, placed, grid):
+def _cells_of(frame, placed, grid, clamped):
     n = len(frame.particles)
     row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
     binning.cells_of_points(
-        frame.particles.position, placed.pixel, origin, *_corner_and_cell(grid), grid.shape, row, column, bounds
+        frame.particles.position, placed.pixel, origin, grid.corner, grid.axes, grid.shape, clamped, row, column, bounds
     )
     return row, column, bounds
 
@@ -113,18 +117,32 @@ def _numbered(marker, bounds, grid):
 def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, totals):
     particles = frame.particles
     window, cells = _numbered(lambda mark: binning.mark_points(row, column, bounds, mark), bounds, grid)
-    k = len(cells)
-    sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
-    top, lowest, slot = np.full(k, -np.inf), np.full(k, np.inf), np.empty(len(particles), np.int64)
+    k, n = len(cells), len(particles)
+    tiles = [-(-length // binning.TILE) for length in window.shape]
+    table, records = _room("table", (k, binning.ROW)), _room("records", (min(n, binning.SLAB), binning.RECORD))
     binning.bin_points(
-        row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel,
-        particles.velocity, particles.mass, particles.volume, sums, count, top, lowest, slot,
+        row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
+        particles.mass, particles.volume, table, records, np.empty(tiles[0] * tiles[1] + 1, np.int64),
     )  # fmt: skip
+    sums, count = np.empty((binning.SUMS, k)), np.empty(k, np.int64)
+    top, lowest = np.empty(k), np.empty(k)
+    binning.by_quantity(table, sums, top, lowest, count)
     if percentile < 100:
+        slot = np.empty(n, np.int64)
+        binning.numbers_of_points(row, column, bounds, window, placed.distance, slot)
         _take_percentile(top, slot, placed.distance, particles.mass, percentile)
-    top[top == -np.inf] = np.nan
-    lowest[lowest == np.inf] = np.nan
-    return Cells(cells, top, lowest, count, sums, spacing=grid_spacing(frame), **totals)
+    return Cells(cells, top, lowest, count, sums.T, spacing=grid_spacing(frame), **totals)
+
+
+def _room(name, shape):
+    """float64 of `shape` to work in, the same memory for every frame of a thread: fresh pages cost as much as the work.
+
+    Nothing that is handed on may lie there.
+    """
+    kept, size = vars(_rooms), shape[0] * shape[1]
+    if name not in kept or len(kept[name]) < size:
+        kept[name] = np.empty(size)
+    return kept[name][:size].reshape(shape)
 
 
 def _take_percentile(top, slot, distance, mass, percentile):
@@ -166,7 +184,7 @@ def _bin_columns(frame, placed, bed, grid, row, column, _, percentile, totals):
     spacing = column_spacing(frame)
     if spacing is None:
         return _bin_squares(frame, placed, bed, grid, row, column, totals)
-    lattice = Lattice.of_solver(spacing, bed.grid)
+    lattice = Lattice.of_solver(spacing, bed.grid, grid)
     found, count = column_sums(frame, placed, bed, grid, row, column, lattice)
     sloped = found.sums[:, binning.SLOPED] > 0
     top = np.where(sloped, found.top / totals["density"], np.nan)
@@ -178,7 +196,16 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
     binning.footprints(
-        particles.position, particles.area, row, origin, *_corner_and_cell(grid), grid.shape, footprint, bounds
+        particles.position,
+        particles.area,
+        row,
+        origin,
+        grid.corner,
+        grid.axes,
+        _sides_of_cells(grid),
+        grid.shape,
+        footprint,
+        bounds,
     )
     window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
     k = len(cells)

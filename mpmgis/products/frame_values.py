@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geo.grid import Grid
+from ..kernels import binning
 from .bed import Bed, place
 from .cells import bin_frame, column_side, column_spacing
 from .depth_average import map_speed
@@ -22,7 +23,7 @@ class Averaging:
     ----------
     bed : Bed
     grid : Grid
-        Export grid, north-up.
+        Export grid.
     density : float [kg m-3]
         Of the release.
     names : tuple of str
@@ -61,12 +62,16 @@ class FrameValues:
         The same on the second grid.
     outside, mass_outside, without_slope : int, float [kg], int
         Particles off the DTM, their mass, and particles on it where it has no slope.
+    moved : int
+        Particles that lie outside the DTM and were taken to its rim (a clamped bed's).
     below, lowest : float, float [m]
         Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
     column_side : float [m]
         What columns resolve: the node spacing of their run, else the side of the mean column; 0 for points.
     least : float [m]
         Depth below which a cell holds only the tail of columns' splines; 0 where particles have none.
+    point_side : float [m]
+        Eq 15's cell size: the cube root of the mean point's present volume, 0 for columns.
     fastest : float [m s-1]
         Largest depth-averaged speed in the map plane where the flow is at least min_depth deep.
     """
@@ -80,10 +85,12 @@ class FrameValues:
     outside: int
     mass_outside: float
     without_slope: int
+    moved: int
     below: float
     lowest: float
     column_side: float
     least: float
+    point_side: float
     fastest: float
 
 
@@ -101,21 +108,24 @@ def average_frame(frame, averaging):
         there = _bin(frame, placed, averaging, averaging.second_grid)
         second = there.index, _stored(cell_values(there, averaging.second_names, averaging.min_depth))
     values = cell_values(cells, averaging.names, averaging.min_depth)
-    below, lowest = _below_terrain(frame, placed.distance + averaging.bed.standoff, cells.spacing)
+    mass = float(frame.particles.mass.sum())
+    below, lowest = _below_terrain(frame, placed, averaging.bed.standoff, cells.spacing, mass)
     return FrameValues(
         time=frame.time,
         count=len(frame.particles),
-        mass=float(frame.particles.mass.sum()),
+        mass=mass,
         index=cells.index,
         values=_stored(values),
         second=second,
         outside=cells.outside,
         mass_outside=cells.mass_outside,
         without_slope=cells.without_slope,
+        moved=placed.moved,
         below=below,
         lowest=lowest,
         column_side=column_side(frame),
         least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
+        point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
         fastest=_fastest(cells, values["h"], averaging.min_depth),
     )
 
@@ -133,10 +143,9 @@ def _fastest(cells, depth, min_depth):
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
 
 
-def _below_terrain(frame, distance, spacing):
+def _below_terrain(frame, placed, standoff, spacing, mass):
     """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns, which stand on it."""
-    if frame.dimension == 2 or not np.isfinite(distance).any():
+    if frame.dimension == 2:
         return 0.0, 0.0
-    mass = frame.particles.mass
-    below = distance < -_ROUNDING * spacing
-    return float(mass[below].sum() / mass.sum()), float(np.nanmin(distance))
+    below, lowest = binning.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
+    return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)

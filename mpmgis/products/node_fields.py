@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
+from .sampling import export_axes
 
 SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats
 
@@ -100,14 +101,17 @@ class Lattice(NamedTuple):
     anchor: tuple
 
     @classmethod
-    def of_solver(cls, spacing, terrain_grid):
-        """The nodes of a depth-averaged run on a DTM: one lies on the upper left corner of the raster's bounds."""
-        west, _, _, north = terrain_grid.bounds
-        return cls(float(spacing), (west, north))
+    def of_solver(cls, spacing, terrain_grid, grid):
+        """The nodes of a depth-averaged run on a DTM, along the axes of the export `grid`.
+
+        One lies where the cells of the export are counted from: on the upper left corner of the DTM's bounds, or on the
+        first corner of a rotated DTM whose axes the export keeps.
+        """
+        return cls(float(spacing), tuple(export_axes(terrain_grid, not grid.is_rotated).corner))
 
     def units(self, grid):
         """(float64[2], float64[2, 2]): sides of a cell of `grid` in node spacings; map vectors to (across, down)."""
-        sides = np.linalg.norm(grid.matrix, axis=0) / self.spacing
+        sides = np.array(grid.sides) / self.spacing
         return sides, sides[:, None] * np.linalg.inv(grid.matrix)
 
     def place_of(self, grid, x, y):

@@ -17,7 +17,8 @@ FINEST_CELL = 1e-6  # [m]
 class FrameFacts(NamedTuple):
     """What one frame contributes to the choice of cells.
 
-    `bounds` (west, south, east, north) [m] of what lies on the DTM, None where nothing does; `particle_volume` [m3]
+    `bounds` (first column, first row, last column, last row) [m] along the `export_axes` of what lies on the DTM, None
+    where nothing does; `particle_volume` [m3]
     mean at release; `dilation` [1], the 10 % quantile of release volume over current volume; `thickness` [m], median
     volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m] of the code's own grid; `below` [1], share
     of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns);
@@ -81,6 +82,42 @@ def automatic_time_step(cell_size, fastest):
     return cell_size / fastest if fastest > 0 else math.inf
 
 
+class Crossing(NamedTuple):
+    """The two neighbouring frames between which the flow crosses most cells.
+
+    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1].
+    """
+
+    cells: float
+    interval: float
+    speed: float
+
+
+def farthest_crossing(times, speeds, cell_size):
+    """How far the flow moves between neighbouring frames, in export cells; Eq 17 wants one cell at most.
+
+    Parameters
+    ----------
+    times : sequence of float [s]
+        Of the frames, ascending.
+    speeds : sequence of float [m s-1]
+        Largest depth-averaged speed in the map plane of each. Between two frames the larger one counts.
+    cell_size : float [m]
+
+    Returns
+    -------
+    Crossing
+        Of the worst pair; zeros where there are fewer than two frames.
+    """
+    if len(times) < 2:
+        return Crossing(0.0, 0.0, 0.0)
+    intervals = np.diff(np.asarray(times, float))
+    faster = np.maximum(speeds[:-1], speeds[1:])
+    worst = int(np.argmax(intervals * faster))
+    interval, speed = float(intervals[worst]), float(faster[worst])
+    return Crossing(interval * speed / cell_size, interval, speed)
+
+
 def choose_steps(times, time_step=None):
     """Indices of the frames to export: for each multiple of `time_step` [s] the nearest in time, each once.
 
@@ -110,38 +147,59 @@ def _nearest(times, moments):
     return sorted({int(i) for i in np.where(earlier, before, after)})
 
 
-def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1):
-    """The north-up grid to export on, aligned with the upper left corner of the DTM's bounds.
+def export_axes(terrain_grid, north_up=True):
+    """The grid of one cell of 1 m that lies where an export's cells are counted from, along its axes.
 
-    Without `cell_size` [m] it has the DTM's own cells (a rotated DTM: squares of the same area). Without `bounds` it
-    covers the DTM, and its last row and column may reach over the rim; with `bounds` (west, south, east, north) [m]
-    it is the part of that which holds them, with `margin` cells around.
+    North-up it is the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is the
+    DTM's own first corner, and the axes are those of the DTM. One that runs along east and north, in whatever order,
+    gives north-up cells in any case.
+    """
+    t = terrain_grid.transform
+    if north_up or not terrain_grid.is_rotated:
+        west, _, _, north = terrain_grid.bounds
+        return Grid(terrain_grid.crs, Affine(1.0, 0.0, west, 0.0, -1.0, north), (1, 1))
+    width, height = terrain_grid.sides
+    return Grid(terrain_grid.crs, Affine(t.a / width, t.b / height, t.c, t.d / width, t.e / height, t.f), (1, 1))
+
+
+def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1, north_up=True):
+    """The grid to export on, aligned with the DTM's (`export_axes`).
+
+    Without `cell_size` [m] it has the DTM's own cells (a rotated DTM, north-up: squares of the same area), else cells
+    with sides of that length. Without `bounds` it covers the DTM, and its last row and column may reach over the rim;
+    with `bounds` (first column, first row, last column, last row) [m], along `export_axes`, it is the part of that
+    which holds them, with `margin` cells around.
 
     Raises
     ------
     InputError
         More than 400 million cells, or cells below 1e-6 m.
     """
-    t = terrain_grid.transform
+    axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
     if cell_size is not None:
         width = height = float(cell_size)
-    elif t.b == 0 and t.d == 0:
-        width, height = abs(t.a), abs(t.e)
+    elif own or not terrain_grid.is_rotated:
+        width, height = terrain_grid.sides
     else:
         width = height = terrain_grid.cell_size
-    west, south, east, north = terrain_grid.bounds
-    columns, rows = _cells_along(east - west, width), _cells_along(north - south, height)
+    if own:
+        across, down = (count * side for count, side in zip(terrain_grid.shape[::-1], terrain_grid.sides, strict=True))
+    else:
+        west, south, east, north = terrain_grid.bounds
+        across, down = east - west, north - south
+    columns, rows = _cells_along(across, width), _cells_along(down, height)
     first_column = first_row = 0
     if bounds is not None:
-        first_column, columns = _part(bounds[0] - west, bounds[2] - west, width, columns, margin)
-        first_row, rows = _part(north - bounds[3], north - bounds[1], height, rows, margin)
+        first_column, columns = _part(bounds[0], bounds[2], width, columns, margin)
+        first_row, rows = _part(bounds[1], bounds[3], height, rows, margin)
     if width < FINEST_CELL or columns * rows > MOST_CELLS:
         raise InputError(
             f"cells of {width:g} m make a raster of {float(columns * rows):.3g}, wanted at most {MOST_CELLS:.0e}; "
             "take a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
         )
-    corner = west + first_column * width, north - first_row * height
-    return Grid(terrain_grid.crs, Affine(width, 0.0, corner[0], 0.0, -height, corner[1]), (int(rows), int(columns)))
+    cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
+    transform = cells * Affine.translation(int(first_column), int(first_row))
+    return Grid(terrain_grid.crs, transform, (int(rows), int(columns)))
 
 
 def _cells_along(length, cell):

@@ -18,6 +18,7 @@ solver's splines, and the cell has no value.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from .maxima import ARRIVAL, ARRIVAL_THICKNESS, least_depth
 from .node_fields import Lattice, nodes_to_cells
@@ -102,7 +103,7 @@ class SolverPeaks:
         Parameters
         ----------
         grid : Grid
-            North-up; its cells may be oblong.
+            Rotated or not; its cells may be oblong.
         bed : Bed
             Whose pixels' slopes turn vertical thickness into normal.
         min_depth : float [m]
@@ -123,6 +124,8 @@ class SolverPeaks:
         nodes = self._nodes(part, with_motion)
         north = self.south + self.spacing * (part[0].start + nodes.shape[0] - 1.0)
         lattice = Lattice(self.spacing, (self.west + self.spacing * float(part[1].start), north))
+        if grid.is_rotated:
+            nodes, lattice = _turned(nodes, lattice, grid)
         extent = np.array([0, nodes.shape[0], 0, nodes.shape[1]], np.int64)
         cells = lattice.window(grid, extent)
         if cells[0] == cells[1] or cells[2] == cells[3]:
@@ -155,6 +158,26 @@ class SolverPeaks:
 
 
 THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground
+
+
+def _turned(nodes, lattice, grid):
+    """(nodes, Lattice) of the same field on nodes along the axes of a rotated `grid`, half as far apart."""
+    rows, columns, held = nodes.shape
+    lattice_along = Lattice(0.5 * lattice.spacing, lattice.anchor)
+    west, north = lattice.anchor
+    east, south = west + (columns - 1) * lattice.spacing, north - (rows - 1) * lattice.spacing
+    places = np.array([lattice_along.place_of(grid, x, y) for x in (west, east) for y in (north, south)])
+    low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
+    across, down = (np.arange(a, b + 1.0) for a, b in zip(low, high, strict=True))
+    step = grid.matrix / lattice_along.units(grid)[0]
+    x, y = (step[k, 0] * across[None, :] + step[k, 1] * down[:, None] for k in (0, 1))
+    place = np.stack([-y, x]) / lattice.spacing
+    turned = np.stack(
+        [ndimage.map_coordinates(nodes[..., k], place, order=1, mode="grid-constant") for k in range(held)], axis=-1
+    )
+    anchor = west + float(x[0, 0]), north + float(y[0, 0])
+    turned *= lattice_along.node_area(grid) / lattice.spacing**2
+    return np.ascontiguousarray(turned), Lattice(lattice_along.spacing, anchor)
 
 
 def _strips(cells):

@@ -2,15 +2,37 @@
 
 import numpy as np
 
+from ..kernels import binning
 from .bed import place
 from .cells import bin_frame, column_reach, grid_spacing
 from .depth_average import map_speed, volume_thickness
-from .sampling import FrameFacts, export_grid
+from .sampling import FrameFacts, export_axes, export_grid
 
 RESTING_BELOW = 0.01  # share of the mass below the bed from which a code's own offset is assumed
 
 
-def survey_frame(frame, bed, density):
+def reached(frame, bed, axes):
+    """(First column, first row, last column, last row) [m] of what lies on the DTM; None where nothing does.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of its particles only `position` is used, and `area` of columns, which count with the ground they stand for.
+    bed : Bed
+    axes : Grid
+        `export_axes`, along which the answer is.
+    """
+    particles, bounds = frame.particles, np.empty(4)
+    half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
+    origin = np.asarray(frame.origin, float)
+    count = binning.reach(
+        particles.position, half, origin, bed.grid.corner, bed.grid.axes, bed.elevation,
+        bed.clamped and frame.dimension == 3, axes.corner, axes.axes, bounds,
+    )  # fmt: skip
+    return tuple(bounds.tolist()) if count else None
+
+
+def survey_frame(frame, bed, density, axes=None):
     """What `frame` contributes to the choice of cells and of the standoff.
 
     Parameters
@@ -19,6 +41,8 @@ def survey_frame(frame, bed, density):
     bed : Bed
     density : float [kg m-3]
         Of the release.
+    axes : Grid, optional
+        `export_axes` that the bounds are along (default: north-up).
 
     Returns
     -------
@@ -34,7 +58,7 @@ def survey_frame(frame, bed, density):
     if frame.dimension == 3:
         below, offset = resting_offset(placed.distance[inside], particles.mass[inside])
     return FrameFacts(
-        bounds=_bounds(frame, inside),
+        bounds=reached(frame, bed, export_axes(bed.grid) if axes is None else axes),
         particle_volume=volume,
         dilation=min(1.0, float(np.quantile(released / particles.volume, 0.1))),
         thickness=_median_thickness(frame, placed, bed, density),
@@ -43,14 +67,6 @@ def survey_frame(frame, bed, density):
         offset=offset,
         column_side=float(np.sqrt(particles.area.mean())) if frame.dimension == 2 else 0.0,
     )
-
-
-def _bounds(frame, inside):
-    """(west, south, east, north) [m] of the particles `inside`, of columns with the ground that they stand for."""
-    x, y = frame.map_xy()
-    half = column_reach(frame)[inside] if frame.dimension == 2 else 0.0
-    x, y = x[inside], y[inside]
-    return float((x - half).min()), float((y - half).min()), float((x + half).max()), float((y + half).max())
 
 
 def _median_thickness(frame, placed, bed, density):

@@ -95,9 +95,11 @@ def binning_rows():
     bed, grid, n = Bed.of(terrain), export_grid(terrain.grid), COUNT
     particles, placed = frame.particles, place(frame, bed)
     row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
-    corner, cell = np.array([grid.transform.c, grid.transform.f]), np.array([5.0, 5.0])
     origin = np.asarray(frame.origin)
-    binning.cells_of_points(particles.position, placed.pixel, origin, corner, cell, grid.shape, row, column, bounds)
+    binning.cells_of_points(
+        particles.position, placed.pixel, origin, grid.corner, grid.axes, grid.shape, False, row, column, bounds
+    )
+    records = np.empty((min(n, binning.SLAB), binning.RECORD))
     flat = row.astype(np.int64) * grid.shape[1] + column
 
     def ours():
@@ -106,13 +108,13 @@ def binning_rows():
         k = int(window.sum())
         cells = np.empty(k, np.int64)
         binning.number_cells(window, bounds, grid.shape[1], cells)
-        sums, count, slot = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64), np.empty(n, np.int64)
-        top, lowest = np.full(k, -np.inf), np.full(k, np.inf)
+        tiles = [-(-length // binning.TILE) for length in window.shape]
+        table, start = np.empty((k, binning.ROW)), np.empty(tiles[0] * tiles[1] + 1, np.int64)
         binning.bin_points(
             row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
-            particles.mass, particles.volume, sums, count, top, lowest, slot,
+            particles.mass, particles.volume, table, records, start,
         )  # fmt: skip
-        return cells, top, lowest, count
+        return cells, table[:, binning.TOP], table[:, binning.LOWEST], table[:, binning.COUNT]
 
     def numpys():
         return moments_with_numpy(
@@ -173,12 +175,46 @@ def command_rows():
             yield case, value, "ns/particle/frame", f"budget {BUDGET:.0f} ns", value / BUDGET
 
 
-def _write(folder, frames, dimension, count, rows=1000):
+SCATTERED = 150.0  # ns per particle and frame that points in random order may take
+
+
+def scattered(step, count=COUNT, east=300.0, north=400.0):
+    """Frame number `step` of points in random order over `east` x `north` [m], which slide by 5 m a frame."""
+    random = np.random.default_rng(0)
+    x, y = 500 + random.random(count) * east + 5.0 * step, 2000 + random.random(count) * north
+    height = surface(x, y) + 3.0 * random.random(count)
+    velocity = np.stack([20 + 0 * x, 5 * np.sin(y / 50), -6 + 0 * x], axis=1)
+    volume = np.full(count, east * north * 1.5 / count)
+    particles = Particles(
+        np.stack([x, y, height], axis=1), velocity, 1000 * volume, volume, id=np.arange(count, dtype="u8")
+    )
+    return Frame(
+        particles, time=0.5 * step, step=step, dimension=3, crs=pyproj.CRS.from_epsg(32632), origin=tuple(ORIGIN),
+        dem="terrain.tif", digest="bench", header={"density": 1000.0, "cell_size": 1.0},
+    )  # fmt: skip
+
+
+def scattered_rows():
+    """Points in random order on cells of 1 m: the whole command, less that of two frames."""
+    with tempfile.TemporaryDirectory() as place_for_runs:
+        run = _write(
+            Path(place_for_runs) / "scattered", FRAMES, 3, COUNT, rows=500, frame_of=lambda k, *_: scattered(k)
+        )
+        frames = sorted(run.glob("*.h5"))
+        command(*frames[:1], "--cs-e", CELLS)  # compiles
+        few = min(command(*frames[:2], "--cs-e", CELLS)[0] for _ in range(3))
+        seconds = min(command(run, "--cs-e", CELLS)[0] for _ in range(3)) - few
+        value = seconds / ((FRAMES - 2) * COUNT) * 1e9
+        case = f"export-raster: {FRAMES} frames of {COUNT} points in random order, {CELLS:g} m, QGIS folder"
+        yield case, value, "ns/particle/frame", f"budget {SCATTERED:.0f} ns", value / SCATTERED
+
+
+def _write(folder, frames, dimension, count, rows=1000, frame_of=flow):
     folder.mkdir()
     terrain = ground(rows)
     write_geotiff(folder / "terrain.tif", terrain.grid, [(Quantity("elevation", "m", ""), terrain.elevation)], {})
     for step in range(frames):
-        write_frame(folder / f"frame_{step:06d}.h5", flow(step, dimension, count))
+        write_frame(folder / f"frame_{step:06d}.h5", frame_of(step, dimension, count))
     return folder
 
 
@@ -230,4 +266,5 @@ def rows():
     yield from binning_rows()
     yield from frame_rows()
     yield from command_rows()
+    yield from scattered_rows()
     yield from job_rows()

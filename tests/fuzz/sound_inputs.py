@@ -162,6 +162,7 @@ FOREIGN = {  # other codes' files: folder -> (its writer, the files in it that a
     "legacy": (foreign_writers.write_legacy, ["slide_1.vtk"]),
     "ply": (foreign_writers.write_ply, ["slide_50.ply"]),
     "npz": (foreign_writers.write_npz, ["step1.npz"]),
+    "hdf5": (foreign_writers.write_hdf5, ["step1.h5"]),
     "csv": (foreign_writers.csv_writer(), ["slide.csv"]),
     "parquet": (foreign_writers.write_parquet, ["slide.parquet"]),
 }

@@ -66,9 +66,7 @@ def random_frame(ground, count=400, dimension=3, seed=0, margin=0.05, time=0.0, 
 def write_run(folder, times=(0.0, 1.0, 2.0), dimension=2, count=300, ground=None, drift=6.0, **changes):
     """A run on disk: a terrain and frames whose particles drift downhill. Answers the frames' paths."""
     ground = ground or terrain()
-    folder.mkdir(parents=True, exist_ok=True)
-    write_geotiff(folder / "terrain.tif", ground.grid, [(Quantity("elevation", "m", ""), ground.elevation)], {})
-    paths = []
+    frames = []
     for step, time in enumerate(times):
         frame = random_frame(ground, count, dimension, seed=3, margin=-0.2, time=float(time))
         position = frame.particles.position
@@ -76,6 +74,33 @@ def write_run(folder, times=(0.0, 1.0, 2.0), dimension=2, count=300, ground=None
         position[:, 2] = surface(position[:, 0] + WEST, position[:, 1] + NORTH - 200) - 500
         if dimension == 3:
             position[:, 2] += np.random.default_rng(step).uniform(0, 2, count)
+        frames.append(frame)
+    return write_frames(folder, ground, frames, **changes)
+
+
+def sheet_frames(speed, times, side=20):
+    """Frames of a sheet of `side` x `side` points of 1 m3 above `surface` that all move east at `speed` [m s-1]."""
+    frames = []
+    for time in times:
+        east, north = np.meshgrid(np.linspace(30, 80, side), np.linspace(60, 140, side))
+        x, y = east.ravel() + speed * time, north.ravel() - 200.0
+        position = np.stack([x, y, surface(x + WEST, y + NORTH) - 500 + 0.5], axis=1)
+        velocity = np.tile([float(speed), 0.0, 0.0], (len(x), 1))
+        volume = np.ones(len(x))
+        particles = Particles(position, velocity, 1200.0 * volume, volume, id=np.arange(len(x), dtype=np.uint64))
+        header = {"density": 1200.0, "cell_size": 2.0}
+        frames.append(
+            Frame(particles, time=float(time), dimension=3, crs=CRS, origin=(WEST, NORTH, 500.0), header=header)
+        )
+    return frames
+
+
+def write_frames(folder, ground, frames, **changes):
+    """A run on disk of some `frames` on a terrain. Answers their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_geotiff(folder / "terrain.tif", ground.grid, [(Quantity("elevation", "m", ""), ground.elevation)], {})
+    paths = []
+    for step, frame in enumerate(frames):
         values = {**vars(frame), "step": step, "dem": "terrain.tif", "digest": "d" * 64} | changes
         paths.append(folder / f"frame_{step:06d}.h5")
         write_frame(paths[-1], Frame(**values))

@@ -486,6 +486,31 @@ def write_npz(folder):
     return [folder]
 
 
+def write_hdf5(folder):
+    """A file a time: a group of particles, places and velocities as vectors, the time at the root."""
+    for k, time in enumerate(TIMES):
+        place, velocity = cloud(k)
+        with h5py.File(folder / f"step{k}.h5", "w") as file:
+            file.attrs["time"] = time
+            group = file.create_group("particles")
+            group["Coordinates"], group["velocity"] = place.astype(">f4"), velocity
+            group["mass"], group["id"] = np.full(COUNT, MASS), np.arange(COUNT) + 7
+    return [folder]
+
+
+def write_hdf5_steps(folder):
+    """A group a time, tables of records."""
+    with h5py.File(folder / "slide.hdf5", "w") as file:
+        for k, time in enumerate(TIMES):
+            kinds = [("id", "u4"), ("pos", "f8", (3,)), ("vel", "f4", (3,)), ("mass", "f8")]
+            records = np.zeros(COUNT, kinds)
+            records["id"], records["mass"] = np.arange(COUNT) + 7, MASS
+            records["pos"], records["vel"] = cloud(k)
+            file.create_group(f"step_{k}")["table"] = records
+            file[f"step_{k}"].attrs["time"] = time
+    return [folder / "slide.hdf5"]
+
+
 def write_ply(folder):
     """Text, with faces behind the vertices."""
     for k in range(3):
@@ -526,6 +551,8 @@ CODES = {  # name -> (reader, writer, what has to be said besides)
     "pvd of pvtu": ("vtk", write_pieces, DENSE),
     "ply": ("ply", write_ply, (*DENSE, *STEPS)),
     "npz": ("npz", write_npz, DENSE),
+    "hdf5": ("hdf5", write_hdf5, DENSE),
+    "hdf5, steps": ("hdf5", write_hdf5_steps, DENSE),
     "csv": ("csv", csv_writer(), DENSE),
     "csv, particle by particle": ("csv", csv_writer(order=by_particle), DENSE),
     "csv, semicolons": ("csv", csv_writer(";", decimal=","), DENSE),

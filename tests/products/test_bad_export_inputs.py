@@ -116,7 +116,7 @@ def test_truncated(run, capsys, share):
 def test_other_hdf5(run, capsys):
     with h5py.File(run / FRAME, "w") as file:
         file["x"] = np.ones(3)
-    refused(capsys, run, says=("format", FRAME))
+    refused(capsys, run, says=("of hdf5", FRAME))
 
 
 def test_newer_format(run, capsys):

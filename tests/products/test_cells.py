@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
+from mpmgis.kernels import binning
 from mpmgis.particles import Frame, Particles
 from mpmgis.products.bed import Bed, place
 from mpmgis.products.cells import bin_frame
@@ -297,3 +298,24 @@ def test_far_from_the_origin_nothing_changes():
     for name in ALL:
         if name != "detached":
             assert np.array_equal(one[name], other[name], equal_nan=True), name
+
+
+def test_the_order_of_the_points_decides_the_way_but_not_a_bit():
+    """Sorted by tile or not: sums keep the order of the points, and so does a frame larger than a slab."""
+    random = np.random.default_rng(1)
+    n, shape = 3000, (90, 70)
+    row, column = random.integers(0, 90, n).astype(np.int32), random.integers(0, 70, n).astype(np.int32)
+    row[::50] = -1
+    bounds, mark = np.array([0, 90, 0, 70]), np.arange(6300, dtype=np.int32).reshape(shape)
+    distance, velocity = random.normal(size=n), random.normal(size=(n, 3))
+    distance[::31] = np.nan
+    mass, volume, pixel = random.random(n), random.random(n), random.integers(0, 40, n)
+    gradient = random.normal(size=(40, 2))
+    given = row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume
+    plain = np.zeros((6300, binning.ROW))
+    plain[:, binning.TOP], plain[:, binning.LOWEST] = -np.inf, np.inf
+    binning._sum_points(*given, plain)
+    for slab in (n, 700):
+        table = np.empty((6300, binning.ROW))
+        binning.bin_points(*given, table, np.empty((slab, binning.RECORD)), np.empty(3 * 3 + 1, np.int64))
+        np.testing.assert_array_equal(table, plain)

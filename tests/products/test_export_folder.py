@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
-from exporting import AFFINES, terrain, write_run
+from exporting import AFFINES, sheet_frames, terrain, write_frames, write_run
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
@@ -184,11 +184,11 @@ def test_extent_of_the_flow_is_a_part_of_the_terrains(run3, tmp_path):
         assert (a.read(1) > 0).sum() == (b.read(1) > 0).sum()
 
 
-@pytest.mark.parametrize("affine", ["south-up", "rotated", "oblong"])
-def test_any_terrain_gives_a_north_up_raster(affine, tmp_path):
+@pytest.mark.parametrize("affine", ["south-up", "rotated", "sheared", "oblong"])
+def test_any_terrain_gives_a_north_up_raster_on_request(affine, tmp_path):
     ground = terrain(AFFINES[affine])
     frames = write_run(tmp_path / "slide", ground=ground, dimension=3)
-    folder, _ = export(frames, products=("mass",))
+    folder, _ = export(frames, products=("mass",), north_up=True)
     with rasterio.open(folder / "rasters/slide_0000.tif") as source:
         t = source.transform
         assert t.a > 0 > t.e and t.b == t.d == 0
@@ -241,11 +241,44 @@ def test_automatic_cells_and_steps_say_why(run3, tmp_path):
     assert f"--cs-e auto: {float(tags['cs_e']):.4g} m" in words and f"--dt-e auto: {float(tags['dt_e']):.4g} s" in words
 
 
-def test_fine_time_step_is_said_with_what_eq_17_asks(run3, tmp_path):
-    _, said = export(run3, time_step=0.1, output=tmp_path / "out")
-    assert any("Eq 17 asks for" in text for text in said)
-    _, said = export(run3, time_step=1.0, output=tmp_path / "other")
-    assert not any("Eq 17" in text for text in said)
+def uniform_run(folder, speed, interval):
+    return write_frames(folder, terrain(), sheet_frames(speed, [0.0, interval, 2 * interval]))
+
+
+def warnings_of(said):
+    return [text for text in said if text.startswith("warning:")]
+
+
+@pytest.mark.parametrize("options", [{}, {"time_step": 0.1}, {"time_step": 4.0}, {"time_step": "auto"}])
+def test_frames_too_far_apart_for_eq_17_are_reported(tmp_path, options):
+    """5 m cells at 10 m/s: Eq 17 wants 0.5 s. Frames 2 s apart are reported whatever --dt-e is."""
+    far = uniform_run(tmp_path / "far", speed=10.0, interval=2.0)
+    _, said = export(far, output=tmp_path / "far_gis", **options)
+    (warning,) = warnings_of(said)
+    assert "up to 2 s apart" in warning and "dt_e = 0.5 s" in warning and "crosses 4 cells" in warning
+    assert ("takes each of them once" in warning) == (options.get("time_step", 9.0) in (0.1, "auto"))
+
+
+@pytest.mark.parametrize("options", [{}, {"time_step": 0.1}, {"time_step": 4.0}])
+def test_frames_close_enough_for_eq_17_are_not(tmp_path, options):
+    near = uniform_run(tmp_path / "near", speed=10.0, interval=0.5)
+    _, said = export(near, output=tmp_path / "near_gis", **options)
+    assert not warnings_of(said) and not any("Eq 17" in text for text in said)
+    _, said = export(near, output=tmp_path / "finer_gis", cell_size=2.5, **options)  # the same frames, half the cell
+    assert len(warnings_of(said)) == 1 and "dt_e = 0.25 s" in warnings_of(said)[0]
+
+
+def test_cells_below_eq_15_are_reported_with_its_size(tmp_path):
+    """Points of 1 m3: cells under 1 m are too fine; columns never are, by this equation."""
+    frames = uniform_run(tmp_path / "run", speed=0.0, interval=1.0)
+    _, said = export(frames, output=tmp_path / "fine", cell_size=0.9)
+    (warning,) = warnings_of(said)
+    assert "Eq 15 asks for, 1 m" in warning and "cells of 0.9 m" in warning
+    _, said = export(frames, output=tmp_path / "enough", cell_size=1.0)
+    assert not warnings_of(said)
+    columns = write_run(tmp_path / "columns", times=(0.0,))
+    _, said = export(columns, output=tmp_path / "of_columns", cell_size=0.9)
+    assert not any("Eq 15" in text for text in said)
 
 
 def test_cells_finer_than_the_columns_are_said(run2, tmp_path):

@@ -77,7 +77,9 @@ def test_frames_can_be_sent_to_another_process_and_read_there(name, tmp_path):
     np.testing.assert_array_equal(pickle.loads(sent).read().particles.position, entry.read().particles.position)
 
 
-@pytest.mark.parametrize("code", ["cbgeo", "kratos", "geotaichi", "anura3d", "lammps", "npz", "parquet", "vtk", "ply"])
+@pytest.mark.parametrize(
+    "code", ["cbgeo", "kratos", "geotaichi", "anura3d", "lammps", "npz", "hdf5", "parquet", "vtk", "ply"]
+)
 def test_a_file_of_another_kind_is_refused_by_each_reader_in_a_line(code, tmp_path, capsys):
     for name, content in (("text.txt", b"nothing of this\n" * 50), ("bytes.bin", bytes(range(256)) * 20)):
         (tmp_path / name).write_bytes(content)

@@ -233,9 +233,10 @@ def telling(tmp_path_factory):
     return write_run(tmp_path_factory.mktemp("telling") / "slide", maxima=kept())
 
 
-def test_without_peaks_nothing_is_said_and_the_maxima_are_those_of_the_frames(silent, tmp_path):
+def test_without_peaks_the_maxima_are_those_of_the_frames_with_a_warning_of_eq_17(silent, tmp_path):
     peaks, tags, said = export(silent, tmp_path / "out")
-    assert said == [] and tags["maxima"] == "frames" and "maxima_solver" not in tags
+    assert tags["maxima"] == "frames" and "maxima_solver" not in tags
+    assert len(said) == 1 and said[0].startswith("warning:") and "Eq 17" in said[0]  # frames of 1 s at 28 m/s
     ground = written(silent)
     averaging = Averaging(Bed.of(ground), export_grid(ground.grid), DENSITY, PRODUCTS_NEEDED)
     expected = RunningMaxima(40 * 36, 0.05)
@@ -250,6 +251,7 @@ def test_each_band_has_the_larger_of_peaks_and_frames_and_says_where_from(silent
     frames, _, _ = export(silent, tmp_path / "silent")
     both, tags, said = export(telling, tmp_path / "telling")
     assert len(said) == 1 and "the solver's own peaks, of every step up to t = 2 s" in said[0]
+    assert "Un_max and Un_min are of the frames alone" in said[0] and "Eq 17 asks for dt_e" in said[0]
     assert tags["maxima"] == "solver, every step" and tags["maxima_solver"].split(", ") == list(SOLVER_BANDS)
     peaks = resampled(SolverPeaks.of(kept(), 2.0), written(telling))
     products = {"h_max": "h", "t_max": "t", "Ut_max": "Ut", "p_max": "p"}
@@ -277,7 +279,8 @@ def test_another_min_depth_leaves_speed_pressure_and_arrival_to_the_frames_and_s
     frames, _, _ = export(silent, tmp_path / "silent", min_depth=0.2)
     both, tags, said = export(telling, tmp_path / "telling", min_depth=0.2)
     assert tags["maxima_solver"] == "h_max, t_max"
-    assert len(said) == 1 and "Ut_max, p_max, t_arrival are of flow over 0.05 m" in said[0]
+    assert len(said) == 2 and "Ut_max, p_max, t_arrival are of flow over 0.05 m" in said[0]
+    assert said[1].startswith("warning:") and "Eq 17 asks for dt_e" in said[1]
     assert "--min-depth 0.05" in said[0]
     for name in ("Ut_max", "p_max", "t_arrival"):
         assert np.array_equal(both[name], frames[name], equal_nan=True)
@@ -429,7 +432,7 @@ def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
     off, _, nothing_said = commanded(site, "off", capsys, *options)
     dense, _, _ = commanded(site, "dense", capsys, *options)
     assert any("maxima: h_max, t_max, Ut_max, p_max, t_arrival take in the solver's own" in line for line in said)
-    assert tags["maxima"] == "solver, every step" and not any("maxima" in line for line in nothing_said)
+    assert tags["maxima"] == "solver, every step" and not any("maxima:" in line for line in nothing_said)
     wet, reached = np.isfinite(dense["h_max"]), np.isfinite(few["h_max"])
     assert reached[wet].mean() > 0.99 and reached.sum() < 1.1 * wet.sum()
     assert np.isfinite(off["h_max"])[wet].mean() < 0.97

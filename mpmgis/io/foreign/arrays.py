@@ -1,13 +1,15 @@
 """Arrays of several components as columns by name, as VTK and NumPy files hold them."""
 
 from ...errors import FormatError
-from .terms import COMPONENTS, NAMES, VECTORS
+from .terms import COMPONENTS, VECTORS
 
 SYNONYMS = {  # names that say what they are, in small letters, for files that no one code wrote
     "position": ("position", "positions", "pos", "coordinates", "coords", "points", "x"),
     "velocity": ("velocity", "velocities", "vel", "v", "u"),
-    "id": ("id", "ids", "particle_id", "particleid"),
-    **{name: (name,) for name in ("mass", "volume", "radius", "diameter", "active", "time")},
+    "id": ("id", "ids", "particle_id", "particleid", "particleids"),
+    "mass": ("mass", "masses"),
+    "volume": ("volume", "volumes"),
+    **{name: (name,) for name in ("radius", "diameter", "active", "time")},
 }
 
 
@@ -40,15 +42,31 @@ def picked(read_array, arrays, names):
 
 def plainly_named(arrays):
     """Our names and columns for arrays (name -> components) whose names say what they are, in any case of letters."""
-    small = {name.lower(): name for name in reversed(arrays)}
-    meant = {name: small[name] for name in NAMES if name in small and arrays[small[name]] == 1}
+    found = candidates_named(arrays)
+    return {name: column for places in found.values() for name, column in places[0].items()}
+
+
+def candidates_named(arrays):
+    """Our quantities and all that may be them, each as our names and columns, the likeliest first.
+
+    `arrays` (name -> components) whose names say what they are, in any case of letters. A place or a velocity is a
+    vector, or as many of its components as there are by their own names.
+    """
+    small = {}
+    for name, components in arrays.items():
+        small.setdefault((name.lower(), components), []).append(name)
+    found = {}
     for ours, words in SYNONYMS.items():
-        components = 3 if ours in VECTORS else 1
-        name = next((small[word] for word in words if word in small and arrays[small[word]] == components), None)
-        if name is None:
-            continue
-        meant |= dict(zip(VECTORS.get(ours, (ours,)), column_names(name, components), strict=True))
-    return meant
+        letters = VECTORS.get(ours, (ours,))
+        width = len(letters)
+        named = [name for word in words for name in small.get((word, width), ())]
+        places = [dict(zip(letters, column_names(name, width), strict=True)) for name in named]
+        if width > 1:
+            single = {letter: small[letter, 1][0] for letter in letters if (letter, 1) in small}
+            places += [single] if single else []
+        if places:
+            found[ours] = places
+    return found
 
 
 def require_whole(path, what, got, wanted):

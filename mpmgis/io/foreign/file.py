@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from ...machine import memory_lack
+from .terms import ForeignTerms
 
 MOST_DIGITS = 15  # of a number in a file's name that is taken as one
 _NUMBERED = re.compile(rf".*?(\d{{1,{MOST_DIGITS}}})", re.DOTALL)
@@ -45,6 +46,8 @@ class ForeignFrame:
         [s], where the files say it.
     particle_volume, density, cell_size : float or None
         [m3] of every particle, [kg m-3] of the release, [m] of the code's grid, where they are said.
+    said : ForeignTerms or None
+        What the files themselves say in the words of a sidecar.
     axes_word, density_word : str
         What belongs to the question where its axes point, and which density it has.
     """
@@ -59,6 +62,7 @@ class ForeignFrame:
     particle_volume: float | None = None
     density: float | None = None
     cell_size: float | None = None
+    said: ForeignTerms | None = None
     axes_word: str = ""
     density_word: str = ""
 

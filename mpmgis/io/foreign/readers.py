@@ -11,6 +11,7 @@ from . import (
     cbgeo,
     delimited,
     geotaichi,
+    hdf5,
     kratos,
     kratos_gid,
     lammps,
@@ -26,7 +27,7 @@ from .mapped import unpacked_head
 OWN = "mpmgis"
 HEAD = 4096  # bytes of a file that a reader sees before it opens it
 CODES = (matter, cbgeo, kratos, kratos_gid, geotaichi, anura3d, mpm_geomechanics, lammps)
-FORMATS = (vtk, ply, npz, delimited, parquet)
+FORMATS = (vtk, ply, npz, hdf5, delimited, parquet)
 FOREIGN = {module.READER.name: module.READER for module in (*CODES, *FORMATS)}
 
 

@@ -10,10 +10,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import pyproj
-
 from ...errors import FormatError, InputError, one_line
-from ...geo.georeference import LOCAL, parse_crs
+from ...geo.georeference import LOCAL, crs_of_text
 from ..atomic import whole_file
 from .terms import ForeignTerms
 
@@ -65,7 +63,17 @@ def read_sidecar(path):
         Not there, no JSON, another format, an unknown key, a value that is none.
     """
     path = Path(path)
-    content = _content(path)
+    return terms_in(path, _content(path))
+
+
+def terms_in(path, content):
+    """ForeignTerms of a dict with a sidecar's keys that was found in the file at `path`.
+
+    Raises
+    ------
+    FormatError, InputError
+        An unknown key, a value that is none.
+    """
     unknown = [key for key in content if key not in KEYS and key not in ("format", "format_version")]
     if unknown:
         raise FormatError(f"{path} has no key {unknown[0][:40]!r}; it takes {', '.join(KEYS)}")
@@ -139,15 +147,10 @@ def _text(path, key, value):
 
 def _crs(path, key, value):
     text = _text(path, key, value)
-    if text.lower() == LOCAL or text.upper().startswith("EPSG:"):
-        try:
-            return parse_crs(text)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
     try:
-        return pyproj.CRS.from_wkt(text)
-    except pyproj.exceptions.CRSError as error:
-        raise FormatError(f"{path}: crs is neither EPSG:n nor WKT nor local ({one_line(error)[:60]})") from error
+        return None if text.strip().lower() == LOCAL else crs_of_text(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _dem(path, key, value):
