@@ -89,7 +89,7 @@ def spread_columns(place, row, window, share, gain, pixel, gradient, velocity, m
         q = pixel[p]
         slope_east, slope_north = gradient[q, 0], gradient[q, 1]
         if np.isfinite(slope_east) and np.isfinite(slope_north):
-            add_motion(sums, 0, weight, velocity, p, slope_east, slope_north)
+            add_motion(sums, 0, weight, velocity[p, 0], velocity[p, 1], velocity[p, 2], slope_east, slope_north)
         for i in range(3):
             for j in range(3):
                 w = wy[i] * wx[j] * gain[i0 + i, j0 + j]
