@@ -153,7 +153,7 @@ def test_inflow(given):
     solver = hill_solver(nothing())
     inlet = inlet_of(area(16, 28, 16, 32, 1.0), flow, solver.grid, 12.0)
     list(March(solver, 12.0, 4.0, events=Events([inlet])))
-    b = closed(solver)
+    b = closed(solver, 3.0 * CLOSES if given == "discharge" else CLOSES)  # a batch every few steps from rest: 0.22 %
     speed = {"discharge": 0.0, "rest": 0.0, "speed": 8.0, "thickness": 6.0}[given]
     height = hillside(22.0, 24.0) - solver.grid.bed.min()
     wanted = b["mass_released"] * (0.5 * speed**2 + G * height)
