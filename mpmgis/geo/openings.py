@@ -16,7 +16,8 @@ SPLINE = 1.5  # [cells] half width of the quadratic B-spline
 REGION = 3.0  # [cells] radius in which the direction of the walls is sought; twice the wall's thickness if that is more
 WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the walls there have a direction
 LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
-SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one
+SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one; more by
+DEEPER = 1.5  # [1] times the wall's thickness
 LEAST_SHARE, MOST_SHARE = 1e-6, 0.995  # a node with less is closed, one with more is free
 BEFORE, WITHIN = 1.08, 2.5  # limit over share of nodes before an opening, and of those in it
 LONGER = 0.04, 5.0  # by which the first is more for each cell of the wall's thickness, and for how many at most
@@ -68,6 +69,7 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     if n == 0 or walls.is_empty:
         return answer
     shapely.prepare(walls)
+    ground = shapely.box(*domain).buffer(SPLINE * cell_size, join_style="mitre")
     points = shapely.points(places)
     vertices = shapely.STRtree(shapely.points(shapely.get_coordinates(walls)))
     near = np.unique(vertices.query(points, "dwithin", 2.0 * SPLINE * cell_size)[0])
@@ -75,7 +77,7 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
     before = BEFORE + LONGER[0] * np.minimum(thickness / cell_size, LONGER[1])
     for k, across in zip(near, normal, strict=True):
-        share, limit, change, within = _open_share(walls, points[k], across, cell_size, widened)
+        share, limit, change, within = _open_share(walls, ground, points[k], across, thickness[k], cell_size, widened)
         if share > LEAST_SHARE:
             answer.share[k], answer.limit[k] = share, limit * (WITHIN if within else before[k])
             answer.normal[k], answer.side[k] = across, np.sign(round(change, 9))
@@ -168,7 +170,7 @@ def _second_moments(shapes, origins):
     return xx / area - (x / area) ** 2, xy / area - x * y / area**2, yy / area - (y / area) ** 2
 
 
-def _open_share(walls, point, across, cell_size, widened):
+def _open_share(walls, ground, point, across, thickness, cell_size, widened):
     """What the node at `point` sees of openings: (share of its spline that is open, the same over the widening, change
     of the share along the wall, whether the node is in the opening)."""
     x, y = point.x, point.y
@@ -189,7 +191,8 @@ def _open_share(walls, point, across, cell_size, widened):
     sides = None
     for a, b in _gaps(shadows, reach, 1e-9 * cell_size):
         if sides is None:
-            sides = _Sides(walls, here, across, level, cell_size)
+            radius = SIGHT * cell_size + DEEPER * thickness
+            sides = _Sides(walls, ground, here, across, level, radius, 1e-3 * cell_size)
         if sides.connected_by(here + 0.5 * (a + b) * along + level * across):
             own = b - a
             a = a / cell_size - (widened if a > -reach else 0.0)
@@ -214,11 +217,11 @@ def _gaps(shadows, reach, least):
 class _Sides:
     """The free ground around a node in parts that walls divide, and in which of them its own two sides lie."""
 
-    def __init__(self, walls, here, across, level, cell_size):
-        window = shapely.Point(here).buffer(SIGHT * cell_size)
+    def __init__(self, walls, ground, here, across, level, radius, step):
+        window = shapely.Point(here).buffer(radius).intersection(ground)
         self.parts = shapely.get_parts(window.difference(walls))
         self.own = set()
-        line = shapely.LineString([here - SIGHT * cell_size * across, here + SIGHT * cell_size * across])
+        line = shapely.LineString([here - radius * across, here + radius * across])
         blocked = shapely.get_parts(line.intersection(walls))
         blocked = [part for part in blocked if part.length > 0.0]
         if not blocked:
@@ -226,10 +229,9 @@ class _Sides:
             return
         wall = here + level * across
         crossed = min(blocked, key=lambda part: part.distance(shapely.Point(wall)))
-        step = 1e-3 * cell_size
         ends = (shapely.get_coordinates(crossed) - here) @ across
         for end, sign in ((ends.min(), -1.0), (ends.max(), 1.0)):
-            if abs(end) < (SIGHT - 0.01) * cell_size:
+            if abs(end) < 0.99 * radius:
                 self.own.add(self._part_of(here + (end + sign * step) * across))
 
     def _part_of(self, place):
