@@ -89,7 +89,7 @@ def resolution_words(numbers):
     ]
     if numbers.get("wall_height") is not None:
         words.append(f"{numbers['cells_over_wall']:.2g} over the lowest wall of {numbers['wall_height']:.3g} m")
-    thin = f"{100 * numbers['thin_share']:.2g} % of the mass is thinner than {FEWEST_CELLS:g} cells"
+    thin = f"{100 * numbers['thin_share']:.3g} % of the mass is thinner than {FEWEST_CELLS:g} cells"
     if not numbers["coarse"]:
         return f"{', '.join(words)}; {thin}"
     cure = "take a smaller cell_size, or solver = 'columns'"
@@ -99,7 +99,7 @@ def resolution_words(numbers):
 def volume_words(numbers):
     """One sentence about a PointVolume `as_numbers`."""
     found = (
-        f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.2g} % of the mass is "
+        f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
         f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
     )
     if numbers["kept"]:
