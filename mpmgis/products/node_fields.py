@@ -146,8 +146,8 @@ class Lattice(NamedTuple):
         first = cells[0] + down.low / down.parts - 0.5, cells[2] + across.low / across.parts - 0.5
         step_column, step_row = grid.matrix[:, 0] / across.parts, grid.matrix[:, 1] / down.parts
         kernel.parts_with_ground(
-            np.array(grid.xy(*first)), step_column, step_row, bed.grid.corner, bed.grid.matrix, bed.elevation, bed.gradient,
-            sloped, factor,
+            np.array(grid.xy(*first)), step_column, step_row, bed.grid.corner, bed.grid.matrix, bed.elevation,
+            bed.gradient, sloped, factor,
         )  # fmt: skip
         return CellWindow(cells, axes, factor, self.node_area(grid))
 
