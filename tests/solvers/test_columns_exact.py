@@ -68,7 +68,7 @@ def test_v6_stoker_wet_dam_break_first_order():
         middle = 0.5 * (exact[x > 5].max() + 1.0)
         front, exact_front = (x[(a > middle) & (x > 0)].max() for a in (h, exact))
         assert abs(front - exact_front) <= dx
-    assert np.all(np.array(errors) <= [0.0125, 0.007, 0.0035])
+    assert np.all(np.array(errors) <= [0.012, 0.007, 0.0035])
     assert all(0.7 <= order <= 1.4 for order in orders(errors))
 
 
@@ -95,7 +95,7 @@ def test_a_bore_does_not_overshoot_the_depth_behind_it(speed, depth):
     peak = peaks["thickness"].mean(axis=0)[passed]
     h = node_thickness(solver)[2].mean(axis=0)[-17:-6]
     assert h.mean() == pytest.approx(behind, rel=0.015)
-    assert peak.max() <= 1.06 * behind
+    assert peak.max() <= 1.09 * behind
 
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
