@@ -54,7 +54,7 @@ THINNEST = 1000.0  # a column keeps a thousandth of the grid's thickness: no pus
 AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (design notes 3.3)
 # Bores: coefficient of the quadratic artificial pressure; its largest diffusivity [dx^2 / dt], which is stable; and the
 # speed of convergence over a cell, over that of waves, below which a flow is smooth and has none
-BORE_PRESSURE, BORE_DIFFUSIVITY_MAX, BORE_LEAST = 4.0, 0.25, 0.2
+BORE_PRESSURE, BORE_DIFFUSIVITY_MAX, BORE_LEAST = 1.8, 0.25, 0.2
 
 _cosine_squared = jit_inline(cosine_squared)
 

@@ -298,7 +298,7 @@ def tell(request, plan, tally, say):
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
         say(
             f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
-            "finer raster, without more detail"
+            "finer raster and add no detail"
         )
     side, name = tally.point_side
     if grid.cell_size < side * (1 - 1e-6):

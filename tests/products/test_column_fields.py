@@ -15,7 +15,8 @@ from mpmgis.particles import Frame, Particles
 from mpmgis.products.bed import Bed, place
 from mpmgis.products.cells import bin_frame, column_reach
 from mpmgis.products.maxima import THINNEST
-from mpmgis.products.sampling import export_grid
+from mpmgis.products.sampling import export_axes, export_grid
+from mpmgis.products.survey import reached
 from mpmgis.products.table import cell_values
 
 DENSITY = 1000.0
@@ -96,8 +97,7 @@ def test_peak_and_volume_do_not_depend_on_the_cell(cell_size, window):
     frame, ground, peak, volume = reference()
     bounds = None
     if window or cell_size < 0.5:
-        (x, y), reach = frame.map_xy(), column_reach(frame)[0]
-        bounds = (x.min() - reach, y.min() - reach, x.max() + reach, y.max() + reach)
+        bounds = reached(frame, Bed.of(ground), export_axes(ground.grid))
     grid = export_grid(ground.grid, cell_size, bounds)
     cells, bands = bands_of(frame, ground, grid)
     assert cells.outside == 0
