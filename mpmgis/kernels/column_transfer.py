@@ -52,9 +52,6 @@ MOVING_SPEED = 0.05  # [m s-1] (design notes 3.9)
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
 THINNEST = 1000.0  # a column keeps a thousandth of the grid's thickness: no push worth naming, and no endless area
 AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (design notes 3.3)
-# Bores: coefficient of the quadratic artificial pressure; its largest diffusivity [dx^2 / dt], which is stable; and the
-# speed of convergence over a cell, over that of waves, below which a flow is smooth and has none
-BORE_PRESSURE, BORE_DIFFUSIVITY_MAX, BORE_LEAST = 1.8, 0.25, 0.2
 
 _cosine_squared = jit_inline(cosine_squared)
 
@@ -132,10 +129,6 @@ def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, d
         if earth_pressure.earth_pressure_active():
             pressed *= earth_pressure.pressure_factor(_stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
         push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
-        # a bore is as wide as a few cells: without dissipation it overshoots, and friction freezes what overshot
-        waves = dt * inverse_dx * sqrt(gravity * c2 * mass / (density * area))
-        approach = max(-dt * (cxx + cyy) - BORE_LEAST * waves, 0.0)
-        push += mass * approach * min(BORE_PRESSURE * approach, BORE_DIFFUSIVITY_MAX) * dx / dt
         along_xx, along_xy = 1.0 - c2 * metric_x * metric_x, -c2 * metric_x * metric_y
         along_yy = 1.0 - c2 * metric_y * metric_y
         push_xx, push_xy, push_yx, push_yy = push * along_xx, push * along_xy, push * along_xy, push * along_yy
@@ -219,10 +212,7 @@ def particles_to_grid(
     """Sum mass, momentum and impulse of each block's particles into its tile (weak form, design notes 3.4).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
-    P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015). Where
-    columns converge by more than a fifth of the speed of waves over a cell, the pressure has the quadratic term of von
-    Neumann and Richtmyer (1950) in the excess s, A_p h_p rho 4 s^2 with s = -dx tr C_p - 0.2 sqrt(g h_p): bores
-    overshoot less, and smooth flow is not damped.
+    P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
     """
     for c in prange(CHUNKS):
         scratch = np.empty(LINES)

@@ -18,7 +18,6 @@ from column_scenes import (
     solver_on,
     terrain_of,
 )
-from scipy.optimize import brentq
 
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Voellmy
@@ -60,7 +59,7 @@ def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
 
 
 def test_v6_stoker_wet_dam_break_first_order():
-    """L1 of 1.21, 0.65, 0.32 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
+    """L1 of 1.16, 0.66, 0.32 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
@@ -70,32 +69,6 @@ def test_v6_stoker_wet_dam_break_first_order():
         assert abs(front - exact_front) <= dx
     assert np.all(np.array(errors) <= [0.012, 0.007, 0.0035])
     assert all(0.7 <= order <= 1.4 for order in orders(errors))
-
-
-def bore_depth(speed, depth):
-    """Depth [m] behind the bore of water `depth` deep that meets a wall at `speed`, by mass and momentum across it."""
-    return brentq(
-        lambda h: G * (h - depth) ** 2 * (h + depth) / (2.0 * h * depth) - speed**2, depth, 2.0 * depth + speed**2
-    )
-
-
-@pytest.mark.parametrize(("speed", "depth"), [(1.0, 1.0), (3.0, 1.0), (10.0, 1.0), (20.0, 2.0)])
-def test_a_bore_does_not_overshoot_the_depth_behind_it(speed, depth):
-    """Without its artificial pressure 11 to 15 % of a peak over every step was overshoot, which friction then froze."""
-    dx, behind = 1.0, bore_depth(speed, depth)
-    time = 24.0 * (behind - depth) / (depth * speed)
-    length = np.ceil(30.0 + (speed + 2.0 * np.sqrt(G * depth)) * time)  # what the other end does stays behind
-    terrain = terrain_of(lambda x, y: 0 * x, length, 4 * dx, dx)
-    frame = seeded(depth, 0, length, 0, 4 * dx, dx, velocity=(speed, 0.0))
-    solver = solver_on(terrain, frame, dx, metric=WaterMetric(), edges="wall", maxima=True)
-    solver.advance(time)
-    peaks = solver.maxima()
-    x = peaks["transform"][2] + dx * (np.arange(peaks["thickness"].shape[1]) + 0.5)
-    passed = (x > length - 16.0) & (x < length - 6.0)  # by the bore, and clear of the wall
-    peak = peaks["thickness"].mean(axis=0)[passed]
-    h = node_thickness(solver)[2].mean(axis=0)[-17:-6]
-    assert h.mean() == pytest.approx(behind, rel=0.015)
-    assert peak.max() <= 1.09 * behind
 
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
