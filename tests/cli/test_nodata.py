@@ -161,7 +161,7 @@ def test_walls_at_the_edges_need_ground_where_the_flow_can_get(tmp_path):
     walled = scene_of(tmp_path, friction={"law": "Coulomb", "mu": 0.1}, numerics={"edges": "wall"})
     with pytest.raises(SceneError, match=r"edges = 'wall' needs a DTM without nodata around it"):
         prepare(walled)
-    walled["friction"]["mu"] = 2.0
+    write_site(tmp_path)
     assert prepare(walled).stages[0].nodata.collar is None
 
 
