@@ -46,6 +46,8 @@ class ExportOptions(AveragingOptions, total=False):
     layout: Literal["steps", "stacks"]
     naming: Literal["mpmgis", "iseesnow"]
     cog: bool
+    north_up: bool
+    paper: bool
     qgis: bool
     qgis_min: Literal["3.38", "3.22"]
     workers: int

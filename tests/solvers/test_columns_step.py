@@ -228,8 +228,6 @@ def test_nodata_is_an_edge_of_its_own():
     balances = solver.balances()
     assert set(balances["outflow"]) == {"nodata"}
     assert abs(balances["mass_error_relative"]) <= 1e-12
-    with pytest.raises(SceneError, match="wall"):
-        solver_on(Terrain(terrain.grid, elevation), columns_of(1.0, 100, 140, 20, 80, 1.25), 5.0, edges="wall")
 
 
 def test_walls_keep_everything_in():

@@ -95,6 +95,16 @@ EXPORT = Verb(
         advanced(
             "COG", SWITCH, "Cloud Optimized GeoTIFFs", "--cog", "With overviews, for a web server.", default=False
         ),
+        advanced(
+            "NORTH_UP", SWITCH, "Cells along east and north", "--north-up",
+            "Also where the terrain model is rotated. Off: cells lie along the axes of the terrain model.",
+            default=False,
+        ),
+        advanced(
+            "PAPER", SWITCH, "Depth averaging as printed in the paper", "--paper",
+            "Vicari et al. (2025): tangent planes, no least depth, particles beyond the terrain in its nearest cell.",
+            default=False,
+        ),
         advanced("WORKERS", INTEGER, "Frames at a time", "--workers", "Processes. Empty: one for each core.", least=1),
         DASK,
         advanced(

@@ -24,7 +24,7 @@ FIELDS = (
     Field("THICKNESS", THICKNESS.kind, THICKNESS.label, help=THICKNESS.help, optional=True),
     Field("FILL_NODATA", SWITCH, "Fill holes of the terrain model",
           help="Heights without data amid the terrain are interpolated from the ground around them; off: what flows "
-          "into a hole has left the terrain.", default=False, advanced=True),
+          "into a hole has left the terrain.", default=False, optional=True, advanced=True),
     Field("DENSITY", NUMBER, "Density [kg/m3]",
           help="Of the release [kg/m3]: dense snow 200 to 400, debris 1600 to 2200.",
           default=1000.0, least=0),
