@@ -65,8 +65,12 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     """
     n = len(places)
     answer = Opening(np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n))
-    walls = _with_mirror_images(shapely.union_all(footprints), domain, SIGHT * cell_size)
-    if n == 0 or walls.is_empty:
+    if n == 0:
+        return answer
+    thick = float(thickness.max())
+    reach = max(SIGHT * cell_size + DEEPER * thick, REGION * cell_size, 2.0 * thick)
+    walls = _with_mirror_images(shapely.union_all(footprints), domain, reach)
+    if walls.is_empty:
         return answer
     shapely.prepare(walls)
     ground = shapely.box(*domain).buffer(SPLINE * cell_size, join_style="mitre")
@@ -112,18 +116,30 @@ def narrow_openings(footprints, narrower):
 
 
 def _with_mirror_images(walls, domain, reach):
-    """`walls` within `domain`, with the mirror images at its edges of what lies within `reach` [m] of them."""
-    west, south, east, north = domain
+    """`walls` within `domain`, with their mirror images at its edges up to `reach` [m] beyond them.
+
+    Images are mirrored again where the domain is narrower than `reach`: a wall across a narrow channel goes on.
+    """
     walls = shapely.intersection(walls, shapely.box(*domain))
-    for axis, edge in ((0, west), (1, south), (0, east), (1, north)):
-        strip = [*shapely.box(*domain).buffer(2.0 * reach, join_style="mitre").bounds]
-        strip[axis], strip[axis + 2] = edge - reach, edge + reach
-        beside = shapely.intersection(walls, shapely.box(*strip))
-        if not beside.is_empty:
-            factors = (-1.0, 1.0) if axis == 0 else (1.0, -1.0)
-            origin = (edge, 0.0) if axis == 0 else (0.0, edge)
-            walls = shapely.union_all([walls, shapely.affinity.scale(beside, *factors, origin=origin)])
+    for axis in (0, 1):
+        low, high = domain[axis], domain[axis + 2]
+        first, last = low, high
+        while first > low - reach or last < high + reach:
+            images = [_image(walls, axis, edge, reach) for edge in (first, last)]
+            walls = shapely.union_all([walls, *images])
+            first, last = 2.0 * first - last, 2.0 * last - first
     return walls
+
+
+def _image(walls, axis, edge, reach):
+    """Mirror image at `edge` [m] (west or east for `axis` 0, else south or north) of what lies within `reach` of it."""
+    if walls.is_empty:
+        return walls
+    strip = list(walls.bounds)
+    strip[axis], strip[axis + 2] = edge - reach, edge + reach
+    beside = shapely.intersection(walls, shapely.box(*strip))
+    factors, origin = ((-1.0, 1.0), (edge, 0.0)) if axis == 0 else ((1.0, -1.0), (0.0, edge))
+    return shapely.affinity.scale(beside, *factors, origin=origin)
 
 
 def wall_normals(walls, points, radius):

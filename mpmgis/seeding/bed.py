@@ -46,8 +46,8 @@ def _require_bed(part, terrain, grid, first):
         more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""
         raise InputError(
             f"{terrain.path or 'terrain'}: no elevation under release '{part.name}' in cell (row, column) "
-            f"{named}{more}; fill it ([terrain] fill_nodata = 'interpolate' in a scene, --fill-nodata interpolate) or "
-            "clip the release"
+            f"{named}{more}; fill the DTM (QGIS: Raster, Analysis, Fill nodata) or clip the release, or fill its holes "
+            "here: [terrain] fill_nodata = 'interpolate' in a scene, --fill-nodata interpolate"
         )
 
 

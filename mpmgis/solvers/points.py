@@ -480,6 +480,8 @@ class PointSolver(ParticleStore):
         if new._clock[kernel.SPEED_WORST] > clock[kernel.SPEED_WORST]:
             noted = [kernel.SPEED_WORST, *range(kernel.FASTEST_X, kernel.FASTEST_TIME + 1)]
             clock[noted] = new._clock[noted]
+        if new._clock[kernel.DEEPEST] > clock[kernel.DEEPEST]:
+            clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1] = new._clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1]
         self.mass_start += new.mass_start
         self._heaviest = max(self._heaviest, new._heaviest)
         self._settings = self._settings._replace(leak_stop=self._leak_stop())

@@ -146,7 +146,7 @@ class StudyCells:
 
     def state_of(self, frame):
         """The State of a Frame of columns or points."""
-        cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density)
+        cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density, spread=False)
         per_area = 1.0 / (self.density * cells.cell_area)
         thickness = np.zeros(self.grid.shape[0] * self.grid.shape[1])
         momentum = np.zeros((thickness.size, 2))

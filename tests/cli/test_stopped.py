@@ -5,7 +5,9 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+import rasterio
 
 from mpmgis.cli.main import main
 from mpmgis.cli.progress import Interrupted, ended_by_signals
@@ -37,7 +39,7 @@ VERBS = {
     "seed": "seed --dem {dem} --release {release} -o {to}.gpkg",
     "convert": "convert {columns} --to points -o {to}.h5",
     "export-raster": "export-raster {columns} --dem {dem} -o {to}",
-    "compare": "compare {dem} {release} -o {to}.csv",
+    "compare": "compare {raster} {release} -o {to}.csv",
 }
 
 
@@ -49,9 +51,18 @@ def columns(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def raster(tmp_path_factory):
+    """A raster of depths on the sample site."""
+    path = tmp_path_factory.mktemp("raster") / "depth.tif"
+    with rasterio.open(DEM) as dtm, rasterio.open(path, "w", **dtm.profile) as depth:
+        depth.write(np.where(dtm.read(1) > 1000.0, 2.0, 0.0).astype(dtm.dtypes[0]), 1)
+    return path
+
+
 @pytest.mark.parametrize("verb", VERBS)
-def test_sigterm_ends_a_verb_as_ctrl_c_does(verb, columns, tmp_path):
-    files = {"dem": DEM, "release": RELEASE, "columns": columns, "to": tmp_path / "new" / "result"}
+def test_sigterm_ends_a_verb_as_ctrl_c_does(verb, columns, raster, tmp_path):
+    files = {"dem": DEM, "release": RELEASE, "columns": columns, "raster": raster, "to": tmp_path / "new" / "result"}
     words = [word.format(**files) for word in VERBS[verb].split()]
     command = [sys.executable, "-c", STOPPED, str(int(signal.SIGTERM)), *words]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

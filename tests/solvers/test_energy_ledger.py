@@ -66,8 +66,8 @@ def release(thickness=2.0, velocity=(0.0, 0.0), west=12.0, east=44.0):
     return seeded(thickness, west, east, 12, 36, DX, velocity=velocity)
 
 
-def closed(solver, most=CLOSES):
-    """The balances of a solver, whose energy is found to close."""
+def closed(solver, most=CLOSES, least=None):
+    """The balances of a solver, whose energy is found to close; no loss is below -`least` (`most`) of what came in."""
     b = solver.balances()
     parts = {name: value for name, value in b.items() if name.startswith("energy_lost_to_")}
     put_in = b["energy_start"] + b["energy_released_later"] + b["energy_entrained"]
@@ -78,7 +78,7 @@ def closed(solver, most=CLOSES):
     assert abs(b["energy_error_relative"]) <= most, b
     bends = parts.pop("energy_lost_to_bends")
     for name, joules in parts.items():
-        assert joules >= -most * put_in, (name, joules / put_in)
+        assert joules >= -(most if least is None else least) * put_in, (name, joules / put_in)
     assert abs(b["mass_error_relative"]) <= 1e-12
     assert sum(place["mass"] for place in b["left_places"]) == pytest.approx(b["mass_out"], rel=1e-9)
     assert abs(bends) <= 0.05 * put_in
@@ -134,7 +134,7 @@ def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
     solver = solver_on(terrain, frame, 5.0, edges="wall", gravity=1e-9, places=places,
                        laws={"entrainment": ErosionSpeed(0.02)})  # fmt: skip
     solver.advance(15.0)
-    b = closed(solver)
+    b = closed(solver, least=3e-3)  # mass that joins a sheet amid a step speeds up what is booked as mixing
     kept = b["mass_start"] / b["mass_now"]
     assert kept < 0.6
     assert b["kinetic_energy"] == pytest.approx(kept * b["energy_start"], rel=0.03)
@@ -205,13 +205,13 @@ def test_outflow_over_edges_and_into_a_hole(form):
     assert places["hole"]["mass"] == pytest.approx(b["outflow"]["nodata"]["mass"], rel=1e-9)
 
 
-def test_water_in_a_basin_without_friction_keeps_its_energy():
+def test_water_in_a_basin_without_friction_loses_energy_in_its_bores_alone():
     terrain = terrain_of(lambda x, y: 0.02 * (x - 100) ** 2 / 100, 200, 20, 5.0)
     frame = columns_of(lambda x, y: np.where(x < 100, 6.0, 5.0), 50, 150, 0, 20, 1.25)
     solver = solver_on(terrain, frame, 5.0, metric=WaterMetric(), edges="wall")
     solver.advance(20.0)
     b = closed(solver)
-    assert abs(b["energy_lost"]) <= 0.02 * b["put_in"]
+    assert 0.0 < b["energy_lost"] == pytest.approx(b["energy_lost_to_mixing"], rel=1e-3)
 
 
 @pytest.mark.slow
