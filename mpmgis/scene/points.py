@@ -11,7 +11,7 @@ from .placed import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
 FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D grid needs to see what happens there
-JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from what was expected without a word
+JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from the expected one before it is reported
 SCALED_MACH = 0.1  # what a scaled stiffness is made for: densities within 1 %
 COHESION_THRESHOLD = 0.02  # of the load of the release
 MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
