@@ -57,7 +57,7 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
 
     In a square of the map of PACKED_CELLS cells the points that lie no higher than a point fill a height; where that is
     more than PACKED times the height at which the point lies, the point is packed. So a point in the air above a packed
-    layer hides nothing, and a thin layer counts as well as a deep one. What hangs is told by columns of single cells.
+    layer hides nothing, and a thin layer counts as well as a deep one. What hangs is found in columns of single cells.
 
     Parameters
     ----------

@@ -193,7 +193,7 @@ def test_a_wall_takes_the_energy_across_it():
 
 @pytest.mark.parametrize("form", FORMS)
 def test_outflow_over_edges_and_into_a_hole(form):
-    """What left is told by place: over the edges beside the flow and into the hole, with their masses."""
+    """What left is reported with its place: over the edges beside the flow and into the hole, with their masses."""
     hole = np.s_[5:7, 20:22]  # rows from the north: N 20 to 28, E 80 to 88
     solver = hill_solver(release(velocity=(15.0, 0.0)), bed=plane(20.0), form=form, hole=hole, mu=0.05)
     solver.advance(18.0)
