@@ -159,6 +159,10 @@ class _NowAndThen:
     def __init__(self):
         self._last = None
 
+    def start_again(self):
+        """Count from the next question on."""
+        self._last = None
+
     def is_due(self):
         now = time.monotonic()
         if self._last is None:
@@ -185,7 +189,9 @@ def _lines():
 
 
 def frame_progress(done, total):
-    """Told by exports how many frames are done; on a terminal over its own line, for logs a line now and then."""
+    """Show how many frames of an export are done: on a terminal in one line that is rewritten, in a log every ten seconds."""
+    if done <= 1:
+        _export_lines.start_again()
     if talk.volume >= 0 and sys.stderr.isatty():
         print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
     elif _export_lines.is_due():
