@@ -66,9 +66,15 @@ def clear_contact(touched, n_touched, columns):
 @jit_inline
 def bed_per_mass(columns, j, i, area):
     """Bed [m2 kg-1] that a node column of bed `area` [m2] stands on, over the mass of it that touches the bed."""
+    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], 1e-30)
+
+
+@jit_inline
+def bed_under(columns, j, i, area):
+    """Bed [m2] that the flow over a node column stands on, of the column's `area` [m2]."""
     heaviest = 0.0
     for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
         for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):
             heaviest = max(heaviest, columns[jj, ii, WHOLE])
     covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, 1e-30), 1.0)
-    return covered * area / max(columns[j, i, TOUCHING], 1e-30)
+    return covered * area

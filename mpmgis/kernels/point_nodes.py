@@ -8,12 +8,14 @@ from .jit import jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
 from .point_barriers import BARRIER, SHARE, at_barrier, passing_share
 from .point_drag import bed_per_mass
-from .point_ground import exact_at, fold_at, plane_at
-from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
+from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
+from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
 # that the flow did against the ground and against barriers [J]
 FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, BARRIER_WORK, NODE_REPORT = range(9)
+BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
+REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
 
 
@@ -60,28 +62,125 @@ def _on_ground(u, v, w, nx, ny, nz, law, drag):
     return u, v, w
 
 
-@jit_parallel
-def update_points_nodes(
-    nodes, tiles, sources, touched, n_touched, gathered, ground, zone_values, barriers, column_mass, flow, report,
-    barrier_report, dx, dt, density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
-):  # fmt: skip
-    """Velocities at the nodes of all touched blocks; contact where a node lies under the ground by `clearance` [m].
+@jit_inline
+def _is_near_ground(first, row, column, ground, dx):
+    """Can a node of the block whose lowest level is `first` touch the ground under it, or be on a fold?"""
+    for j in range(BLOCK):
+        for i in range(BLOCK):
+            jj, ii = min(row * BLOCK + j, ground.nodes.shape[0] - 1), min(column * BLOCK + i, ground.nodes.shape[1] - 1)
+            if (first - GHOSTS - REACHED) * dx <= ground.nodes[jj, ii, GROUND_HEIGHT]:
+                return True
+            _, lowest, levels = fold_at(ground.folds, jj, ii)
+            if levels > 0 and first < lowest + levels:
+                return True
+    return False
 
-    A node that moves into the ground keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t
-    max(0, 1 - mu |v_n| / |v_t|) (design notes 4.7). Barriers come after it, and the ground is seen to once more. On
-    walls the velocity outwards is taken away. Where the contact has drag or a barrier has openings the nodes are
-    `gathered` already; `column_mass` is what `kernels/point_drag` has weighed, `flow` the mass and momentum of the node
-    columns, which limit what passes openings.
+
+@jit_inline
+def _has_barrier(row, column, barriers):
+    """Does a barrier stand on a node column of the block column?"""
+    for j in range(BLOCK):
+        for i in range(BLOCK):
+            jj, ii = min(row * BLOCK + j, barriers.shape[0] - 1), min(column * BLOCK + i, barriers.shape[1] - 1)
+            if barriers[jj, ii, BARRIER] > 0.0:
+                return True
+    return False
+
+
+@jit_inline
+def _is_at_wall(row, column, nx, ny):
+    """Does the block column have nodes on or beyond the domain's edges?"""
+    west, south = column * BLOCK, row * BLOCK
+    return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
+
+
+@jit_inline
+def _stop_at_walls(block, row, column, nx, ny, mine):
+    """Take the outward velocity from the nodes on and beyond the domain's edges, and book what the walls take up."""
+    for j in range(BLOCK):
+        for i in range(BLOCK):
+            west, east = column * BLOCK + i <= GHOSTS, column * BLOCK + i >= GHOSTS + nx
+            south, north = row * BLOCK + j <= GHOSTS, row * BLOCK + j >= GHOSTS + ny
+            if not (west or east or south or north):
+                continue
+            for k in range(BLOCK):
+                n = ((k * BLOCK + j) * BLOCK + i) * 4
+                mass, u, v = block[n + NODE_MASS], block[n + NODE_X], block[n + NODE_Y]
+                if (west and u < 0.0) or (east and u > 0.0):
+                    mine[WALL_X] -= mass * u
+                    block[n + NODE_X] = 0.0
+                if (south and v < 0.0) or (north and v > 0.0):
+                    mine[WALL_Y] -= mass * v
+                    block[n + NODE_Y] = 0.0
+
+
+@jit_inline
+def _fastest(block):
+    """Largest squared speed [m2 s-2] at the nodes of `block` that have mass."""
+    fastest2 = 0.0
+    for n in range(0, BLOCK_SIZE, 4):
+        if block[n + NODE_MASS] > 0.0:
+            u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
+            fastest2 = max(fastest2, float(u * u + v * v + w * w))
+    return fastest2
+
+
+@jit_parallel
+def move_nodes(
+    nodes, tiles, sources, touched, n_touched, gathered, free, ground, barriers, report, dx, dt, gravity, wall, nx, ny,
+    barrier,
+):  # fmt: skip
+    """Velocities at the nodes of all touched blocks after gravity and walls, before any contact with the ground.
+
+    Walls come first, because friction acts along what they leave, and once more in the end.
+
+    Nodes are `gathered` already where something had to know their masses. `free` uint8[n_touched] becomes 1 for blocks
+    whose nodes touch nothing: they are finished.
     """
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
-        booked = barrier_report[c]
-        booked[:] = 0.0
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block = nodes[t]
             if not gathered:
                 _gather(block, sources[t], tiles)
+            for n in range(0, BLOCK_SIZE, 4):
+                mass = block[n + NODE_MASS]
+                if mass > 0.0:
+                    block[n + NODE_X] /= mass
+                    block[n + NODE_Y] /= mass
+                    block[n + NODE_Z] = block[n + NODE_Z] / mass - dt * gravity
+            row, column = touched[t, 0], touched[t, 1]
+            touches = _is_near_ground(touched[t, 2] * BLOCK, row, column, ground, dx)
+            if wall and _is_at_wall(row, column, nx, ny):
+                _stop_at_walls(block, row, column, nx, ny, mine)
+                touches = True
+            touches = touches or (barrier.barrier_active() and _has_barrier(row, column, barriers))
+            free[t] = 0 if touches else 1
+            if not touches:
+                mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))
+
+
+@jit_parallel
+def hold_nodes(
+    nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dx, dt,
+    density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
+):  # fmt: skip
+    """Contact node by node, in the blocks that are not `free`: ground on folds and deep under it, barriers, walls.
+
+    On folds a node touches the ground up to `clearance` [m] above it, elsewhere from BENEATH cells under it; what
+    moves into it keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t max(0, 1 - mu |v_n| /
+    |v_t|). Barriers come after it. On walls the velocity outwards is taken away. `flow` are mass and momentum of the
+    node columns, which limit what passes openings.
+    """
+    for c in prange(CHUNKS):
+        mine = report[c]
+        booked = barrier_report[c]
+        booked[:] = 0.0
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            if free[t] == 1:
+                continue
+            block = nodes[t]
             j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
                 for i in range(BLOCK):
@@ -89,25 +188,25 @@ def update_points_nodes(
                     height, gx, gy, gz = plane_at(ground.nodes, jj, ii)
                     first, lowest, levels = fold_at(ground.folds, jj, ii)
                     law, drag = zones.local(contact, zone_values, jj, ii), 0.0
-                    if contact.drag_active():
+                    if contact.drag_active() and levels > 0:
                         drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
                     passing = 1.0
                     if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
                         passing = passing_share(
                             flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier
                         )
+                    touching = clearance if levels > 0 else -BENEATH * dx * gz
                     for k in range(BLOCK):
                         n = ((k * BLOCK + j) * BLOCK + i) * 4
                         mass = block[n + NODE_MASS]
                         if mass <= 0.0:
                             continue
-                        u, v = block[n + NODE_X] / mass, block[n + NODE_Y] / mass
-                        w = block[n + NODE_Z] / mass - dt * gravity
+                        u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
                         away = ((k_first + k - GHOSTS) * dx - height) * gz
                         ox, oy, oz = gx, gy, gz
                         if levels > 0:
                             away, ox, oy, oz = exact_at(ground.exact, first, lowest, levels, k_first + k)
-                        if away <= clearance:
+                        if away <= touching:
                             u1, v1, w1 = _on_ground(u, v, w, ox, oy, oz, law, drag)
                             jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
                             mine[GROUND_X] += jx
@@ -123,15 +222,10 @@ def update_points_nodes(
                             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
                             u, v, w = u1, v1, w1
                             into = u * ox + v * oy + w * oz
-                            if away <= clearance and into < 0.0 and oz > STEEPEST_LIFT:
+                            if away <= max(touching, 0.0) and into < 0.0 and oz > STEEPEST_LIFT:
                                 mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
                                 w -= into / oz
-                        if wall:
-                            if (i_first + i <= GHOSTS and u < 0.0) or (i_first + i >= GHOSTS + nx and u > 0.0):
-                                mine[WALL_X] -= mass * u
-                                u = 0.0
-                            if (j_first + j <= GHOSTS and v < 0.0) or (j_first + j >= GHOSTS + ny and v > 0.0):
-                                mine[WALL_Y] -= mass * v
-                                v = 0.0
                         block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
-                        mine[FASTEST2] = max(mine[FASTEST2], u * u + v * v + w * w)
+            if wall and _is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
+                _stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, mine)
+            mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))

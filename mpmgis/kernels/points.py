@@ -43,6 +43,7 @@ from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
 from .point_blocks import WINDOW as BLOCKS_WINDOW
+from .point_contact import CONTACT_MEMORY, REACTION, STAMP, STAMPS, YIELDED, press_on_ground
 from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, GROUND_ENTRIES, Ground
 from .point_nodes import (
@@ -56,7 +57,8 @@ from .point_nodes import (
     WALL_X,
     WALL_Y,
     gather_nodes,
-    update_points_nodes,
+    hold_nodes,
+    move_nodes,
 )
 from .point_rows import (
     AXX,
@@ -114,6 +116,7 @@ __all__ = [  # what the solver needs beside its own
     "AXY",
     "AXZ",
     "BLOCK",
+    "CONTACT_MEMORY",
     "EXACT_ENTRIES",
     "FOLD_ENTRIES",
     "GHOSTS",
@@ -128,10 +131,14 @@ __all__ = [  # what the solver needs beside its own
     "POINT_BARRIER_SUMS",
     "PX",
     "PZ",
+    "REACTION",
     "ROW_LONG",
     "ROW_SHORT",
+    "STAMP",
+    "STAMPS",
     "STATE",
     "WAYS",
+    "YIELDED",
     "Ground",
     "X",
     "Z",
@@ -372,8 +379,8 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
-    zone_values, barriers, until, after, max_steps, settings, effects, watched,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, contact_memory, ground,
+    lowest, inside, zone_values, barriers, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 
@@ -398,6 +405,7 @@ def advance(
     node_room = 256
     nodes = np.zeros((node_room, BLOCK_SIZE), real)
     sources, touched = np.zeros((node_room, 8), np.int32), np.zeros((node_room, 3), np.int32)
+    free = np.zeros(node_room, np.uint8)
     drags = effects.contact.drag_active()
     rows_of_ground, columns_of_ground = ground.nodes.shape[0], ground.nodes.shape[1]
     column_mass = np.zeros((rows_of_ground if drags else 1, columns_of_ground if drags else 1, COLUMN_MASSES))
@@ -445,6 +453,7 @@ def advance(
         counts[SINCE_REORDER] += 1
         if n_touched > nodes.shape[0]:
             nodes = np.zeros((n_touched + n_touched // 2, BLOCK_SIZE), real)
+            free = np.zeros(nodes.shape[0], np.uint8)
             block_mass = np.zeros((nodes.shape[0] if drags else 1, BLOCK_COLUMNS))
             block_flow = np.zeros((nodes.shape[0] if opens else 1, BLOCK_FLOW))
         for a in range(active):
@@ -462,10 +471,19 @@ def advance(
         if opens:
             weigh_flow(nodes, touched, n_touched, block_flow)
             spread_contact(block_flow, touched, n_touched, flow)
-        update_points_nodes(
-            nodes, tiles, sources, touched, n_touched, drags or opens, ground, zone_values, barriers, column_mass, flow,
-            node_report, barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall,
-            settings.cells_x, settings.cells_y, effects.contact, effects.zones, effects.barrier,
+        move_nodes(
+            nodes, tiles, sources, touched, n_touched, drags or opens, free, ground, barriers, node_report, dx, dt,
+            gravity, settings.wall, settings.cells_x, settings.cells_y, effects.barrier,
+        )  # fmt: skip
+        press_on_ground(
+            nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth, lowest,
+            ground, zone_values, column_mass, contact_memory, node_report, counts[STEP], dx, dt, settings.density,
+            gravity, settings.signal_speed, effects.contact, effects.zones,
+        )  # fmt: skip
+        hold_nodes(
+            nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,
+            barrier_report, dx, dt, settings.density, gravity, settings.clearance, settings.wall, settings.cells_x,
+            settings.cells_y, effects.contact, effects.zones, effects.barrier,
         )  # fmt: skip
         if drags:
             clear_contact(touched, n_touched, column_mass)

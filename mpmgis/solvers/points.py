@@ -119,6 +119,8 @@ class PointSolver(ParticleStore):
         self.walls = tuple(walls)
         self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
+        self._contact = np.zeros((*self._ground.shape[:2], kernel.CONTACT_MEMORY), np.float32)
+        self._contact[..., kernel.STAMP] = -1.0
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
 
@@ -354,8 +356,8 @@ class PointSolver(ParticleStore):
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
-            self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._barriers,
-            float(until), float(after), int(max_steps), self._settings, self._effects, self._watched,
+            self._barrier_sums, self._contact, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
+            self._barriers, float(until), float(after), int(max_steps), self._settings, self._effects, self._watched,
         )  # fmt: skip
 
     def _march_with(self, effects, places, walls):

@@ -1,0 +1,211 @@
+"""Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
+
+from math import exp, sqrt
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS
+from .jit import jit_inline, jit_parallel, prange
+from .point_drag import bed_under
+from .point_ground import fold_at, plane_at
+from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+
+# of a node column: reaction of the ground, smoothed [N], how far the ground has yielded [m], the step of both
+REACTION, YIELDED, STAMP, CONTACT_MEMORY = range(4)
+STAMPS = 1 << 20  # steps after which stamps repeat; single precision counts so far
+LEAST_SHARE = 0.25  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
+LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
+# The ground yields to waves as ground of the flow's own impedance does, and so sends none back. It returns over
+# RETURN. Times in cells over the speed of pressure waves, lengths in cells.
+IMPEDANCE = 1.0
+SMOOTHING = 20.0
+RETURN = 60.0
+MOST_YIELDED = 0.1
+
+
+@jit_inline
+def foot_of(height, dx):
+    """(node level nearest to the ground at `height` [m], the ground's place above it in cells, -0.5 to 0.5)."""
+    place = height / dx + GHOSTS
+    level = int(place + 0.5)
+    return level, place - level
+
+
+@jit_inline
+def spline_at(foot, offset):
+    """Weight of the node `offset` (-1, 0 or 1) levels above the nearest one, at the ground's place `foot` [cells]."""
+    if offset == 0:
+        return 0.75 - foot * foot
+    return 0.5 * (0.5 + offset * foot) ** 2
+
+
+@jit_inline
+def _node_of(below, own, above, level, first, column):
+    """(block or -1, index of its entry) of the node at `level` of a block's node `column` (0 to 15).
+
+    `first` is the lowest level of block `own`; `below` and `above` are its neighbours, -1 where there is none.
+    """
+    k = level - first
+    slot = own
+    if k < 0:
+        slot, k = below, k + BLOCK
+    elif k >= BLOCK:
+        slot, k = above, k - BLOCK
+    return slot, (k * BLOCK * BLOCK + column) * 4
+
+
+@jit_inline
+def _pushed_mass(mass, weight, full):
+    """Mass [kg] as which a node of spline `weight` is pushed; `full` [kg] is that of a node in the flow's interior."""
+    return max(mass, LIGHTEST * weight * full)
+
+
+@jit_inline
+def _at_foot(nodes, below, own, above, first, column, level, foot, full):
+    """What the flow has at the ground under a node column.
+
+    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], and whether the flow touches the ground.
+    """
+    u = v = w = give = here = 0.0
+    heaviest = 0.0
+    for offset in range(-1, 3):
+        slot, n = _node_of(below, own, above, level + offset, first, column)
+        if slot < 0:
+            continue
+        mass = float(nodes[slot, n + NODE_MASS])
+        if mass <= 0.0:
+            continue
+        heaviest = max(heaviest, mass)
+        if offset < 2:
+            weight = spline_at(foot, offset)
+            u += weight * nodes[slot, n + NODE_X]
+            v += weight * nodes[slot, n + NODE_Y]
+            w += weight * nodes[slot, n + NODE_Z]
+            here += weight * mass
+            give += weight * weight / _pushed_mass(mass, weight, full)
+    return u, v, w, give, here >= LEAST_SHARE * heaviest and give > 0.0
+
+
+@jit_inline
+def _push(nodes, below, own, above, first, column, level, foot, full, jx, jy, jz, mine):
+    """Give the impulse (jx, jy, jz) [N s] at the ground to the nodes around it, and book it and its work."""
+    for offset in range(-1, 2):
+        slot, n = _node_of(below, own, above, level + offset, first, column)
+        if slot < 0:
+            continue
+        mass = float(nodes[slot, n + NODE_MASS])
+        if mass <= 0.0:
+            continue
+        weight = spline_at(foot, offset)
+        share = weight / _pushed_mass(mass, weight, full)
+        u = nodes[slot, n + NODE_X] + share * jx
+        v = nodes[slot, n + NODE_Y] + share * jy
+        w = nodes[slot, n + NODE_Z] + share * jz
+        nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u, v, w
+        taken = mass * share
+        mine[GROUND_X] += taken * jx
+        mine[GROUND_Y] += taken * jy
+        mine[GROUND_Z] += taken * jz
+        mine[GROUND_WORK] -= taken * (jx * u + jy * v + jz * w)
+
+
+@jit_inline
+def normal_impulse(into, give, memory, dt, dx, impedance, sound):
+    """Impulse [N s] of the ground on a flow that moves `into` it [m s-1]; keeps the ground's `memory` of it.
+
+    The ground yields at (F - F_smooth) / Z - d / t_r: F its force, F_smooth its mean over SMOOTHING, Z the `impedance`
+    [kg s-1] of the bed under the column, d how far it has yielded, at most MOST_YIELDED, t_r the time of RETURN. A
+    steady load is borne without yielding, a wave is not sent back (Lysmer and Kuhlemeyer 1969).
+    """
+    smoothing, back = SMOOTHING * dx / sound, RETURN * dx / sound
+    if memory[REACTION] < 0.0:  # the first step of contact: as on rigid ground
+        impulse = max(into / give, 0.0)
+        memory[REACTION] = impulse / dt
+        return impulse
+    wanted = dt * (memory[REACTION] + impedance * (into + memory[YIELDED] / back))
+    impulse = max(wanted / (1.0 + dt * impedance * give), 0.0)
+    deepest = MOST_YIELDED * dx
+    if memory[YIELDED] + dt * (into - impulse * give) > deepest:
+        impulse = max((into - (deepest - memory[YIELDED]) / dt) / give, impulse)
+    memory[REACTION] += (1.0 - exp(-dt / smoothing)) * (impulse / dt - memory[REACTION])
+    if impulse > 0.0:
+        memory[YIELDED] = max(memory[YIELDED] + dt * (into - impulse * give), 0.0)
+    else:
+        memory[YIELDED] *= exp(-dt / back)
+    return impulse
+
+
+@jit_inline
+def contact_impulse(u, v, w, give, nx, ny, nz, memory, law, load, dt, dx, impedance, sound):
+    """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
+
+    Coulomb friction bears at most mu times the normal impulse; `load` [s m-1] is that of the law's drag.
+    """
+    into = -(u * nx + v * ny + w * nz)
+    if law.sticks():
+        return -u / give, -v / give, -w / give
+    normal = normal_impulse(into, give, memory, dt, dx, impedance, sound)
+    tx, ty, tz = u + into * nx, v + into * ny, w + into * nz
+    slip = sqrt(tx * tx + ty * ty + tz * tz)
+    kept = 1.0
+    if slip > 0.0:
+        kept = law.kept_slip(slip, normal * give)
+        kept *= law.kept_by_drag(kept * slip, load)
+    along = (kept - 1.0) / give
+    return normal * nx + along * tx, normal * ny + along * ty, normal * nz + along * tz
+
+
+@jit_parallel
+def press_on_ground(
+    nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, column_mass,
+    memory, report, step, dx, dt, density, gravity, sound, contact, zones,
+):  # fmt: skip
+    """Contact with smooth ground, of velocities at the nodes of all touched blocks.
+
+    The flow's velocity at the ground, v_b = sum N_k v_k over the three nodes of a column around it, is what contact
+    acts on; the impulse J is given back with the same weights, dv_k = N_k J / m_k, so that the bed's reaction reaches
+    every node that feels the ground (a Lagrange multiplier at one point for each node column). Each column is dealt
+    with in the block of the node that is nearest to the ground. Columns on folds are left alone.
+
+    Parameters
+    ----------
+    slots : int32[.]
+        Touched block at each place of the window, or -1 (see `point_blocks.link_blocks`).
+    memory : float32[rows, columns, CONTACT_MEMORY]
+        What the ground keeps from step to step; forgotten where the flow did not touch it in the last step.
+    sound : float [m s-1]
+        Speed of pressure waves in the flow.
+    """
+    full, stamp = density * dx * dx * dx, step % STAMPS
+    before = (step + STAMPS - 1) % STAMPS
+    for c in prange(CHUNKS):
+        mine = report[c]
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
+            first = block_level * BLOCK
+            place = ((row - window_south) * width + block_column - window_west) * depth
+            up = block_level - lowest[row, block_column, 0]
+            below = slots[place + up - 1] if up > 0 else -1
+            above = slots[place + up + 1] if up + 1 < depth else -1
+            for column in range(BLOCK * BLOCK):
+                jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
+                ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
+                height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+                level, foot = foot_of(height, dx)
+                if level < first or level >= first + BLOCK or fold_at(ground.folds, jj, ii)[2] > 0:
+                    continue
+                u, v, w, give, touches = _at_foot(nodes, below, t, above, first, column, level, foot, full)
+                if not touches:
+                    continue
+                known = memory[jj, ii]
+                if known[STAMP] != before:
+                    known[REACTION], known[YIELDED] = -1.0, 0.0
+                known[STAMP] = stamp
+                law, load = zones.local(contact, zone_values, jj, ii), 0.0
+                if contact.drag_active():
+                    load = density * gravity * dt * bed_under(column_mass, jj, ii, dx * dx / nz) * give
+                impedance = IMPEDANCE * density * sound * dx * dx / nz
+                jx, jy, jz = contact_impulse(
+                    u, v, w, give, nx, ny, nz, known, law, load, dt, dx, impedance, sound
+                )
+                _push(nodes, below, t, above, first, column, level, foot, full, jx, jy, jz, mine)
