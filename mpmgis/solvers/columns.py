@@ -29,6 +29,7 @@ NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks
 LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
+THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
 LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "ground": kernel.FRICTION_TOTAL,
     "eroded_mass": kernel.MERGING_TOTAL,
@@ -141,7 +142,7 @@ class ColumnSolver(ParticleStore):
             fixed_dt=float(numerics.time_step or 0.0),
             fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
-            thickness_floor=max(1e-3, 1e-3 * reference),
+            thickness_floor=THIN_SHARE * reference if reference > 0.0 else 1e-3,
             wet_thickness=0.01 * reference,
             arrival_thickness=float(numerics.arrival_thickness),
             wild_stop=WILD_STOP,
@@ -154,12 +155,8 @@ class ColumnSolver(ParticleStore):
     def _from_corner(self, frame):
         """x, y [m] from the domain's corner of columns that start; refused where there is no whole cell of terrain."""
         grid = self.grid
-        x, y = frame.map_xy()
-        x, y = x - grid.x0, y - grid.y0
-        dx, (ny, nx) = grid.cell_size, grid.inside.shape
-        off = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
-        if not off.any():
-            off = grid.inside[(y / dx).astype(int), (x / dx).astype(int)] == 0
+        x, y = grid.from_corner(frame)
+        off = ~grid.covers(x, y)
         if off.any():
             at = int(np.argmax(off))
             raise SceneError(
@@ -361,9 +358,7 @@ class ColumnSolver(ParticleStore):
         grid, density = self.grid, self.numerics.density
         bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         origin = self._start.origin
-        position = np.column_stack(
-            [rows[:, kernel.X] + (grid.x0 - origin[0]), rows[:, kernel.Y] + (grid.y0 - origin[1]), bed - origin[2]]
-        )
+        position = np.column_stack([rows[:, [kernel.X, kernel.Y]] + grid.corner_from(origin), bed - origin[2]])
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
         mass = rows[:, kernel.MASS].copy()

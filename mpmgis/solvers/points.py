@@ -39,6 +39,7 @@ LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak,
 LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
+LEVEL_ROUNDING = 1e-12  # of an elevation in cells, by which it may miss a level of nodes
 _TIME = 1e-9  # share of a time by which it may be missed for rounding
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
@@ -77,6 +78,14 @@ def courant_number(material, numerics):
     stiffest = max(3.0 * material.bulk_modulus, 2.0 * getattr(material, "shear_modulus", 0.0))
     lone = material.wave_speed(numerics.density) / np.sqrt(stiffest / numerics.density)
     return float(min(numerics.cfl, LONE_SHARE * lone))
+
+
+def _level_under(bed, dx):
+    """Elevation [m] of the highest level of nodes, multiples of `dx` [m], not above `bed`, or `bed` where it is one."""
+    levels = bed / dx
+    if abs(levels - np.rint(levels)) <= LEVEL_ROUNDING * max(1.0, abs(levels)):
+        return bed
+    return float(np.floor(levels) * dx)
 
 
 class PointSolver(ParticleStore):
@@ -130,7 +139,7 @@ class PointSolver(ParticleStore):
         """Elevation above the domain's lowest level and slopes at all nodes that points can come near to."""
         grid, dx = self.grid, self.numerics.cell_size
         bed = bed_at_nodes(grid)
-        self.floor = float(np.floor(bed.min() / dx) * dx)
+        self.floor = _level_under(float(bed.min()), dx)
         height = bed - self.floor
         deep = ndimage.maximum_filter(height, 3) - dx  # nobody above it is a cell under the ground
         self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
@@ -139,7 +148,6 @@ class PointSolver(ParticleStore):
         self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
         ny, nx = grid.inside.shape
         self._lengths = nx * dx, ny * dx
-        self._origin = np.array([grid.x0, grid.y0, self.floor])
 
     def _barrier_nodes(self):
         """What node columns know of barriers, in the kernel's order; the arm is from the foot of each one's middle."""
@@ -161,6 +169,10 @@ class PointSolver(ParticleStore):
         ])  # fmt: skip
         return self._padded(np.where(standing, entries, 0.0))
 
+    def _corner_from(self, origin):
+        """float64[3] [m]: the corner that places count from, from the place `origin` (E, N, H) of the map."""
+        return np.append(self.grid.corner_from(origin), self.floor - origin[2])
+
     @staticmethod
     def _padded(values):
         """`values` [ny + 3, nx + 3, k], from one node outside the domain's corner, continued to the kernel's ghosts."""
@@ -170,8 +182,8 @@ class PointSolver(ParticleStore):
     def _load(self, frame, stress):
         """The state of a run that starts with the points of `frame`."""
         particles, material, numerics = frame.particles, self.effects.material, self.numerics
-        place = particles.position + (np.asarray(frame.origin) - self._origin)
-        off = ~self.grid.holds(*frame.map_xy())
+        place = particles.position - self._corner_from(frame.origin)
+        off = ~self.grid.covers(*place[:, :2].T)
         if off.any():
             x, y = (values[int(np.argmax(off))] for values in frame.map_xy())
             raise SceneError(
@@ -394,7 +406,7 @@ class PointSolver(ParticleStore):
         start = self._start
         mass = rows[:, kernel.MASS].astype(float)
         velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
-        position = self._places(rows, keys) + (self._origin - np.asarray(start.origin))
+        position = self._places(rows, keys) + self._corner_from(start.origin)
         volume = self._volumes(rows, mass)
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
@@ -518,7 +530,7 @@ class PointSolver(ParticleStore):
         """The Flow now; as deep as what each cell holds would stand in it."""
         frame, grid = self.frame(), self.grid
         (x, y), particles, dx = frame.map_xy(), frame.particles, grid.cell_size
-        row, column = (((place - corner) / dx).astype(np.int64) for place, corner in ((y, grid.y0), (x, grid.x0)))
+        column, row = ((place / dx).astype(np.int64) for place in grid.from_corner(frame))
         cell = row * (grid.inside.shape[1] + 1) + column
         depth = np.bincount(cell, particles.mass)[cell] / (self.numerics.density * dx * dx)
         speed = np.sqrt((particles.velocity**2).sum(axis=1))
