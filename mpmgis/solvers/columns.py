@@ -12,6 +12,7 @@ from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
+from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid
 from .left_places import left_places
@@ -524,6 +525,18 @@ class ColumnSolver(ParticleStore):
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
         }
 
+    def energy_look(self):
+        """The EnergyLook now, of kinetic energy and of what weight and pressure did: heights need no guard, see
+        `_energy_balance`."""
+        clock, kinetic = self._clock, self.energy()[0]
+        work, taken = clock[kernel.WORK_TOTAL], sum(clock[entry] for entry in LOSSES.values())
+        put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
+        made = kinetic + self._ledger[:, 3].sum() - work - put_in
+        gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
+        least = least_kinetic(clock[kernel.KINETIC_PEAK], clock[kernel.TOTAL_MASS], gravity, cell_size)
+        work = float(work), float(taken), float(put_in)
+        return EnergyLook(float(made), kinetic, float(least), work, self.time)
+
     def _energy_balance(self):
         """Energy that came in, that is there and that left [J], and what took the rest.
 
@@ -561,6 +574,12 @@ class ColumnSolver(ParticleStore):
     def _place_of(self, entry):
         """[E, N] [m] of the place that the clock keeps from `entry` on."""
         return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
+
+    def fastest(self):
+        """Map E, N [m] and speed [m s-1] of the fastest column."""
+        flow = self.flow()
+        k = int(np.argmax(flow.speed))
+        return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
 
     def trouble(self):
         """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""

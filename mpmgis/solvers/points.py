@@ -14,6 +14,7 @@ from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
+from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
@@ -36,7 +37,6 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
 }
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
-LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
 LEVEL_ROUNDING = 1e-12  # of an elevation in cells, by which it may miss a level of nodes
@@ -612,15 +612,21 @@ class PointSolver(ParticleStore):
         bound = np.sqrt(2.0 * self.numerics.gravity * fall + clock[kernel.START_SPEED] ** 2)
         return float(clock[kernel.SPEED_WORST] / bound) if bound > 0.0 else 0.0
 
-    def energy_gained(self):
-        """Kinetic and potential energy now and of what has left, over all that there was at the start, less 1 [1].
+    def energy_look(self):
+        """The EnergyLook now; what lifting onto the ground gave was put in.
 
-        What was laid back onto the ground had its height given. Below 0 wherever all is well.
+        What was booked as lost counts as work alone: nodes lose to the ground also what points hold as their velocity
+        gradient, which is not in their kinetic energy.
         """
-        clock, start = self._clock, self._energy_whole
-        lifted = clock[kernel.LIFTED_MASS] * self.numerics.gravity * LIFTED_CELLS * self.numerics.cell_size
-        now = sum(self._energy_of_motion()) + self._ledger[:, 4:6].sum() - lifted
-        return float(now / start - 1.0) if start > 0.0 else 0.0
+        kinetic, potential, stored = self.energy()
+        out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[entry] for entry in LOSSES.values())
+        lifted = self._clock[kernel.LIFTED_ENERGY]
+        kinetic_in, potential_in, stored_in = self.energy_start
+        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted
+        fall = potential_in + lifted - potential - out[1]
+        least = least_kinetic(self.kinetic_peak, self.mass_start, self.numerics.gravity, self.numerics.cell_size)
+        work = float(fall), stored - stored_in, float(taken), kinetic_in
+        return EnergyLook(float(made), kinetic, least, work, self.time)
 
     def _turning_energy(self, mass):
         """Kinetic energy [J] of the start's velocity gradient within the points, m (dx / 2)^2 |C|^2 / 2."""
