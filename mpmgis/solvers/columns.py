@@ -37,6 +37,17 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "barriers": kernel.BARRIER_TOTAL,
     "speed_limit": kernel.LIMITED_TOTAL,
 }
+CLIPS = {  # what holds a column's state within bounds, and the clock's count of the column-steps that it acted on
+    "area_factor": kernel.STRETCH_TOTAL,
+    "thinnest_column": kernel.THIN_AREA_TOTAL,
+    "thickness_clamp": kernel.CLAMPED_TOTAL,
+    "speed_bound": kernel.SPEED_TOTAL,
+    "held_at_walls": kernel.WALL_TOTAL,
+    "viscosity_capped": kernel.STIFF_TOTAL,
+    "thinner_than_friction": kernel.THIN_TOTAL,
+    "erosion_of_a_step": kernel.GREEDY_TOTAL,
+    "weightless": kernel.AIRBORNE_TOTAL,
+}
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
 
@@ -519,6 +530,8 @@ class ColumnSolver(ParticleStore):
             "moving_share": float(clock[kernel.MOVING_SHARE]),
             "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
+            "particle_steps": int(clock[kernel.COLUMN_STEPS]),
+            "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
             "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
             "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
             "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),

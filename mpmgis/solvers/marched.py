@@ -143,7 +143,7 @@ class MarchedPoints:
 
 
 def _energy_trouble(solver, last, name):
-    """Energy that `solver`, of particles called `name`, made out of nothing since the EnergyLook `last`; '' for none."""
+    """Energy that `solver`, of particles called `name`, made out of nothing since the EnergyLook `last`, or ''."""
     share, made = solver.energy_look().gained_since(last)
     if share <= GAIN_STOP:
         return ""

@@ -35,6 +35,11 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "barriers": kernel.BARRIER_LOSS,
     "yielding": kernel.PLASTIC_LOSS,
 }
+CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
+    "lifted_onto_ground": kernel.LIFTED_TOTAL,
+    "stretch_held": kernel.STRETCH_TOTAL,
+    "held_at_walls": kernel.WALL_TOTAL,
+}
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
@@ -594,6 +599,8 @@ class PointSolver(ParticleStore):
             "thickness_max_at": self._place_of(kernel.DEEPEST_X),
             "thickness_max_time": float(clock[kernel.DEEPEST_TIME]),
             "mach_max": self.mach,
+            "particle_steps": int(clock[kernel.POINT_STEPS]),
+            "clips": {name: int(clock[entry]) for name, entry in CLIPS.items()},
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
