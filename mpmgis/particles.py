@@ -81,3 +81,8 @@ class Frame:
         """(x, y) [m] in the CRS."""
         position = self.particles.position
         return position[:, 0] + self.origin[0], position[:, 1] + self.origin[1]
+
+    def xy_from(self, east, north):
+        """(x, y) [m] from the place `east`, `north` of the map, with the digits that small cells need."""
+        position = self.particles.position
+        return position[:, 0] + (self.origin[0] - east), position[:, 1] + (self.origin[1] - north)

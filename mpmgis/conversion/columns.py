@@ -95,15 +95,15 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     """
     options = options or ColumnOptions()
     _require_points(frame)
-    x, y = frame.map_xy()
-    ground = Ground.under(terrain, x, y)
+    x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
+    ground = Ground.under(near, x, y)
     bed = ground.height(x, y)
     on_ground = np.isfinite(bed)
     if not on_ground.any():
         raise InputError(f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; give theirs")
     here = np.flatnonzero(on_ground)
     over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
-    groups, by, cell_area, apart = _grouped(over, x[here], y[here], terrain, options)
+    groups, by, cell_area, apart = _grouped(over, x[here], y[here], near, options)
     detached, laid = _detached(over, groups, _point_cell(frame, options)), 0.0
     if options.detached == LAY:
         laid, detached = float(over.mass[groups.spread(detached)].sum()), np.zeros(len(groups), bool)
@@ -116,7 +116,7 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     stays[here[~staying]] = False
     rest = _rest(frame, stays)
     over, groups = over.take(~staying), groups.without(detached)
-    columns, lost = _frame_of(frame, over, groups, by, cell_area, terrain)
+    columns, lost = _frame_of(frame, over, groups, by, cell_area, near)
     report = _report(frame, columns, here[staying], ~on_ground, by, cell_area, apart, lost, gravity)
     return Columns(columns, rest, replace(report, laid=laid))
 
@@ -134,14 +134,14 @@ def unsettled_share(frame, terrain, cell, normal_share):
     normal_share : float [1]
         Of the speed along the slope that the speed across it may be (design note 2.4).
     """
-    x, y = frame.map_xy()
-    ground = Ground.under(terrain, x, y)
+    x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
+    ground = Ground.under(near, x, y)
     bed = ground.height(x, y)
     here = np.flatnonzero(np.isfinite(bed))
     if not len(here):
         return 0.0
     over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
-    groups = _Groups(_cells(x[here], y[here], terrain.grid, cell)[0])
+    groups = _Groups(_cells(x[here], y[here], near.grid, cell)[0])
     unsettled = _detached(over, groups, _point_cell(frame, ColumnOptions()), normal_share)
     return float(over.mass[groups.spread(unsettled)].sum() / frame.particles.mass.sum())
 
@@ -371,7 +371,7 @@ def _require_thickness(thickness, groups):
 
 def _bed_at(over, groups, mass, centre, terrain):
     """Bed [m] and its gradient under the centres; the mean under the points where a centre has no ground."""
-    x, y = centre[:, 0] + over.frame.origin[0], centre[:, 1] + over.frame.origin[1]
+    x, y = centre[:, :2].T
     ground = Ground.under(terrain, x, y)
     found = (ground.height(x, y), *ground.gradient(x, y))
     means = (groups.sum(over.mass * values) / mass for values in (over.bed, over.slope_east, over.slope_north))

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import GRAVITY
+from .pieces import pieces_along
 
 VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")
@@ -14,6 +15,7 @@ COUNTS = ("round", "paper")
 GROUPINGS = ("parent", "cell")
 REFUSE, KEEP, LAY = "refuse", "keep", "lay"  # what becomes of mass that has left the bed
 MOST = 2_000_000_000  # points
+_ROUNDING = 1e-6  # share by which thickness over spacing may miss a whole number or a half
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class PointOptions:
         Points in the middle of equal slices (E1, E2), or from bed to surface as printed (Eq 2), which deletes columns
         of a single point: 0/0 is "eliminated".
     counting : {"round", "paper"}
-        Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1, E3).
+        Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1, E3). Halves are rounded upwards; a quotient
+        that misses a whole number or a half by a millionth counts as that, so that equal columns have equally many.
     cell : float, optional [m]
         Grid spacing of the 3D solver to be filled: wider columns are split sideways (E8).
     relevel : bool
@@ -90,14 +93,14 @@ class PointOptions:
 
     def points_in(self, thickness, spacing):
         """float64[n]: whole number of points in columns of `thickness` [m] (Eq 1), at least 1."""
-        ratio = thickness / spacing
-        whole = np.floor(ratio) if self.counting == "paper" else np.rint(ratio)
+        ratio = thickness / spacing * (1.0 + _ROUNDING)
+        whole = np.floor(ratio) if self.counting == "paper" else np.floor(ratio + 0.5)
         return np.maximum(whole, 1.0)
 
     def predicted_points(self, particles):
         """How many points the columns `particles` will become (a real number), for estimates."""
         whole = np.sqrt(particles.area)
-        along = np.ones(len(whole)) if self.cell is None else np.maximum(np.ceil(whole / self.piece_size), 1.0)
+        along = pieces_along(whole, self.piece_size).astype(float)
         return float((along**2 * self.points_in(particles.thickness, self.spacing_for(particles))).sum())
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 _WELL = 1e-12
+_LONGER = 1e-6  # share by which a piece may be longer than asked for, or cells by which a place may miss one: rounding
 _DENSE = 16  # times as many cells as points, up to which points are counted in a table of all cells
 
 
@@ -88,10 +89,10 @@ def cut(x, y, footprints, size, ground):
 
 
 def pieces_along(side, size):
-    """int64[n]: pieces that `side` [m] is cut into, none longer than `size` [m] (None: one)."""
+    """int64[n]: pieces that `side` [m] is cut into, none longer than `size` [m] but for rounding (None: one)."""
     if size is None:
         return np.ones(len(side), np.int64)
-    return np.maximum(np.ceil(side / size - 1e-9), 1.0).astype(np.int64)
+    return np.maximum(np.ceil(side / size * (1.0 - _LONGER)), 1.0).astype(np.int64)
 
 
 def _bed(ground, x, y):
@@ -174,7 +175,7 @@ def _first_cell(start, side, cell):
 
 def count_by_cell(x, y, z, cell):
     """int64[m]: points in each cube of `cell` [m] that holds any."""
-    rank = [np.floor((at - at.min()) / cell).astype(np.int64) for at in (x, y, z)]
+    rank = [np.floor((at - at.min()) / cell + _LONGER).astype(np.int64) for at in (x, y, z)]
     size = [int(r.max()) + 1 for r in rank]
     key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]
     if size[0] * size[1] * size[2] > _DENSE * len(x):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from shapely.affinity import translate
 
 from ..errors import InputError
 from ..kernels import columns_to_points as stack_kernel
@@ -16,6 +17,7 @@ from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, within
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
 OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)
+SMALLEST_STEP = 1e-6  # [m] that the points' origin is rounded to
 COVER_SIDES = 4  # sides of the median column along a cell on which cover is looked at: 16 columns in a row tile it
 
 
@@ -88,7 +90,8 @@ def columns_to_points(frame, terrain, options=None, window=None):
     Mass, volume and horizontal momentum are the columns', to rounding. Points are in the order of their columns, from
     the bed upwards; `parent` is a column's id. `state` of the answer has a row a point: `depth` [m] under the surface
     and `vertical_stress` [Pa] (see `geostatic`), and `affine` [n, 3, 3] [s-1], the velocity gradient, where the frame
-    tells the columns'.
+    tells the columns'. Places count from the frame's origin throughout, which keeps the digits that cells of
+    millimetres need.
 
     Parameters
     ----------
@@ -111,13 +114,13 @@ def columns_to_points(frame, terrain, options=None, window=None):
     """
     options = options or PointOptions()
     _require_columns(frame)
-    particles, (x, y) = frame.particles, frame.map_xy()
+    particles, (x, y) = frame.particles, frame.particles.position[:, :2].T
     spacing = options.spacing_for(particles)
     _require_few_enough(options.predicted_points(particles), spacing)
     footprints = _footprints(frame, x, y, options)
-    ground = Ground.under(terrain, x, y, float(footprints.length.max()))
+    ground = Ground.under(terrain.moved(-frame.origin[0], -frame.origin[1]), x, y, float(footprints.length.max()))
     pieces = cut(x, y, footprints, options.piece_size, ground)
-    inside = within(pieces, x, y, window)
+    inside = within(pieces, x, y, None if window is None else translate(window, -frame.origin[0], -frame.origin[1]))
     _require_some(inside, len(particles), terrain, window)
     gradient = velocity_gradient(frame)
     u, v = piece_velocity(pieces, particles.velocity, gradient)
@@ -240,7 +243,7 @@ def _rest(frame, pieces, inside, u, v, ground, gradient):
         )
         some.position[cut_off, 0] += east
         some.position[cut_off, 1] += north
-        x, y = (some.position[cut_off, axis] + frame.origin[axis] for axis in (0, 1))
+        x, y = some.position[cut_off, :2].T
         slope_east, slope_north = ground.gradient(x, y)
         motion = np.column_stack([u, v, u * slope_east + v * slope_north])
         bed = ground.height(x, y) - frame.origin[2]
@@ -330,10 +333,15 @@ def _filled(count, printed, place, thickness, motion, divergence, shares, load, 
 
 
 def _origin(frame, east, north, bed):
-    """(origin of the points in whole metres amid them, so that float32 files are exact; what moves x and y there)."""
+    """(origin of the points amid them, so that float32 files are exact; what moves x and y there).
+
+    In whole metres, or below 1 m of extent in a power of ten of a metre that is no longer than that.
+    """
     old = np.asarray(frame.origin, float)
+    extent = max(np.ptp(east), np.ptp(north), np.ptp(bed), SMALLEST_STEP)
+    step = min(1.0, 10.0 ** np.floor(np.log10(extent)))
     middle = [0.5 * (at.min() + at.max()) for at in (east + old[0], north + old[1], bed)]
-    origin = tuple(float(np.rint(value)) for value in middle)
+    origin = tuple(float(np.rint(value / step) * step) for value in middle)
     return origin, (old[0] - origin[0], old[1] - origin[1])
 
 
@@ -377,7 +385,7 @@ def _affine(gradient, pieces, options):
 
 def _report(frame, points, rest, stacks, gone, options, ground, numbers):
     particles, after, pieces = frame.particles, points.particles, stacks.pieces
-    bed = ground.height(*frame.map_xy())
+    bed = ground.height(*particles.position[:, :2].T)
     middle = np.where(np.isfinite(bed), bed, particles.position[:, 2] + frame.origin[2]) + 0.5 * particles.thickness
     gravity = options.gravity
     deleted = outside = NOTHING

@@ -155,7 +155,8 @@ def placed_box(frames, terrain, cell=None, window=None):
     margin = max(*(high - low)[:2], CELLS_AROUND * (cell or 0.0))
     west, south, east, north = terrain.grid.bounds
     asked = window or (low[0] - margin, low[1] - margin, high[0] + margin, high[1] + margin)
-    west, south = max(math.floor(asked[0]), math.ceil(west)), max(math.floor(asked[1]), math.ceil(south))
+    step = _round_step(max(high - low))
+    west, south = (max(_down(a, step), -_down(-b, step)) for a, b in ((asked[0], west), (asked[1], south)))
     east, north = min(asked[2], east), min(asked[3], north)
     if cell is not None and cell > min(east - west, north - south):
         raise InputError(
@@ -163,7 +164,9 @@ def placed_box(frames, terrain, cell=None, window=None):
             f"{north - south:g} m; take a smaller --cell"
         )
     if cell is not None:
-        east, north = west + cell * math.floor((east - west) / cell), south + cell * math.floor((north - south) / cell)
+        off = max(1e-9, terrain.grid.rounding / cell)  # [cells]
+        across, along = (math.floor(length / cell + off) for length in (east - west, north - south))
+        east, north = west + cell * across, south + cell * along
     if low[0] < west or low[1] < south or high[0] > east or high[1] > north:
         what = f"the window {','.join(f'{side:.10g}' for side in window)}" if window else f"the DTM {terrain.path}"
         raise InputError(
@@ -174,11 +177,21 @@ def placed_box(frames, terrain, cell=None, window=None):
     floor, top = _least_and_most(part)
     thickness = max(max(_height(frame, part) for frame in frames), 0.0)
     headroom = 2 * thickness + CELLS_OVER * (cell or 0.0)
-    bottom = math.floor(min(floor, low[2]) - CELLS_UNDER * (cell or 0.0))
+    bottom = _down(min(floor, low[2]) - CELLS_UNDER * (cell or 0.0), step)
     up = max(top, high[2]) + headroom - bottom
     if cell is not None:
-        up = cell * math.ceil(up / cell)
+        up = cell * math.ceil(up / cell - 1e-9)
     return Box((float(west), float(south), float(bottom)), part, (east - west, north - south, up), cell, headroom)
+
+
+def _round_step(extent):
+    """Whole metres, or of scenes below 100 m the power of ten at or below a hundredth of their `extent` [m]."""
+    return min(1.0, 10.0 ** math.floor(math.log10(max(extent, 1e-9)) - 2.0 + 1e-9))
+
+
+def _down(value, step):
+    """The multiple of `step` at or below `value` [m]; exact for whole metres."""
+    return float(math.floor(value)) if step == 1.0 else math.floor(value / step + 1e-6) * step
 
 
 def _extent(frames):

@@ -87,7 +87,7 @@ def switch_to_points(frame, terrain, options, holds, window=None):
     ----------
     options : PointOptions
     holds : callable
-        (x, y) [m] -> bool[n]: places on the next solver's grid.
+        Frame -> bool[n]: particles on the next solver's grid.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def _one_frame(frames):
 
 def _parted(frame, holds, gravity):
     """(`frame` with what the next solver's grid holds, Sums of the others)."""
-    held = holds(*frame.map_xy())
+    held = holds(frame)
     if held.all():
         return frame, NOTHING
     if not held.any():

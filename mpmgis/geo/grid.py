@@ -74,6 +74,19 @@ class Grid:
         """Side of the square with a pixel's area [m]."""
         return float(np.sqrt(self.cell_area))
 
+    @cached_property
+    def rounding(self):
+        """Length [m] up to which map coordinates on this raster may differ by rounding alone.
+
+        Four units in the last place of the largest coordinate of its corners: 4e-9 m at a northing of 5e6 m.
+        """
+        return 4.0 * float(np.spacing(np.abs(self.bounds).max()))
+
+    def moved(self, east, north):
+        """The same pixels, `east` and `north` [m] further; places near (0, 0) keep their digits there."""
+        t = self.transform
+        return Grid(self.crs, Affine(t.a, t.b, t.c + east, t.d, t.e, t.f + north), self.shape)
+
     @property
     def is_north_up(self):
         """True where rows run south and columns east with square pixels."""
@@ -103,12 +116,17 @@ class Grid:
         """((first row, first column), (row, column after the last)) of the pixels that meet `bounds` [m].
 
         `bounds` are (west, south, east, north); `margin` pixels more on each side, none beyond the raster; at least
-        two along each axis where the raster has them.
+        two along each axis where the raster has them. Bounds on a border of pixels, within rounding, do not meet the
+        pixels beyond it.
         """
         west, south, east, north = bounds
+        border = [0.5 + max(1e-9, self.rounding / side) for side in reversed(self.sides)]
         row, column = self.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
-        first = [max(int(np.floor(v.min() + 0.5)) - margin, 0) for v in (row, column)]
-        last = [min(int(np.ceil(v.max() + 0.5)) + margin, n) for v, n in zip((row, column), self.shape, strict=True)]
+        first = [max(int(np.floor(v.min() + rim)) - margin, 0) for v, rim in zip((row, column), border, strict=True)]
+        last = [
+            min(int(np.ceil(v.max() + 1.0 - rim)) + margin, n)
+            for v, n, rim in zip((row, column), self.shape, border, strict=True)
+        ]
         return tuple(first), tuple(np.maximum(last, np.minimum(np.array(first) + 2, self.shape)).tolist())
 
     def window(self, bounds, margin=0):

@@ -20,7 +20,8 @@ FLOW_WIDTHS = 2.0  # by which reachable ground is grown, for what is beside it
 SMOOTHING = 2.0  # [pixels] standard deviation of the Gaussian before second derivatives are taken
 SMOOTHED = 10  # [pixels] how far a second derivative sees: four standard deviations, and two differences
 EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # the straight way over that by eight neighbours is at least this
-LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached anew
+LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached anew; in small cells LEAST_SHARE of what a side takes
+LEAST_SHARE = 0.01
 _NEIGHBOURS = tuple((i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
@@ -137,6 +138,7 @@ def _downhill(elevation, start, fall):
     front = np.flatnonzero(begun & ~ndimage.binary_erosion(begun, np.ones((3, 3))))
     begun = begun.ravel()
     energy = np.where(begun, ground, -np.inf)
+    least = min(LEAST_GAIN, LEAST_SHARE * fall) if fall > 0.0 else LEAST_GAIN
     while front.size:
         changed = []
         for i, j, apart in _NEIGHBOURS:
@@ -144,7 +146,7 @@ def _downhill(elevation, start, fall):
             there, falls = ground[beside], ground[beside] < ground[front]
             after = energy[front] - fall * apart
             after = np.where(falls, np.maximum(after, there), after)
-            better = (falls | (after > there)) & (after > energy[beside] + LEAST_GAIN) & ~begun[beside]
+            better = (falls | (after > there)) & (after > energy[beside] + least) & ~begun[beside]
             energy[beside[better]] = after[better]
             changed.append(beside[better])
         front = np.unique(np.concatenate(changed))

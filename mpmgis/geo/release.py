@@ -133,7 +133,7 @@ def require_on_terrain(part, grid):
     """
     frame = shapely.Polygon(grid.corners())
     beyond = part.polygon.difference(frame)
-    if beyond.area <= 1e-9 * part.polygon.area:
+    if beyond.area <= 1e-9 * part.polygon.area + grid.rounding * part.polygon.length:
         return
     points = shapely.points(shapely.get_coordinates(beyond))
     distances = shapely.distance(points, frame)

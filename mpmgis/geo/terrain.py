@@ -83,6 +83,10 @@ class Terrain:
         own = np.where(on, self.elevation[np.where(on, i, 0), np.where(on, j, 0)], np.nan)
         return np.where(np.isfinite(between), between, own)
 
+    def moved(self, east, north):
+        """The same ground `east` and `north` [m] further; see `Grid.moved`."""
+        return Terrain(self.grid.moved(east, north), self.elevation, self.path, self.sha256)
+
     def cropped(self, bounds, margin):
         """The Terrain of the pixels that meet `bounds` (west, south, east, north) [m] and `margin` pixels around."""
         return self.part(*self.grid.window(bounds, margin))

@@ -23,6 +23,7 @@ ROW = 16  # of a cell while points are summed: the sums, then these
 TOP, LOWEST, COUNT = 12, 13, 14
 RECORD = 8  # of a point between two passes: velocity, mass, volume, distance, pixel, number of its cell
 TILE = 32  # cells along a tile's side: its rows stay in the cache while its points are summed
+ROUNDING = 1e-5  # [cells] by which an edge may miss a border: map coordinates of 1e7 m, cells of 1 mm
 JUMPS_SEEN = 4096  # pairs of points that tell whether they come in any order
 SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does not grow with their number
 
@@ -379,10 +380,10 @@ def by_quantity(table, sums, top, lowest, count):
 def snapped(edge):
     """`edge`, or the whole number that it misses by rounding alone: no slivers where a lattice meets the cells.
 
-    A northing in float64 is good to 1e-9 m, which in small cells is more than one would think.
+    A northing in float64 is good to 1e-9 m, which is a millionth of a cell of a millimetre.
     """
     whole = np.rint(edge)
-    return whole if abs(edge - whole) < 1e-6 else edge
+    return whole if abs(edge - whole) < ROUNDING else edge
 
 
 @jit

@@ -11,10 +11,12 @@ from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE
 from .jit import jit, jit_inline, jit_parallel, prange
 
 # what each chunk of the node loop reports; energies [J]: lost to friction on the bed, to the mass taken up, which is at
-# rest, and the potential energy that the flow loses where the bed under it is lowered
+# rest, and the potential energy that the flow loses where the bed is lowered; masses [kg] that are
+# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step
 (
-    WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, NODE_REPORT,
-) = range(8)  # fmt: skip
+    WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, THIN_MASS, GREEDY_MASS,
+    NODE_REPORT,
+) = range(10)  # fmt: skip
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
@@ -123,6 +125,8 @@ def update_nodes(
                     if speed > 0.0:
                         law = zones.local(friction, zone_values, j, i)
                         thickness = max(grid_thickness, thickness_floor)
+                        if grid_thickness < thickness_floor:
+                            report[c, THIN_MASS] += mass
                         normal_thickness = thickness * np.sqrt(c2)
                         normal_stress = density * thickness * effective * c2
                         dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
@@ -146,7 +150,10 @@ def update_nodes(
                             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
                             wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / np.sqrt(c2)
                             covered = min(grid_thickness / wet_thickness, 1.0)  # a hem of next to nothing takes nothing
-                            eroded = min(covered * wanted, erodible[j, i], MOST_GAIN * mass / (dx * dx))
+                            most = MOST_GAIN * mass / (dx * dx)
+                            if min(covered * wanted, erodible[j, i]) > most:
+                                report[c, GREEDY_MASS] += mass
+                            eroded = min(covered * wanted, erodible[j, i], most)
                             gain = eroded * dx * dx / mass
                             erodible[j, i] -= eroded
                             bed[j, i] -= eroded * entrainment.bed_lowering()

@@ -42,8 +42,12 @@ from .lanes import get, get_of_four, lanes, load, multiply_add, prefetch, put, p
     BENT,  # potential energy that columns gain as the bed under them changes its slope [J]
     LIMITED_LOSS,  # kinetic energy taken by the speed bound [J]
     FASTEST2,  # max of |U|^2 [m2 s-2]
+    HELD_STRETCH,  # columns whose area would have grown or shrunk more in one step than AREA_FACTOR_MIN and _MAX allow
+    HELD_THIN,  # columns that would have been thinner than 1 / THINNEST of the grid
+    HELD_SPEED,  # columns whose speed was cut to its bound
+    HELD_WALL,  # columns that would have passed a wall at the edge
     OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
-) = range(24)
+) = range(28)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -339,8 +343,10 @@ def _read_nodes(scratch, quads, place, count, nodes):
 def _move(scratch, moved, quads, count, dx, dt, entrainment):
     """New velocity, affine velocity, position and area of each column, into the lines of `moved`.
 
-    A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness.
+    A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness. Answers how many
+    of these factors, and how many areas, were held.
     """
+    factors, thin = 0, 0
     inverse_dx = 1.0 / dx
     four = 4.0 * inverse_dx
     for k in range(count):
@@ -356,7 +362,10 @@ def _move(scratch, moved, quads, count, dx, dt, entrainment):
             inverse_dx * inverse_dx
         )
         area = get(scratch, L_AREA, k) * min(max(stretch, AREA_FACTOR_MIN), AREA_FACTOR_MAX)
-        put(moved, L_AREA, k, min(area, THINNEST * mass * dx * dx / grid_mass))
+        widest = THINNEST * mass * dx * dx / grid_mass
+        factors += (stretch < AREA_FACTOR_MIN) | (stretch > AREA_FACTOR_MAX)
+        thin += area > widest
+        put(moved, L_AREA, k, min(area, widest))
         put(moved, L_MASS, k, mass)
         put(moved, L_U, k, u)
         put(moved, L_V, k, v)
@@ -366,6 +375,7 @@ def _move(scratch, moved, quads, count, dx, dt, entrainment):
         put(moved, L_CYX, k, four * get_of_four(quads, Q_MOMENT_X, k, NODE_Y))
         put(moved, L_CXY, k, four * get_of_four(quads, Q_MOMENT_Y, k, NODE_X))
         put(moved, L_CYY, k, four * get_of_four(quads, Q_MOMENT_Y, k, NODE_Y))
+    return factors, thin
 
 
 @jit
@@ -388,10 +398,14 @@ def _clamp(moved, quads, count, dx, clamp):
 
 @jit
 def _keep_in(moved, count, dx, length_x, length_y):
-    """Walls: nobody passes them by more than rounding."""
+    """Walls: nobody passes them by more than rounding; answers how many were held."""
+    held = 0
     for k in range(count):
-        put(moved, L_X, k, min(max(get(moved, L_X, k), 1e-9 * dx), length_x - 1e-9 * dx))
-        put(moved, L_Y, k, min(max(get(moved, L_Y, k), 1e-9 * dx), length_y - 1e-9 * dx))
+        x, y = get(moved, L_X, k), get(moved, L_Y, k)
+        held += (x < 1e-9 * dx) | (x > length_x - 1e-9 * dx) | (y < 1e-9 * dx) | (y > length_y - 1e-9 * dx)
+        put(moved, L_X, k, min(max(x, 1e-9 * dx), length_x - 1e-9 * dx))
+        put(moved, L_Y, k, min(max(y, 1e-9 * dx), length_y - 1e-9 * dx))
+    return held
 
 
 @jit
@@ -579,6 +593,7 @@ def _survey(moved, stays, count, mine, dx, gravity, entrainment):
             put(moved, L_U, k, get(moved, L_U, k) * slower)
             put(moved, L_V, k, get(moved, L_V, k) * slower)
             mine[LIMITED] += mass
+            mine[HELD_SPEED] += 1.0
             drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
             if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
                 mine[WILD] += mass
@@ -669,11 +684,13 @@ def grid_to_particles(
             _take_rows(rows, order, first, count, end, scratch, False)
             _weigh(scratch, place, count, nodes.shape[1], inverse_dx)
             _read_nodes(scratch, quads, place, count, nodes)
-            _move(scratch, moved, quads, count, dx, dt, entrainment)
+            factors, thin = _move(scratch, moved, quads, count, dx, dt, entrainment)
+            mine[HELD_STRETCH] += factors
+            mine[HELD_THIN] += thin
             if clamp > 0.0:
                 mine[CLAMPED] += _clamp(moved, quads, count, dx, clamp)
             if wall:
-                _keep_in(moved, count, dx, nx * dx, ny * dx)
+                mine[HELD_WALL] += _keep_in(moved, count, dx, nx * dx, ny * dx)
             if not _all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
                 driven = 1.0 - ahead / dt
                 _book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric)

@@ -21,10 +21,12 @@ from .column_nodes import (
     ARMED,
     DEEPEST,
     FRICTION_LOSS,
+    GREEDY_MASS,
     LOWERING_LOSS,
     MERGING_LOSS,
     NODE_REPORT,
     REACHED,
+    THIN_MASS,
     TRIGGERED,
     WET_NEW,
     accumulate_peaks,
@@ -68,6 +70,10 @@ from .column_transfer import (
     ENTRAINED_POTENTIAL,
     FASTEST2,
     FLOWING,
+    HELD_SPEED,
+    HELD_STRETCH,
+    HELD_THIN,
+    HELD_WALL,
     KINETIC,
     LIMITED,
     LIMITED_LOSS,
@@ -177,8 +183,17 @@ __all__ = [  # what the solver needs beside its own
     FASTEST_X,
     FASTEST_Y,
     FASTEST_TIME,
+    COLUMN_STEPS,  # columns that there were, summed over the steps; then those of them that a clip acted on
+    STRETCH_TOTAL,
+    THIN_AREA_TOTAL,
+    SPEED_TOTAL,
+    WALL_TOTAL,
+    STIFF_TOTAL,
+    THIN_TOTAL,  # of what nodes did to mass: as many columns as hold that share of all mass
+    GREEDY_TOTAL,
+    AIRBORNE_TOTAL,
     CLOCK,
-) = range(45)
+) = range(54)
 # int64 counts
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
 
@@ -242,7 +257,7 @@ def collect(report, node_report, ledger, clock, counts):
     """Reduce the chunks' reports in their order into clock, counts and ledger."""
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
     moving, flowing, airborne, limited, wild, alive_before = 0.0, 0.0, 0.0, 0.0, 0.0, counts[ALIVE]
-    stiff, triggered = 0.0, 0.0
+    stiff, triggered, thin, greedy = 0.0, 0.0, 0.0, 0.0
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for c in range(CHUNKS):
         mine = report[c]
@@ -260,6 +275,12 @@ def collect(report, node_report, ledger, clock, counts):
         clock[SPEED] = max(clock[SPEED], mine[SPEED_MAX])
         clock[KINETIC_NOW] += mine[KINETIC]
         clock[CLAMPED_TOTAL] += mine[CLAMPED]
+        clock[STRETCH_TOTAL] += mine[HELD_STRETCH]
+        clock[THIN_AREA_TOTAL] += mine[HELD_THIN]
+        clock[SPEED_TOTAL] += mine[HELD_SPEED]
+        clock[WALL_TOTAL] += mine[HELD_WALL]
+        thin += node_report[c, THIN_MASS]
+        greedy += node_report[c, GREEDY_MASS]
         moving += mine[MOVING]
         flowing += mine[FLOWING]
         limited += mine[LIMITED]
@@ -280,6 +301,10 @@ def collect(report, node_report, ledger, clock, counts):
         clock[DEPTH_NOW] = max(clock[DEPTH_NOW], node_report[c, DEEPEST])
     total_mass = clock[TOTAL_MASS]
     clock[STIFF_WORST] = max(clock[STIFF_WORST], stiff / max(alive_before, 1))
+    clock[COLUMN_STEPS] += alive_before
+    clock[STIFF_TOTAL] += stiff
+    for entry, mass in ((THIN_TOTAL, thin), (GREEDY_TOTAL, greedy), (AIRBORNE_TOTAL, airborne)):
+        clock[entry] += alive_before * mass / total_mass
     counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH] = west, south, east, north
     clock[LIMITED_NOW], clock[WILD_NOW] = limited / total_mass, wild / total_mass
     clock[LIMITED_WORST] = max(clock[LIMITED_WORST], clock[LIMITED_NOW])

@@ -9,8 +9,10 @@ Places are in lattice units: `across` counts along the raster's columns, `down` 
 
 import numpy as np
 
-from .binning import MASS, SUMS, VOLUME, add_motion, upward_part_of_normal
+from .binning import MASS, ROUNDING, SUMS, VOLUME, add_motion, upward_part_of_normal
 from .jit import jit, jit_inline
+
+LEVEL = 1e-9  # share of a node's value by which another of the same height may differ for rounding
 
 
 @jit_inline
@@ -210,8 +212,8 @@ def add_crests(nodes, measure, factor, mark, owner_row, owner_column, corner, pa
     area : float [m2]
         Of a node.
     """
-    first = max(int(np.floor(corner[0] - 1e-6)), 1)
-    last = min(int(np.ceil(corner[0] + part[0] * factor.shape[0] + 1e-6)), nodes.shape[0] - 2)
+    first = max(int(np.floor(corner[0] - ROUNDING)), 1)
+    last = min(int(np.ceil(corner[0] + part[0] * factor.shape[0] + ROUNDING)), nodes.shape[0] - 2)
     for i in range(first, last + 1):
         for j in range(1, nodes.shape[1] - 1):
             here = nodes[i, j, measure]
@@ -221,10 +223,10 @@ def add_crests(nodes, measure, factor, mark, owner_row, owner_column, corner, pa
             for di in (-1, 1):
                 for dj in (-1, 1):
                     side = nodes[i + di, j, measure] + nodes[i, j + dj, measure] + nodes[i + di, j + dj, measure]
-                    if side > highest:
+                    if side > highest + LEVEL * here:
                         down, across, highest = di, dj, side
-            row = int(np.floor((i - corner[0]) / part[0] + 1e-6 * down))
-            column = int(np.floor((j - corner[1]) / part[1] + 1e-6 * across))
+            row = int(np.floor((i - corner[0]) / part[0] + ROUNDING * down))
+            column = int(np.floor((j - corner[1]) / part[1] + ROUNDING * across))
             if 0 <= row < factor.shape[0] and 0 <= column < factor.shape[1]:
                 k = mark[owner_row[row], owner_column[column]]
                 if k >= 0:
@@ -236,7 +238,7 @@ def _is_crest(nodes, measure, i, j, here):
     crest = True
     for a in range(i - 1, i + 2):
         for b in range(j - 1, j + 2):
-            crest &= nodes[a, b, measure] <= here
+            crest &= nodes[a, b, measure] <= here * (1.0 + LEVEL)
     return crest
 
 

@@ -69,8 +69,11 @@ from .point_rows import (
     BLOCK_EAST,
     BLOCK_NORTH,
     BLOCK_TALL,
+    UNDER_POINTS,  # points lifted back onto the ground
+    HELD_STRETCH,  # points whose stretch was held to what the material bears, or that the step turned inside out
+    HELD_WALL,  # points that would have passed a wall at the edge
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(19)
+) = range(22)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -356,13 +359,14 @@ def _strain(scratch, turn, dt, material, softening):
 
 
 @kernel_part
-def _strain_far(scratch, count, turn, dt, material, softening):
-    """The points of the batch whose strain is too large for the series, one by one; answers how many."""
+def _strain_far(scratch, count, turn, dt, material, softening, mine):
+    """The points of the batch whose strain is too large for the series, one by one; how many go to the report."""
     g, far = turn * dt, 0
     for q in range(count):
         far += get(scratch, L_CODE, q) == FAR_CODE
     if far == 0:
-        return far
+        return
+    mine[FAR] += far
     for q in range(count):
         if scratch[L_CODE + q] == FAR_CODE:
             answer = material.stress_step_far(
@@ -375,7 +379,7 @@ def _strain_far(scratch, count, turn, dt, material, softening):
             )  # fmt: skip
             for line in range(STRAINED):
                 scratch[L_N0 + line * BATCH + q] = answer[line]
-    return far
+            mine[HELD_STRETCH] += answer[STRAINED] == FAR_CODE
 
 
 @kernel_part
@@ -437,11 +441,16 @@ def _yield_work(scratch, count):
 
 
 @kernel_part
-def _keep_in(scratch, west, south, east, north):
-    """Walls: nobody passes them by more than rounding."""
+def _keep_in(scratch, count, west, south, east, north):
+    """Walls: nobody passes them by more than rounding; answers how many were held."""
+    held = 0
     for q in range(BATCH):
-        put(scratch, L_X, q, min(max(get(scratch, L_X, q), west + INSIDE), east - INSIDE))
-        put(scratch, L_Y, q, min(max(get(scratch, L_Y, q), south + INSIDE), north - INSIDE))
+        x, y = get(scratch, L_X, q), get(scratch, L_Y, q)
+        passed = (x < west + INSIDE) | (x > east - INSIDE) | (y < south + INSIDE) | (y > north - INSIDE)
+        held += passed & (q < count)
+        put(scratch, L_X, q, min(max(x, west + INSIDE), east - INSIDE))
+        put(scratch, L_Y, q, min(max(y, south + INSIDE), north - INSIDE))
+    return held
 
 
 @kernel_part
@@ -515,6 +524,7 @@ def _lift(scratch, integers, q, block, ground, dx, gravity, mine):
     height = (float(scratch[L_Z + q]) + (level * BLOCK - GHOSTS)) * dx
     if height < surface - dx:
         mine[UNDER] += scratch[L_MASS + q]
+        mine[UNDER_POINTS] += 1.0
         mine[UNDER_ENERGY] += float(scratch[L_MASS + q]) * gravity * (surface - height)
         steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         nx, ny, nz = -slope_x / steep, -slope_y / steep, 1.0 / steep
@@ -629,12 +639,12 @@ def _advance_blocks(
             _read_tile(scratch, quads, integers, count, tile)
             _turn_quads(scratch, quads, count)
             _strain(scratch, turn, time_step, material, softening)
-            mine[FAR] += _strain_far(scratch, count, turn, time_step, material, softening)
+            _strain_far(scratch, count, turn, time_step, material, softening, mine)
             _move(scratch, count, turn, step, push, carry)
             if row > S4:
                 _yield_work(scratch, count)
             if wall:
-                _keep_in(scratch, west, south, east, north)
+                mine[HELD_WALL] += _keep_in(scratch, count, west, south, east, north)
             if not _all_within(scratch, integers, west, south, east, north) or holes:
                 _book_out(scratch, integers, count, block, inside, west, south, east, north, dx, gravity, mine)
             _settle(scratch, integers)

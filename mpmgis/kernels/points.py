@@ -95,6 +95,8 @@ from .point_transfer import (
     BLOCK_WEST,
     EDGES,
     FAR,
+    HELD_STRETCH,
+    HELD_WALL,
     NOT_FINITE,
     OUT,
     OUT_ENTRIES,
@@ -104,6 +106,7 @@ from .point_transfer import (
     SPEED2_MAX,
     UNDER,
     UNDER_ENERGY,
+    UNDER_POINTS,
     UNDER_X,
     UNDER_Y,
     UNDER_Z,
@@ -192,8 +195,12 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     DEEPEST_X,
     DEEPEST_Y,
     DEEPEST_TIME,
+    POINT_STEPS,  # points that there were, summed over the steps; then those of them that a clip acted on
+    LIFTED_TOTAL,
+    STRETCH_TOTAL,
+    WALL_TOTAL,
     CLOCK,
-) = range(36)
+) = range(40)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -263,6 +270,7 @@ def book_points_left(rows, keys, order, start, active, blocks, dt, dx, shape, le
 def collect(report, ledger, clock, counts, window):
     """Reduce the chunks' reports in their order into clock, counts, ledger and window."""
     clock[SPEED_NOW] = clock[SHEAR] = 0.0
+    clock[POINT_STEPS] += counts[ALIVE]
     no_window(window)
     lifted = 0.0
     for c in range(CHUNKS):
@@ -273,6 +281,9 @@ def collect(report, ledger, clock, counts, window):
         clock[FAR_TOTAL] += mine[FAR]
         clock[PLASTIC_LOSS] += mine[PLASTIC]
         lifted += mine[UNDER]
+        clock[LIFTED_TOTAL] += mine[UNDER_POINTS]
+        clock[STRETCH_TOTAL] += mine[HELD_STRETCH]
+        clock[WALL_TOTAL] += mine[HELD_WALL]
         clock[LIFTED_ENERGY] += mine[UNDER_ENERGY]
         clock[IMPULSE_GROUND_X] += mine[UNDER_X]
         clock[IMPULSE_GROUND_Y] += mine[UNDER_Y]

@@ -190,7 +190,7 @@ class Sequence:
 
     def _on_grid(self, frame, grid):
         """`frame` as a solver takes it for a start; rounded places may lie a hair off its `grid`."""
-        held = grid.holds(*frame.map_xy())
+        held = grid.holds(frame)
         position = frame.particles.position.copy()
         position[~held, :2] = np.subtract(grid.some_place(), frame.origin[:2])
         return replace(

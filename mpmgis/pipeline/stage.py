@@ -196,7 +196,8 @@ class Stage:
         margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain stay on it
 
         def inside(x, y):
-            corners = [self.grid.holds(x + a, y + b) for a in (-margin, margin) for b in (-margin, margin)]
+            east, north = x - self.grid.x0, y - self.grid.y0
+            corners = [self.grid.covers(east + a, north + b) for a in (-margin, margin) for b in (-margin, margin)]
             return np.logical_and.reduce([shapely.contains_xy(self.window, x, y), *corners])
 
         options = replace(self.point_options(), stretched=False)

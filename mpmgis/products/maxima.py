@@ -31,12 +31,12 @@ RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # in every step, where `
 PRODUCTS_NEEDED = tuple(dict.fromkeys(peak.product for peak in PEAKS.values()))
 
 ARRIVAL_THICKNESS = 0.05  # [m] of the solver, where its frames do not say another
-THINNEST = 1e-3  # [m] no flow, whatever --min-depth says
+THINNEST = 1e-3  # [m] no flow, where --min-depth is 0
 
 
 def least_depth(min_depth, arrival_thickness=ARRIVAL_THICKNESS):
     """Depth [m] from which a field of columns is flow; below it is the tail of their splines."""
-    return max(THINNEST, min(min_depth, arrival_thickness))
+    return min(min_depth, arrival_thickness) or THINNEST
 
 
 class RunningMaxima:

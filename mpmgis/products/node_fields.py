@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
+from ..kernels.binning import ROUNDING
 from .sampling import export_axes
 
 SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats
@@ -57,7 +58,7 @@ class Axis(NamedTuple):
         number = np.arange(low, max(high, low) + 1)
         edges = start + number * part
         whole = np.rint(edges)
-        edges = np.where(np.abs(edges - whole) < 1e-9, whole, edges)  # no slivers where cells end at nodes
+        edges = np.where(np.abs(edges - whole) < ROUNDING, whole, edges)  # no slivers where cells end at nodes
         first = np.floor(edges[:-1]).astype(np.int64)
         node = first[:, None] + np.arange(3)
         weight = _below(edges[1:, None] - node) - _below(edges[:-1, None] - node)

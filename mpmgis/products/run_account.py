@@ -10,6 +10,20 @@ AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
 SHOWN_SHARE = 1e-5  # of the mass that left at one place, from which the place is named
 SHOWN_PLACES = 4  # the largest that are named
+CLIP_SHARE = 1e-4  # of the particle-steps, above which a clip is reported
+CLIPPED = {  # names of clips in `balances`, in words
+    "area_factor": "a column's area was held to a tenth to ten times that of the step before",
+    "thinnest_column": "a column was held to a thousandth of the grid's thickness",
+    "thickness_clamp": "a column's thickness was held to [numerics] clamp times the grid's",
+    "speed_bound": "a column was held to the speed that its drop in height allows",
+    "held_at_walls": "a particle was held at a wall of the domain's edge",
+    "viscosity_capped": "the viscosity was cut to what the time step allows",
+    "thinner_than_friction": "friction took a thinner flow for a thousandth of the reference thickness",
+    "erosion_of_a_step": "erosion was held to the flow's own mass in a step",
+    "weightless": "the centrifugal acceleration off the ground was held to gravity",
+    "lifted_onto_ground": "a point more than a cell under the ground was laid back on it",
+    "stretch_held": "a point's stretch was held to what its material bears",
+}
 CLOSES = 1e-3  # of the energy put in, above which an energy balance is said not to close
 STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1], of the mass as a whole; solids swing as they settle
 STILL_FALL = 0.05  # [m] that the mass as a whole may have come down for all that
@@ -151,6 +165,17 @@ def _of_stages(mass):
     return lines
 
 
+def _clips(b):
+    """The clips that acted on more than CLIP_SHARE of the particle-steps, one line each."""
+    steps = max(b.get("particle_steps", 0), 1)
+    shares = {name: count / steps for name, count in b.get("clips", {}).items()}
+    return [
+        f"clipped: {CLIPPED.get(name, name)} in {100 * share:.2g} % of the particle-steps"
+        for name, share in shares.items()
+        if share > CLIP_SHARE
+    ]
+
+
 def _of_columns(b):
     """Balances of a depth-averaged run."""
     lines = []
@@ -188,6 +213,7 @@ def _of_columns(b):
         lines.append(
             f"barrier '{name}': impulse {impulse}, largest force {peak}, {over} (screening only; loads need 3D)"
         )
+    lines += _clips(b)
     if b["mass_entrained"] > 0:
         share = b["mass_entrained"] / b["mass_released"]
         lines.append(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
@@ -281,8 +307,10 @@ def _of_points(b):
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
         lines.append(f"{share:.2g} % of the mass came more than a cell under the ground and was laid back on it")
+    lines += _clips(b)
     outside = b.get("outside_columns")
     if outside is not None:
+        lines += _clips(outside)
         lines.append(
             f"outside the window: {outside['mass_now']:.6g} kg of columns; {outside['exchanged_columns']} columns with "
             f"{outside['exchanged_mass']:.6g} kg came into it and became points"

@@ -229,7 +229,8 @@ class Seed:
         """float64[n, 3] [m s-1]: the given (east, north) velocity with the vertical part u . grad b."""
         velocity = np.zeros((len(position), 3))
         if any(self._velocity):
-            row, column = self._terrain.grid.rowcol(position[:, 0] + self._origin[0], position[:, 1] + self._origin[1])
+            near = self._terrain.grid.moved(-self._origin[0], -self._origin[1])
+            row, column = near.rowcol(position[:, 0], position[:, 1])
             velocity[:, :2] = self._velocity
             for axis in (0, 1):
                 slope = np.ascontiguousarray(self._terrain.gradient[..., axis])

@@ -8,7 +8,8 @@ import shapely
 
 from ..kernels import sampling
 
-_SNAP = 1e-9  # [cells] edges this close to a lattice line lie on it: what is thinner is rounding of map coordinates
+_SNAP = 1e-9  # [cells] edges this close to a lattice line lie on it, or as close as map coordinates round
+_ULPS = 4.0  # units in the last place by which a map coordinate may be off
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,11 @@ class Lattice:
             return np.column_stack((x / a, y / e))
         return np.column_stack(((e * x - b * y) / det, (a * y - d * x) / det))
 
+    def snap(self, points):
+        """Distance [cells] from a lattice line within which map points float64[n, 2] [m] lie on it."""
+        ulp = float(np.spacing(max(np.abs(points).max(), *np.abs(self.origin))))
+        return max(_SNAP, _ULPS * ulp / float(np.hypot(*self.matrix).min()))
+
     def map_affine(self, window, reference=(0.0, 0.0)):
         """Six numbers that take (u, v) of `window` to map coordinates [m] relative to `reference`."""
         (a, b), (d, e) = self.matrix
@@ -82,20 +88,23 @@ class Window:
 class Outline:
     """A polygon in the coordinates of a window of a lattice, which has a margin of one cell around it.
 
-    `edges` float64[n, 4] (u0, v0, u1, v1); `orientation` 1 or -1 makes the covered area positive.
+    `edges` float64[n, 4] (u0, v0, u1, v1); `orientation` 1 or -1 makes the covered area positive. Ends of edges within
+    `snap` [cells] of a lattice line are on it.
     """
 
     lattice: Lattice
     window: Window
     edges: np.ndarray
     orientation: float
+    snap: float = _SNAP
 
     @classmethod
     def of(cls, polygon, lattice):
         """The outline of a valid Polygon or MultiPolygon [m]."""
         rings = shapely.get_rings(shapely.get_parts(shapely.normalize(polygon)))
         points, ring = shapely.get_coordinates(rings, return_index=True)
-        cells = _snapped(lattice.to_cells(points))
+        snap = lattice.snap(points)
+        cells = _snapped(lattice.to_cells(points), snap)
         low = np.floor(cells.min(axis=0)).astype(int) - 1
         high = np.ceil(cells.max(axis=0)).astype(int) + 1
         window = Window(int(low[1]), int(low[0]), int(high[1] - low[1]), int(high[0] - low[0]))
@@ -103,12 +112,13 @@ class Outline:
         joined = ring[1:] == ring[:-1]
         edges = np.ascontiguousarray(np.hstack((cells[:-1][joined], cells[1:][joined])))
         area = 0.5 * np.sum((edges[:, 0] + edges[:, 2]) * (edges[:, 3] - edges[:, 1]))
-        return cls(lattice, window, edges, -1.0 if area > 0 else 1.0)
+        return cls(lattice, window, edges, -1.0 if area > 0 else 1.0, snap)
 
     def cover(self, across=1, down=1):
         """What the polygon covers of the lattice with every cell cut into `across` x `down` sub-squares."""
         columns, rows = self.window.columns * across, self.window.rows * down
-        edges = _snapped(self.edges * np.array([across, down, across, down], dtype=float))
+        fine = np.array([across, down, across, down], dtype=float)
+        edges = _snapped(self.edges * fine, self.snap * fine)
         key, terms = sampling.cut_edges(edges, columns)
         order = np.argsort(key, kind="stable")
         rim_key, rim, spans = sampling.accumulate_cover(key, order, terms, columns, self.orientation)
@@ -137,9 +147,9 @@ class Outline:
         return sampling.edges_by_row(self.edges, self.window.rows)
 
 
-def _snapped(values):
+def _snapped(values, snap):
     nearest = np.round(values)
-    return np.where(np.abs(values - nearest) < _SNAP, nearest, values)
+    return np.where(np.abs(values - nearest) <= snap, nearest, values)
 
 
 @dataclass(frozen=True, eq=False)

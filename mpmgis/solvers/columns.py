@@ -12,6 +12,7 @@ from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
+from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid
 from .left_places import left_places
@@ -29,11 +30,23 @@ NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks
 LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
+THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
 LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "ground": kernel.FRICTION_TOTAL,
     "eroded_mass": kernel.MERGING_TOTAL,
     "barriers": kernel.BARRIER_TOTAL,
     "speed_limit": kernel.LIMITED_TOTAL,
+}
+CLIPS = {  # what holds a column's state within bounds, and the clock's count of the column-steps that it acted on
+    "area_factor": kernel.STRETCH_TOTAL,
+    "thinnest_column": kernel.THIN_AREA_TOTAL,
+    "thickness_clamp": kernel.CLAMPED_TOTAL,
+    "speed_bound": kernel.SPEED_TOTAL,
+    "held_at_walls": kernel.WALL_TOTAL,
+    "viscosity_capped": kernel.STIFF_TOTAL,
+    "thinner_than_friction": kernel.THIN_TOTAL,
+    "erosion_of_a_step": kernel.GREEDY_TOTAL,
+    "weightless": kernel.AIRBORNE_TOTAL,
 }
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 
@@ -141,7 +154,7 @@ class ColumnSolver(ParticleStore):
             fixed_dt=float(numerics.time_step or 0.0),
             fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
-            thickness_floor=max(1e-3, 1e-3 * reference),
+            thickness_floor=THIN_SHARE * reference if reference > 0.0 else 1e-3,
             wet_thickness=0.01 * reference,
             arrival_thickness=float(numerics.arrival_thickness),
             wild_stop=WILD_STOP,
@@ -154,12 +167,8 @@ class ColumnSolver(ParticleStore):
     def _from_corner(self, frame):
         """x, y [m] from the domain's corner of columns that start; refused where there is no whole cell of terrain."""
         grid = self.grid
-        x, y = frame.map_xy()
-        x, y = x - grid.x0, y - grid.y0
-        dx, (ny, nx) = grid.cell_size, grid.inside.shape
-        off = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
-        if not off.any():
-            off = grid.inside[(y / dx).astype(int), (x / dx).astype(int)] == 0
+        x, y = grid.from_corner(frame)
+        off = ~grid.covers(x, y)
         if off.any():
             at = int(np.argmax(off))
             raise SceneError(
@@ -361,9 +370,7 @@ class ColumnSolver(ParticleStore):
         grid, density = self.grid, self.numerics.density
         bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         origin = self._start.origin
-        position = np.column_stack(
-            [rows[:, kernel.X] + (grid.x0 - origin[0]), rows[:, kernel.Y] + (grid.y0 - origin[1]), bed - origin[2]]
-        )
+        position = np.column_stack([rows[:, [kernel.X, kernel.Y]] + grid.corner_from(origin), bed - origin[2]])
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
         mass = rows[:, kernel.MASS].copy()
@@ -523,11 +530,25 @@ class ColumnSolver(ParticleStore):
             "moving_share": float(clock[kernel.MOVING_SHARE]),
             "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
             "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
+            "particle_steps": int(clock[kernel.COLUMN_STEPS]),
+            "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
             "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
             "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
             "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
             "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
         }
+
+    def energy_look(self):
+        """The EnergyLook now, of kinetic energy and of what weight and pressure did: heights need no guard, see
+        `_energy_balance`."""
+        clock, kinetic = self._clock, self.energy()[0]
+        work, taken = clock[kernel.WORK_TOTAL], sum(clock[entry] for entry in LOSSES.values())
+        put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
+        made = kinetic + self._ledger[:, 3].sum() - work - put_in
+        gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
+        least = least_kinetic(clock[kernel.KINETIC_PEAK], clock[kernel.TOTAL_MASS], gravity, cell_size)
+        work = float(work), float(taken), float(put_in)
+        return EnergyLook(float(made), kinetic, float(least), work, self.time)
 
     def _energy_balance(self):
         """Energy that came in, that is there and that left [J], and what took the rest.
@@ -566,6 +587,12 @@ class ColumnSolver(ParticleStore):
     def _place_of(self, entry):
         """[E, N] [m] of the place that the clock keeps from `entry` on."""
         return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
+
+    def fastest(self):
+        """Map E, N [m] and speed [m s-1] of the fastest column."""
+        flow = self.flow()
+        k = int(np.argmax(flow.speed))
+        return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
 
     def trouble(self):
         """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""

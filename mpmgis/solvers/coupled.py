@@ -225,7 +225,7 @@ class CoupledSolver:
         places = points["left_places"] + columns["left_places"]
         both["left_places"] = sorted(places, key=lambda place: -place["mass"])
         found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
-        kept = ("mass_now", "mass_out", "outflow", "left_places", "barriers")
+        kept = ("mass_now", "mass_out", "outflow", "left_places", "barriers", "clips", "particle_steps")
         energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy")
         peaks = (f"{name}_max{what}" for name in ("thickness", "speed") for what in ("", "_at", "_time"))
         kept = {*kept, *energies, *peaks}

@@ -136,10 +136,9 @@ def _batch_interval(hydrograph, grid, frame):
 def _layers(frame, grid):
     """The columns in layers that take turns, by their places on the lattice; all in one where some would be empty."""
     spacing = np.sqrt(np.median(frame.particles.area))
-    x, y = frame.map_xy()
-    i, j = (np.floor(v / spacing).astype(int) % 4 for v in (x - grid.x0, y - grid.y0))
+    i, j = (np.floor(place / spacing).astype(int) % 4 for place in grid.from_corner(frame))
     layers = tuple(np.flatnonzero(_TURNS[j, i] == turn) for turn in range(_TURNS.max() + 1))
-    return layers if all(map(len, layers)) else (np.arange(len(x)),)
+    return layers if all(map(len, layers)) else (np.arange(len(i)),)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,8 @@ class ColumnGrid:
     ----------
     x0, y0 : float [m]
         Map coordinates of the domain's south-west corner, which is node [1, 1].
+    rest : float [m]
+        What has to be added to `y0` to be exact: the corner is a whole number of cells south of the raster's upper one.
     cell_size : float [m]
     bed : float64[ny + 3, nx + 3] [m]
         Coefficients of the spline bed b = sum b_i N_i; row index grows northwards.
@@ -48,6 +50,7 @@ class ColumnGrid:
     bed: np.ndarray
     gradient: np.ndarray
     inside: np.ndarray
+    rest: float = 0.0
 
     @classmethod
     def on(cls, terrain: Terrain, cell_size: float):
@@ -55,12 +58,15 @@ class ColumnGrid:
 
         The bed is bilinear where cells are finer than pixels and the mean over the node's box where they are coarser.
         """
-        west, south, east, north = terrain.grid.bounds
-        nx, ny = (int((b - a) / cell_size + 1e-9) for a, b in ((west, east), (south, north)))
+        west, _, _, north = terrain.grid.bounds
+        near = terrain.moved(-west, -north)  # the upper left corner is (0, 0) there, and small cells keep their digits
+        _, depth, length, _ = near.grid.bounds
+        off = max(1e-9, terrain.grid.rounding / cell_size)  # [cells]
+        nx, ny = (int(extent / cell_size + off) for extent in (length, -depth))
         if min(nx, ny) < 3:
             raise SceneError(
                 f"[numerics] cell_size = {cell_size:g} m leaves {nx} x {ny} cells on a terrain of "
-                f"{east - west:g} x {north - south:g} m, wanted 3 x 3 at least; take a smaller cell_size"
+                f"{length:g} x {-depth:g} m, wanted 3 x 3 at least; take a smaller cell_size"
             )
         if max(nx, ny) > MAX_NODES_PER_SIDE:
             raise SceneError(
@@ -68,20 +74,33 @@ class ColumnGrid:
                 f"{MAX_NODES_PER_SIDE} along a side; take a larger cell_size or clip the DTM"
             )
         x0, y0 = west, north - ny * cell_size
-        bed = _node_beds(terrain, x0, y0, cell_size, nx, ny)
+        bed = _node_beds(near, 0.0, -ny * cell_size, cell_size, nx, ny)
         known = np.isfinite(bed)
-        core = known[1:-1, 1:-1] & _on_raster(terrain.grid, x0, y0, cell_size, nx, ny)
+        core = known[1:-1, 1:-1] & _on_raster(near.grid, 0.0, -ny * cell_size, cell_size, nx, ny, off)
         inside = core[:-1, :-1] & core[:-1, 1:] & core[1:, :-1] & core[1:, 1:]
         if not known.all():  # ghosts and rims need a bed on which a plane stays one; nobody flows there
             bed = continued(bed, most=RIM)
         gradient = node_gradients(bed, cell_size)
         gradient[0], gradient[-1] = gradient[1], gradient[-2]
         gradient[:, 0], gradient[:, -1] = gradient[:, 1], gradient[:, -2]
-        return cls(x0, y0, float(cell_size), spared(bed), gradient, inside.astype(np.uint8))
+        rest = (north - y0) - ny * cell_size
+        return cls(x0, y0, float(cell_size), spared(bed), gradient, inside.astype(np.uint8), rest)
 
-    def holds(self, x, y):
-        """bool[n]: map points `x`, `y` [m] on cells that the DTM covers; elsewhere is off the terrain."""
-        x, y = x - self.x0, y - self.y0
+    def corner_from(self, origin):
+        """float64[2] [m]: the domain's south-west corner, from the place `origin` (E, N, ...) of the map."""
+        return np.array([self.x0 - origin[0], (self.y0 - origin[1]) + self.rest])
+
+    def from_corner(self, frame):
+        """(x, y) float64[n] each [m] of the particles of `frame`, from the domain's south-west corner."""
+        x, y = frame.xy_from(self.x0, self.y0)
+        return x, y - self.rest
+
+    def holds(self, frame):
+        """bool[n]: particles of `frame` on cells that the DTM covers; elsewhere is off the terrain."""
+        return self.covers(*self.from_corner(frame))
+
+    def covers(self, x, y):
+        """bool[n]: places `x`, `y` [m] from the domain's south-west corner on cells that the DTM covers."""
         ny, nx = self.inside.shape
         there = (x >= 0) & (y >= 0) & (x < nx * self.cell_size) & (y < ny * self.cell_size)
         i, j = ((np.where(there, v, 0.0) / self.cell_size).astype(int) for v in (x, y))
@@ -94,9 +113,9 @@ class ColumnGrid:
 
     def cells_of(self, frame, grown=0):
         """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
-        x, y = frame.map_xy()
+        x, y = self.from_corner(frame)
         ny, nx = self.inside.shape
-        j, i = ((y - self.y0) / self.cell_size).astype(int), ((x - self.x0) / self.cell_size).astype(int)
+        j, i = (y / self.cell_size).astype(int), (x / self.cell_size).astype(int)
         row, column = max(j.min() - grown, 0), max(i.min() - grown, 0)
         marked = np.zeros((min(j.max() + grown + 1, ny) - row, min(i.max() + grown + 1, nx) - column), np.uint8)
         marked[j - row, i - column] = 1
@@ -130,13 +149,11 @@ class ColumnGrid:
 
     def beds_at(self, frame):
         """float64[n] [m]: the spline bed under the columns of `frame`."""
-        x, y = frame.map_xy()
-        return beds_at(self.bed, x - self.x0, y - self.y0, self.cell_size)[0]
+        return beds_at(self.bed, *self.from_corner(frame), self.cell_size)[0]
 
     def gradients_at(self, frame):
         """float64[n, 2]: gradient of the bed under the columns of `frame`."""
-        x, y = frame.map_xy()
-        return np.column_stack(beds_at(self.bed, x - self.x0, y - self.y0, self.cell_size)[1:])
+        return np.column_stack(beds_at(self.bed, *self.from_corner(frame), self.cell_size)[1:])
 
     def downslope(self, frame):
         """float64[n, 3]: unit vectors along the ground down the steepest descent under the columns of `frame`.
@@ -193,8 +210,8 @@ def require_ground(solver, edges, in_reach):
 
 def bed_at_nodes(grid):
     """float64[ny + 3, nx + 3] [m]: elevation of the spline bed at the nodes; the outermost ones continue their line."""
-    x, y = grid.node_axes()
-    inner_x, inner_y = np.meshgrid(x[1:-1] - grid.x0, y[1:-1] - grid.y0)
+    rows, columns = (np.arange(size - 2) * grid.cell_size for size in grid.bed.shape)
+    inner_x, inner_y = np.meshgrid(columns, rows)
     bed = beds_at(grid.bed, inner_x.ravel(), inner_y.ravel(), grid.cell_size)[0].reshape(inner_x.shape)
     return np.pad(bed, 1, mode="reflect", reflect_type="odd")
 
@@ -206,12 +223,12 @@ def spared(array):
     return room[: array.size].reshape(array.shape)
 
 
-def _on_raster(grid, x0, y0, cell_size, nx, ny):
-    """bool[ny + 1, nx + 1]: nodes on the raster itself, its rim included, not on its extension."""
+def _on_raster(grid, x0, y0, cell_size, nx, ny, off):
+    """bool[ny + 1, nx + 1]: nodes on the raster itself, not on its extension; up to `off` [cells] beyond is its rim."""
     x, y = x0 + np.arange(nx + 1) * cell_size, y0 + np.arange(ny + 1) * cell_size
     row, column = grid.rowcol(x[None, :], y[:, None])
     rows, columns = grid.shape
-    rim = 0.5 + 1e-6
+    rim = 0.5 + max(1e-6, off * cell_size / min(grid.sides))
     return (row >= -rim) & (row <= rows - 1 + rim) & (column >= -rim) & (column <= columns - 1 + rim)
 
 

@@ -24,6 +24,7 @@ class Guard:
     def __init__(self, solver, side, events, stage_end):
         self._solver, self._side, self._events, self._stage_end = solver, side, events, stage_end
         self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
+        self._look = None  # energies at the last good state
         self.told = []
 
     def keep(self, frame):
@@ -35,11 +36,15 @@ class Guard:
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
+        self._look = self._side.look()
         self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
 
     def trouble(self, code, at_frame):
         """What is wrong now, in words with E and N; '' where nothing. Energy is looked at where frames are."""
-        return self._side.trouble(code) or (self._side.energy_trouble() if at_frame else "")
+        trouble = self._side.trouble(code)
+        if trouble or not at_frame or self._look is None or not self._side.particles:
+            return trouble
+        return self._side.energy_trouble(self._look)
 
     def go_back(self, trouble):
         """Back to the last good state, with half the step.

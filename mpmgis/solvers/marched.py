@@ -3,9 +3,9 @@
 from ..kernels import columns as column_kernel
 from ..kernels import points as point_kernel
 from .coupled import OF_COLUMNS, CoupledSolver
+from .energy_look import GAIN_STOP
 from .points import PointSolver
 
-ENERGY_GAIN = 0.1  # of all energy that there was, above which points are said to have gained it
 REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow rests when its kinetic energy is below this share of its peak so long
 STOPPED_AT_REST = 100  # beside the kernel's own reasons
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
@@ -75,9 +75,13 @@ class MarchedColumns:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def energy_trouble(self):
-        """Columns are held to the speed that energy allows in every step: '' always."""
-        return ""
+    def look(self):
+        """Energies now, to hold later ones against."""
+        return self.solver.energy_look()
+
+    def energy_trouble(self, last):
+        """Energy made out of nothing since the look `last`, in words with E and N; '' where none was."""
+        return _energy_trouble(self.solver, last, "columns")
 
 
 class MarchedPoints:
@@ -129,16 +133,26 @@ class MarchedPoints:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def energy_trouble(self):
-        """Whether energy has been made out of nothing, in words with E and N; '' where not."""
-        gained = self.solver.energy_gained()
-        if gained <= ENERGY_GAIN or not self.particles:
-            return ""
-        east, north, speed = self.solver.fastest()
-        return (
-            f"E {east:.1f} N {north:.1f}: the points gained {100 * gained:.2g} % of the energy that there was, the "
-            f"fastest has {speed:.3g} m/s; take a smaller cfl"
-        )
+    def look(self):
+        """As that of columns."""
+        return self.solver.energy_look()
+
+    def energy_trouble(self, last):
+        """As that of columns."""
+        return _energy_trouble(self.solver, last, "points")
+
+
+def _energy_trouble(solver, last, name):
+    """Energy that `solver`, of particles called `name`, made out of nothing since the EnergyLook `last`, or ''."""
+    share, made = solver.energy_look().gained_since(last)
+    if share <= GAIN_STOP:
+        return ""
+    east, north, speed = solver.fastest()
+    return (
+        f"E {east:.1f} N {north:.1f}: the {name} gained {made:.3g} J out of nothing since t = {last.time:.3f} s, "
+        f"{100 * share:.2g} % of their kinetic energy then and the work since (at most {100 * GAIN_STOP:g} %); the "
+        f"fastest has {speed:.3g} m/s; take a smaller cfl"
+    )
 
 
 def _rested(solver, code):
@@ -180,6 +194,10 @@ class MarchedCoupled:
         """What went wrong, in words with E and N; '' where nothing."""
         return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
 
-    def energy_trouble(self):
-        """As that of the points; columns are held to the speed that energy allows in every step."""
-        return self._points.energy_trouble()
+    def look(self):
+        """As that of columns, of both."""
+        return self._points.look(), self._columns.look()
+
+    def energy_trouble(self, last):
+        """As that of columns, of either."""
+        return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])

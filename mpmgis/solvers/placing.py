@@ -143,9 +143,7 @@ def _unlike(name, walls):
 
 def _require_standing(walls, nodes, grid, frame, say):
     """Refuse walls off the terrain, under the ground or on the release; report thin walls and narrow openings."""
-    x, y = frame.map_xy()
-    i = np.rint((x - grid.x0) / grid.cell_size).astype(int) + 1
-    j = np.rint((y - grid.y0) / grid.cell_size).astype(int) + 1
+    i, j = (np.rint(place / grid.cell_size).astype(int) + 1 for place in grid.from_corner(frame))
     closed = np.where(nodes.share > 0.0, 0, nodes.number)
     under = closed[np.clip(j, 0, grid.bed.shape[0] - 1), np.clip(i, 0, grid.bed.shape[1] - 1)]
     for number, wall in enumerate(walls, 1):
@@ -236,8 +234,7 @@ def lake_levels(table, files, grid, frame):
     SceneError
         No water body is filled to its level, or one body has two levels.
     """
-    x, y = frame.map_xy()
-    water = water_depth(x - grid.x0, y - grid.y0, frame.particles.volume, grid.inside.shape, grid.cell_size)
+    water = water_depth(*grid.from_corner(frame), frame.particles.volume, grid.inside.shape, grid.cell_size)
     levels = np.full(grid.inside.shape, NO_LAKE)
     for level, touched in _still_levels(table, files, grid):
         cells, others = lake_cells(grid.bed[1:-1, 1:-1], level, water, touched)
@@ -285,10 +282,10 @@ def levelled(frame, levels, grid, say):
         As of `lake_levels`.
     """
     p, density = frame.particles, frame.header["density"]
-    x, y = frame.map_xy()
+    x, y = grid.from_corner(frame)
     ny, nx = levels.shape
-    j = np.clip(((y - grid.y0) / grid.cell_size).astype(int), 0, ny - 1)
-    i = np.clip(((x - grid.x0) / grid.cell_size).astype(int), 0, nx - 1)
+    j = np.clip((y / grid.cell_size).astype(int), 0, ny - 1)
+    i = np.clip((x / grid.cell_size).astype(int), 0, nx - 1)
     level = levels[j, i]
     thickness = np.where(level != NO_LAKE, level - grid.beds_at(frame), p.thickness)
     kept = thickness > DRY

@@ -14,6 +14,7 @@ from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
+from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
@@ -34,11 +35,16 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "barriers": kernel.BARRIER_LOSS,
     "yielding": kernel.PLASTIC_LOSS,
 }
+CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
+    "lifted_onto_ground": kernel.LIFTED_TOTAL,
+    "stretch_held": kernel.STRETCH_TOTAL,
+    "held_at_walls": kernel.WALL_TOTAL,
+}
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
-LIFTED_CELLS = 10.0  # by which a point is laid back onto the ground, at most
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
+LEVEL_ROUNDING = 1e-12  # of an elevation in cells, by which it may miss a level of nodes
 _TIME = 1e-9  # share of a time by which it may be missed for rounding
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
@@ -77,6 +83,14 @@ def courant_number(material, numerics):
     stiffest = max(3.0 * material.bulk_modulus, 2.0 * getattr(material, "shear_modulus", 0.0))
     lone = material.wave_speed(numerics.density) / np.sqrt(stiffest / numerics.density)
     return float(min(numerics.cfl, LONE_SHARE * lone))
+
+
+def _level_under(bed, dx):
+    """Elevation [m] of the highest level of nodes, multiples of `dx` [m], not above `bed`, or `bed` where it is one."""
+    levels = bed / dx
+    if abs(levels - np.rint(levels)) <= LEVEL_ROUNDING * max(1.0, abs(levels)):
+        return bed
+    return float(np.floor(levels) * dx)
 
 
 class PointSolver(ParticleStore):
@@ -132,7 +146,7 @@ class PointSolver(ParticleStore):
         """Elevation above the domain's lowest level and slopes at all nodes that points can come near to."""
         grid, dx = self.grid, self.numerics.cell_size
         bed = bed_at_nodes(grid)
-        self.floor = float(np.floor(bed.min() / dx) * dx)
+        self.floor = _level_under(float(bed.min()), dx)
         height = bed - self.floor
         deep = ndimage.maximum_filter(height, 3) - dx  # nobody above it is a cell under the ground
         self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
@@ -141,7 +155,6 @@ class PointSolver(ParticleStore):
         self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
         ny, nx = grid.inside.shape
         self._lengths = nx * dx, ny * dx
-        self._origin = np.array([grid.x0, grid.y0, self.floor])
 
     def _barrier_nodes(self):
         """What node columns know of barriers, in the kernel's order; the arm is from the foot of each one's middle."""
@@ -163,6 +176,10 @@ class PointSolver(ParticleStore):
         ])  # fmt: skip
         return self._padded(np.where(standing, entries, 0.0))
 
+    def _corner_from(self, origin):
+        """float64[3] [m]: the corner that places count from, from the place `origin` (E, N, H) of the map."""
+        return np.append(self.grid.corner_from(origin), self.floor - origin[2])
+
     @staticmethod
     def _padded(values):
         """`values` [ny + 3, nx + 3, k], from one node outside the domain's corner, continued to the kernel's ghosts."""
@@ -172,8 +189,8 @@ class PointSolver(ParticleStore):
     def _load(self, frame, stress):
         """The state of a run that starts with the points of `frame`."""
         particles, material, numerics = frame.particles, self.effects.material, self.numerics
-        place = particles.position + (np.asarray(frame.origin) - self._origin)
-        off = ~self.grid.holds(*frame.map_xy())
+        place = particles.position - self._corner_from(frame.origin)
+        off = ~self.grid.covers(*place[:, :2].T)
         if off.any():
             x, y = (values[int(np.argmax(off))] for values in frame.map_xy())
             raise SceneError(
@@ -396,7 +413,7 @@ class PointSolver(ParticleStore):
         start = self._start
         mass = rows[:, kernel.MASS].astype(float)
         velocity = rows[:, kernel.PX : kernel.PZ + 1] / mass[:, None]
-        position = self._places(rows, keys) + (self._origin - np.asarray(start.origin))
+        position = self._places(rows, keys) + self._corner_from(start.origin)
         volume = self._volumes(rows, mass)
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
@@ -520,7 +537,7 @@ class PointSolver(ParticleStore):
         """The Flow now; as deep as what each cell holds would stand in it."""
         frame, grid = self.frame(), self.grid
         (x, y), particles, dx = frame.map_xy(), frame.particles, grid.cell_size
-        row, column = (((place - corner) / dx).astype(np.int64) for place, corner in ((y, grid.y0), (x, grid.x0)))
+        column, row = ((place / dx).astype(np.int64) for place in grid.from_corner(frame))
         cell = row * (grid.inside.shape[1] + 1) + column
         depth = np.bincount(cell, particles.mass)[cell] / (self.numerics.density * dx * dx)
         speed = np.sqrt((particles.velocity**2).sum(axis=1))
@@ -584,6 +601,8 @@ class PointSolver(ParticleStore):
             "thickness_max_at": self._place_of(kernel.DEEPEST_X),
             "thickness_max_time": float(clock[kernel.DEEPEST_TIME]),
             "mach_max": self.mach,
+            "particle_steps": int(clock[kernel.POINT_STEPS]),
+            "clips": {name: int(clock[entry]) for name, entry in CLIPS.items()},
             "point_steps_without_tension": int(clock[kernel.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[kernel.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[kernel.LIFTED_MASS]),
@@ -602,15 +621,21 @@ class PointSolver(ParticleStore):
         bound = np.sqrt(2.0 * self.numerics.gravity * fall + clock[kernel.START_SPEED] ** 2)
         return float(clock[kernel.SPEED_WORST] / bound) if bound > 0.0 else 0.0
 
-    def energy_gained(self):
-        """Kinetic and potential energy now and of what has left, over all that there was at the start, less 1 [1].
+    def energy_look(self):
+        """The EnergyLook now; what lifting onto the ground gave was put in.
 
-        What was laid back onto the ground had its height given. Below 0 wherever all is well.
+        What was booked as lost counts as work alone: nodes lose to the ground also what points hold as their velocity
+        gradient, which is not in their kinetic energy.
         """
-        clock, start = self._clock, self._energy_whole
-        lifted = clock[kernel.LIFTED_MASS] * self.numerics.gravity * LIFTED_CELLS * self.numerics.cell_size
-        now = sum(self._energy_of_motion()) + self._ledger[:, 4:6].sum() - lifted
-        return float(now / start - 1.0) if start > 0.0 else 0.0
+        kinetic, potential, stored = self.energy()
+        out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[entry] for entry in LOSSES.values())
+        lifted = self._clock[kernel.LIFTED_ENERGY]
+        kinetic_in, potential_in, stored_in = self.energy_start
+        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted
+        fall = potential_in + lifted - potential - out[1]
+        least = least_kinetic(self.kinetic_peak, self.mass_start, self.numerics.gravity, self.numerics.cell_size)
+        work = float(fall), stored - stored_in, float(taken), kinetic_in
+        return EnergyLook(float(made), kinetic, least, work, self.time)
 
     def _turning_energy(self, mass):
         """Kinetic energy [J] of the start's velocity gradient within the points, m (dx / 2)^2 |C|^2 / 2."""

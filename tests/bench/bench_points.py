@@ -61,7 +61,7 @@ def plain_nanoseconds():
     step = numba.njit(**options)(plain_step)
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
-    place = p.position - solver._origin
+    place = p.position - solver._corner_from((0.0, 0.0, 0.0))
     n = len(place)
     nodes = np.zeros((int(place[:, 2].max()) + 14, *solver._ground.shape[:2], 4))
     state = place, p.velocity, np.zeros((n, 3, 3)), p.mass, np.zeros((n, 8)), np.zeros((n, 6))

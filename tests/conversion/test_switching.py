@@ -17,13 +17,13 @@ OPTIONS = PointOptions(spacing=0.5, cell=1.0, relevel=True)
 SHEAR = np.array([[0.2, -0.1], [0.05, 0.1]])  # [s-1]
 
 
-def everywhere(x, y):
-    return np.ones(len(x), bool)
+def everywhere(frame):
+    return np.ones(len(frame.particles), bool)
 
 
 def east_of(distance):
     """Holds what lies more than `distance` [m] east of ORIGIN."""
-    return lambda x, y: x - ORIGIN[0] > distance
+    return lambda frame: frame.map_xy()[0] - ORIGIN[0] > distance
 
 
 def box(west, east, south=0.0, north=80.0):

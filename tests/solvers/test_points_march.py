@@ -95,7 +95,7 @@ def test_a_run_that_becomes_unphysical_says_where_and_stops():
 
 def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     solver = heap()
-    low = solver.frame().particles.position[:40] - solver._origin - (0.0, 0.0, 3.0)
+    low = solver.frame().particles.position[:40] - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 3.0)
     kernel.set_places(solver._rows[0, :40], solver._keys[0, :40], low, 1.0, solver._lowest)
     with pytest.raises(UnphysicalError, match="under the ground") as error:
         list(March(solver, 5.0, 1.0))
@@ -110,7 +110,7 @@ def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     valley = terrain_of(lambda x, y: 0.5 * np.abs(x - 30.0), 60.0, 60.0, 1.0)
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
     solver = PointSolver(frame, valley, PointEffects(SAND, contact=CoulombContact(0.0)), PointNumerics(1.0))
-    low = solver.frame().particles.position - solver._origin - (0.0, 0.0, 6.0)
+    low = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 6.0)
     kernel.set_places(solver._rows[0, : len(low)], solver._keys[0, : len(low)], low, 1.0, solver._lowest)
     assert solver.advance(0.05) == kernel.LEAKED
     balances = solver.balances()

@@ -99,8 +99,8 @@ def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
 
 def test_the_command_tells_what_was_got_over_and_so_does_the_record(tmp_path, monkeypatch, capsys):
     """One made-up trouble at the second frame: exit code 0, a line, and the same line in run.json."""
-    site, troubles = write_site(tmp_path), ["", "E 400100.0 N 5100200.0: made up"]
-    monkeypatch.setattr(MarchedColumns, "energy_trouble", lambda side: troubles.pop(0) if troubles else "")
+    site, troubles = write_site(tmp_path), ["E 400100.0 N 5100200.0: made up"]
+    monkeypatch.setattr(MarchedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
     assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
     words = "E 400100.0 N 5100200.0: made up: got over from t = 5.000 s on with steps of 1/2"
     assert words in capsys.readouterr().err

@@ -1,0 +1,61 @@
+"""Energy that is made out of nothing between two frames stops a run, of both solvers, with one line."""
+
+import numpy as np
+import pytest
+from test_guard import block, pool
+
+from mpmgis.errors import UnphysicalError
+from mpmgis.kernels import column_rows, point_rows
+from mpmgis.solvers.energy_look import GAIN_STOP, EnergyLook, least_kinetic
+from mpmgis.solvers.march import March
+
+MOTION = {"points": [point_rows.PX, point_rows.PY, point_rows.PZ], "columns": [column_rows.U, column_rows.V]}
+
+
+def scene(name):
+    """A block that slides and falls, in steps that are stable, and water that has been let go."""
+    return block(0.5) if name == "points" else pool_at(0.2)
+
+
+def pool_at(step):
+    solver = pool()
+    solver._settings = solver._settings._replace(fixed_dt=step)
+    solver._whole_step["fixed_dt"] = step
+    return solver
+
+
+def plant(solver, name, gain, after):
+    """Let each slice of steps of `solver` from `after` [s] on give its particles `gain` [1] more kinetic energy."""
+    advance = solver.advance
+
+    def planting(*given, **named):
+        code = advance(*given, **named)
+        if solver.time > after:
+            now, rows = solver._counts[solver.kernel.CURRENT], int(solver._counts[solver.kernel.ROWS])
+            solver._rows[now, :rows, MOTION[name]] *= np.sqrt(1.0 + gain)
+        return code
+
+    solver.advance = planting
+
+
+@pytest.mark.parametrize("name", ["points", "columns"])
+def test_a_fifth_more_kinetic_energy_stops_the_run(name):
+    end, interval, after = (0.4, 0.02, 0.03) if name == "points" else (12.0, 0.5, 3.0)
+    whole = March(scene(name), end, interval)
+    assert len(list(whole)) > 10 and whole.troubles == []
+    solver = scene(name)
+    plant(solver, name, 0.2, after)
+    with pytest.raises(UnphysicalError) as stopped:
+        list(March(solver, end, interval))
+    line = str(stopped.value)
+    assert "\n" not in line and f"the {name} gained" in line and "out of nothing since t = " in line
+    assert "steps of down to 1/32" in line
+
+
+def test_the_gain_is_held_against_kinetic_energy_and_work_since_the_last_look():
+    last = EnergyLook(-5.0, 100.0, 1.0, (20.0, 3.0), 1.0)
+    share, made = EnergyLook(9.0, 110.0, 1.0, (30.0, -7.0), 2.0).gained_since(last)
+    assert made == 14.0 and share == pytest.approx(14.0 / (100.0 + 10.0 + 10.0)) and share > GAIN_STOP
+    at_rest = last._replace(kinetic=0.0, work=(30.0, -7.0))
+    assert EnergyLook(-4.0, 0.0, 1.0, (30.0, -7.0), 2.0).gained_since(at_rest)[0] == 1.0
+    assert least_kinetic(2000.0, 1.0, 10.0, 0.1) == 20.0 and least_kinetic(0.0, 1.0, 10.0, 0.1) == pytest.approx(0.01)
