@@ -30,7 +30,15 @@ from ..products.solver_maxima import BANDS as SOLVER_BANDS
 from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, reached, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
-from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
+from .export_inputs import (
+    output_folder,
+    refuse_nowhere,
+    release_density,
+    release_outlines,
+    run_terrain,
+    solver_peaks,
+    tell_of_columns,
+)
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write_rasters
 from .frame_pool import frame_pool
 
@@ -155,8 +163,7 @@ def _as_the_paper(request):
 def make_plan(request, entries, terrain, products, pool, say):
     """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
     density = release_density(request, entries, say)
-    if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
-        say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
+    tell_of_columns(request, entries, say)
     standoff = 0.0 if request.standoff == AUTO else request.standoff
     bed = Bed.of(terrain, request.bed, standoff, clamped=request.paper)
     axes = export_axes(terrain.grid, request.north_up)
