@@ -392,15 +392,16 @@ def _word_on_crossing(plan, crossing):
     got = f"the frames are up to {crossing.interval:.4g} s apart"
     if plan.time_step is not None and plan.time_step < crossing.interval * (1 - 1e-6):
         got += f", so --dt-e {plan.time_step:.4g} takes each of them once"
-    wanted = automatic_time_step(cell, crossing.speed)
-    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
+    wanted = automatic_time_step(cell, crossing.fastest)
+    fastest = f"mean speed up to {crossing.fastest:.3g} m/s"
+    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, {fastest})"
 
 
 def _warn_of_crossing(plan, crossing, say):
     """Warn where maxima of the frames alone miss cells because the frames are farther apart than Eq 17 asks for."""
     word = _word_on_crossing(plan, crossing)
     if word and not _all_of_every_step(plan):
-        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.speed)
+        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.fastest)
         say(
             f"warning: {word}. The flow crosses {crossing.cells:.3g} cells between frames and maxima miss cells: write "
             f"frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
