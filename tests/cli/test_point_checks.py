@@ -7,7 +7,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from slope_site import record, slide, write_shapes, write_site
+from slope_site import record, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import write_frame
@@ -45,8 +45,7 @@ DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = {}\nname = "dam"\n'
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The slope with a block above a dam."""
-    folder = write_site(tmp_path_factory.mktemp("checks"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("checks"))
     write_shapes(folder / "dam.geojson", [shapely.box(200, 120, 220, 280)])
     return folder
 
