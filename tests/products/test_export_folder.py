@@ -269,7 +269,7 @@ def test_frames_close_enough_for_eq_17_are_not(tmp_path, options):
 
 
 def test_eq_17_has_the_largest_speed_of_all_frames_where_they_are_uneven(tmp_path):
-    """Fast in the first second, slow in the next twenty: Eq 17 wants 5 m over 10 m/s, not over the slow pair's 2 m/s."""
+    """Fast in the first second, slow in the next twenty: Eq 17 wants 5 m over 10 m/s, not over 2 m/s."""
     first, second = sheet_frames(10.0, [0.0, 1.0])
     far = write_frames(tmp_path / "far", terrain(), [first, second, *sheet_frames(2.0, [2.0, 22.0])])
     _, said = export(far, output=tmp_path / "far_gis")
