@@ -5,7 +5,7 @@ from pathlib import Path
 
 from . import foreign_options, talk
 from .progress import frame_progress
-from .values import count, number, positive
+from .values import count, number, percentile, positive
 
 EXAMPLE = """
 mpmgis export-raster results/*.h5
@@ -74,14 +74,19 @@ def _add_sampling_options(group):
     )
 
 
-def _add_averaging_options(group):
+def add_percentile(group):
+    """Declare --percentile, which whatever averages cells of frames has."""
     group.add_argument(
         "--percentile",
-        type=_percentile,
+        type=percentile,
         metavar="P",
         default=100.0,
         help="of a cell's distances from the bed, by mass, taken as depth (default 100: the highest)",
     )
+
+
+def _add_averaging_options(group):
+    add_percentile(group)
     group.add_argument(
         "--bed",
         choices=("bilinear", "plane"),
@@ -184,13 +189,6 @@ def _not_negative(text):
     value = number(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f"got {text}, wanted 0 or more")
-    return value
-
-
-def _percentile(text):
-    value = number(text)
-    if not 0 < value <= 100:
-        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0 and up to 100")
     return value
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from . import foreign_options
-from .export_raster import add_terrain_options
+from .export_raster import add_percentile, add_terrain_options
 from .values import number, positive
 
 
@@ -31,6 +31,7 @@ def add_arguments(parser, exports=True, cells=True, rasters=False):
             default=0.05,
             help="velocities of flow shallower than this [m] are left out (default 0.05)",
         )
+    add_percentile(group)
     group.add_argument("--standoff", type=number, metavar="M", default=0.0, help="as of export-raster (default 0)")
     group.add_argument(
         "--density", type=positive, metavar="R", help="of the release [kg m-3], where the frames do not say it"

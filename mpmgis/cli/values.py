@@ -28,6 +28,14 @@ def numbers(text):
     return tuple(number(part) for part in text.split(","))
 
 
+def percentile(text):
+    """A number above 0 and up to 100."""
+    value = number(text)
+    if not 0 < value <= 100:
+        raise argparse.ArgumentTypeError(f"got {text}, wanted a number above 0 and up to 100")
+    return value
+
+
 def place(text):
     """Two numbers E,N [m] on the map, as a tuple."""
     found = numbers(text)

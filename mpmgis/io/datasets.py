@@ -35,7 +35,6 @@ def gridded(grid, variables, times=None, **attributes):
     Parameters
     ----------
     grid : Grid
-        North-up.
     variables : dict of str to (Quantity, array)
         Each [time, rows, columns] or [rows, columns].
     times : sequence of float [s], optional
@@ -45,12 +44,11 @@ def gridded(grid, variables, times=None, **attributes):
     Returns
     -------
     xarray.Dataset
-        With x, y [m] at the cells' centres, time [s], and the CRS, where the grid has one, as `spatial_ref`.
+        With x, y [m] at the cells' centres, time [s], and the CRS, where the grid has one, as `spatial_ref`, with the
+        affine as its GeoTransform. Of a rotated grid the centres are xc, yc [y, x], as rioxarray has them: its rows
+        and columns have no x and y of their own.
     """
-    if grid.is_rotated:
-        raise InputError("the rasters are rotated, and x and y have no axes of their own; export with --north-up")
-    rows, columns = grid.shape
-    coordinates = {"y": grid.xy(np.arange(rows), 0)[1], "x": grid.xy(0, np.arange(columns))[0]}
+    coordinates = _centres(grid)
     if times is not None:
         coordinates["time"] = ("time", np.asarray(times, float), _TIME)
     dataset = xarray.Dataset(
@@ -60,7 +58,20 @@ def gridded(grid, variables, times=None, **attributes):
     )
     if grid.crs is not None:
         dataset = dataset.rio.write_crs(grid.crs.to_wkt())
-    return dataset.rio.write_transform(grid.transform).rio.write_coordinate_system()
+    dataset = dataset.rio.write_transform(grid.transform)
+    return dataset if grid.is_rotated else dataset.rio.write_coordinate_system()
+
+
+def _centres(grid):
+    """Coordinates of the cells' centres [m] by name."""
+    rows, columns = grid.shape
+    if not grid.is_rotated:
+        return {"y": grid.xy(np.arange(rows), 0)[1], "x": grid.xy(0, np.arange(columns))[0]}
+    x, y = grid.xy(*np.indices(grid.shape))
+    return {
+        f"{axis}c": (("y", "x"), values, {"units": "m", "standard_name": f"projection_{axis}_coordinate"})
+        for axis, values in (("x", x), ("y", y))
+    }
 
 
 def _variable(quantity, values):

@@ -49,6 +49,12 @@ _ROWS_AT_ONCE = 512
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
 
 
+class WithoutCRS(GeoreferenceError):
+    """A DTM that carries no CRS; `bounds` are its (west, south, east, north)."""
+
+    bounds = None
+
+
 def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
     """The DTM at `path`, or a refusal with its cure.
 
@@ -338,10 +344,12 @@ def _terrain_crs(source, path, asked, say):
         say(f"{path}: its CRS is a local frame; taken as metres without a place")
     if own is None:
         if asked is None:
-            raise GeoreferenceError(
+            error = WithoutCRS(
                 f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place (in "
                 f"a scene: crs in [terrain])"
             )
+            error.bounds = tuple(source.bounds)
+            raise error
         return horizontal(given)
     if asked is not None and (given is None or not same_place(own, given)):
         tag = "--unset-crs" if given is None else f"--crs {asked}"

@@ -14,7 +14,7 @@ import rasterio.features
 import shapely
 from affine import Affine
 
-from ..errors import FormatError, GeoreferenceError, InputError, one_line
+from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError, one_line
 from ..geo.georeference import horizontal, name_of, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.release import (
@@ -29,7 +29,7 @@ from ..geo.release import (
 )
 from ..geo.terrain import bilinear
 from ..seeding.bed import bed_under
-from .raster import file_sha256, open_raster, read_raster
+from .raster import WithoutCRS, file_sha256, open_raster, read_raster
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
@@ -376,6 +376,42 @@ def require_lies_on(bounds, crs, terrain, path, say):
             f"{path} is in {name_of(crs)}, the DTM in a local frame; its coordinates lie on the terrain and are used "
             "as they are"
         )
+
+
+def with_crs_beside(path, open_terrain):
+    """`open_terrain()`. Where its DTM carries no CRS, the refusal names that of the file `path` that lies on it.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    try:
+        return open_terrain()
+    except WithoutCRS as error:
+        raise GeoreferenceError(f"{error}{_crs_that_may_do(path, error.bounds)}") from error
+
+
+def _crs_that_may_do(path, bounds):
+    """Words about the CRS of the file `path`; empty without an EPSG code in metres, or where it lies off `bounds`."""
+    crs, lies = (None, None) if path is None else _crs_and_bounds(path)
+    number = crs.to_epsg() if crs is not None else None
+    if number is None or not all(axis.unit_name == "metre" for axis in crs.axis_info):
+        return ""
+    if lies[0] > bounds[2] or lies[2] < bounds[0] or lies[1] > bounds[3] or lies[3] < bounds[1]:
+        return ""
+    return f"; {path} lies on it in {name_of(crs)}: if the DTM is in that, too, --crs EPSG:{number}"
+
+
+def _crs_and_bounds(path):
+    """(pyproj.CRS or None, bounds) of a vector file or a raster; (None, None) of what cannot be read."""
+    try:
+        if is_raster(path):
+            grid = read_raster(path)[1]
+            return grid.crs, grid.bounds
+        table = read_table(path)
+    except MpmgisError:  # its own refusal comes once the DTM has a CRS
+        return None, None
+    return (table.crs, table.total_bounds) if isinstance(table, geopandas.GeoDataFrame) else (None, None)
 
 
 # ---------------------------------------------------------------------------------------------------- raster sources

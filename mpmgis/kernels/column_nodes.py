@@ -91,7 +91,8 @@ def update_nodes(
     at rest takes the rest, m gain U_before U_after / 2.
 
     Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
-    they gain what the bed loses.
+    they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
+    momentum the columns share out over both.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     per_area = 1.0 / (density * dx * dx)
@@ -158,7 +159,6 @@ def update_nodes(
                             erodible[j, i] -= eroded
                             bed[j, i] -= eroded * entrainment.bed_lowering()
                             report[c, LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
-                            u, v = u / (1.0 + gain), v / (1.0 + gain)
                         after = slowed / (1.0 + gain)
                         report[c, FRICTION_LOSS] += 0.5 * own * (speed - slowed) * (before + after)
                         report[c, MERGING_LOSS] += 0.5 * own * gain * before * after
@@ -193,8 +193,9 @@ def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx):
 
 @jit_parallel
 def accumulate_peaks(
-    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric
-):
+    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric,
+    entrainment,
+):  # fmt: skip
     """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
 
     Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.
@@ -209,6 +210,8 @@ def accumulate_peaks(
                 peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
                 if thickness >= arrival_thickness:
                     u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+                    if entrainment.entrainment_active():
+                        u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
                     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
                     w = u * mx + v * my
                     speed2 = u * u + v * v + w * w

@@ -343,8 +343,9 @@ def _read_nodes(scratch, quads, place, count, nodes):
 def _move(scratch, moved, quads, count, dx, dt, entrainment):
     """New velocity, affine velocity, position and area of each column, into the lines of `moved`.
 
-    A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness. Answers how many
-    of these factors, and how many areas, were held.
+    A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness. A column takes up
+    m_p sum N_i gain_i at rest and keeps its momentum m_p sum N_i v_i, so that all of them together keep the nodes'.
+    Answers how many of the factors of area, and how many areas, were held.
     """
     factors, thin = 0, 0
     inverse_dx = 1.0 / dx
@@ -352,12 +353,18 @@ def _move(scratch, moved, quads, count, dx, dt, entrainment):
     for k in range(count):
         mass, grid_mass = get(scratch, L_MASS, k), get_of_four(quads, Q_MEAN, k, NODE_MASS)
         u, v = get_of_four(quads, Q_MEAN, k, NODE_X), get_of_four(quads, Q_MEAN, k, NODE_Y)
-        if entrainment.entrainment_active():
-            gained = mass * get_of_four(quads, Q_MEAN, k, NODE_GAIN)
-            mass += gained
-            put(moved, L_GAINED, k, gained)
         ux, vx = get_of_four(quads, Q_ALONG_X, k, NODE_X), get_of_four(quads, Q_ALONG_X, k, NODE_Y)
         uy, vy = get_of_four(quads, Q_ALONG_Y, k, NODE_X), get_of_four(quads, Q_ALONG_Y, k, NODE_Y)
+        kept = 1.0  # share of the mass, and with it of the velocity, that is not new
+        if entrainment.entrainment_active():
+            gain = get_of_four(quads, Q_MEAN, k, NODE_GAIN)
+            gain_x, gain_y = get_of_four(quads, Q_ALONG_X, k, NODE_GAIN), get_of_four(quads, Q_ALONG_Y, k, NODE_GAIN)
+            kept = 1.0 / (1.0 + gain)
+            put(moved, L_GAINED, k, mass * gain)
+            mass += mass * gain
+            u, v = kept * u, kept * v
+            ux, vx = kept * (ux - u * gain_x), kept * (vx - v * gain_x)
+            uy, vy = kept * (uy - u * gain_y), kept * (vy - v * gain_y)
         stretch = (1.0 + dt * ux * inverse_dx) * (1.0 + dt * vy * inverse_dx) - dt * dt * uy * vx * (
             inverse_dx * inverse_dx
         )
@@ -371,10 +378,10 @@ def _move(scratch, moved, quads, count, dx, dt, entrainment):
         put(moved, L_V, k, v)
         put(moved, L_X, k, get(scratch, L_X, k) + dt * u)
         put(moved, L_Y, k, get(scratch, L_Y, k) + dt * v)
-        put(moved, L_CXX, k, four * get_of_four(quads, Q_MOMENT_X, k, NODE_X))
-        put(moved, L_CYX, k, four * get_of_four(quads, Q_MOMENT_X, k, NODE_Y))
-        put(moved, L_CXY, k, four * get_of_four(quads, Q_MOMENT_Y, k, NODE_X))
-        put(moved, L_CYY, k, four * get_of_four(quads, Q_MOMENT_Y, k, NODE_Y))
+        put(moved, L_CXX, k, four * kept * get_of_four(quads, Q_MOMENT_X, k, NODE_X))
+        put(moved, L_CYX, k, four * kept * get_of_four(quads, Q_MOMENT_X, k, NODE_Y))
+        put(moved, L_CXY, k, four * kept * get_of_four(quads, Q_MOMENT_Y, k, NODE_X))
+        put(moved, L_CYY, k, four * kept * get_of_four(quads, Q_MOMENT_Y, k, NODE_Y))
     return factors, thin
 
 
@@ -507,12 +514,14 @@ def _read_bed(moved, quads, place, count, bed):
 
 
 @jit
-def _turn(scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy, pressure_factor,
-          metric, curvature, entrainment):  # fmt: skip
+def _turn(scratch, moved, quads, count, dx, behind, driven, ahead, density, gravity, bound_bed, bound_energy,
+          pressure_factor, metric, curvature, entrainment):  # fmt: skip
     """The bed at the new place, velocities turned with it, and what the survey of the step needs.
 
-    The work of the weight is that of the mean of the velocities before and after the step's forces, which act for
-    `kick` [s]; the work of the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
+    The work of the weight is booked at the slope at the column's old place: for the last `behind` [s] before it, with
+    the velocities before the step's forces, and for the `driven` [s] after it, with those after them. Over the steps
+    this is the trapezoidal rule for the column's way on the bed, whatever the steps. The work of the pressure is the
+    fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
     Changes of c are no work of a force: the model takes the flow as a thin layer. The forces of the next step act from
     `ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
     """
@@ -532,12 +541,13 @@ def _turn(scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound
         u, v = get(moved, L_U, k), get(moved, L_V, k)
         old_x, old_y = get(scratch, L_GX, k), get(scratch, L_GY, k)
         mass, area = get(scratch, L_MASS, k), get(moved, L_AREA, k)
-        climbed = (get(scratch, L_U, k) + u) * old_x + (get(scratch, L_V, k) + v) * old_y
+        climbed = behind * (get(scratch, L_U, k) * old_x + get(scratch, L_V, k) * old_y)
+        climbed += driven * (u * old_x + v * old_y)
         mx, my = metric.metric_gradient(old_x, old_y)
         per_area = 0.5 * gravity / density
         spread = mass * mass * (1.0 / get(scratch, L_AREA, k) - 1.0 / area)
         c2_before = _cosine_squared(mx, my)
-        put(moved, L_WORK, k, per_area * c2_before * spread - 0.5 * mass * gravity * kick * climbed)
+        put(moved, L_WORK, k, per_area * c2_before * spread - mass * gravity * climbed)
         climbs = u * slope_x + v * slope_y
         u, v = curvature.turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
         turned = mass * gravity * ahead * (u * slope_x + v * slope_y - climbs)
@@ -653,7 +663,7 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
 @jit_parallel
 def grid_to_particles(
     rows, keys, order, start, block, bounds, west, south, width, nodes, bed, inside, report,
-    dx, dt, kick, ahead, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
+    dx, dt, behind, ahead, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
     metric, curvature, entrainment,
 ):  # fmt: skip
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
@@ -697,7 +707,7 @@ def grid_to_particles(
             _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
             _read_bed(moved, quads, place, count, bed)
             _turn(
-                scratch, moved, quads, count, dx, kick, ahead, density, gravity, bound_bed, bound_energy,
+                scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
                 pressure_factor, metric, curvature, entrainment,
             )  # fmt: skip
             _survey(moved, stays, count, mine, dx, gravity, entrainment)

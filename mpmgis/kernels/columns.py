@@ -451,7 +451,8 @@ def advance(
             dt = 0.5 * left
         # leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end
         # where a frame is due; second order in time, also where steps change (design note 3.7)
-        kick = clock[KICK_BEFORE] + (dt if last else 0.5 * dt)
+        behind = clock[KICK_BEFORE]
+        kick = behind + (dt if last else 0.5 * dt)
         clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt
 
         particles_to_grid(
@@ -481,14 +482,14 @@ def advance(
         if settings.keep_peaks:
             accumulate_peaks(
                 peaks, nodes, fields.gradient, touched, n_touched, west, south, width, dx, density, clock[TIME] + dt,
-                settings.arrival_thickness, effects.metric,
+                settings.arrival_thickness, effects.metric, effects.entrainment,
             )  # fmt: skip
         if wall:
             mirror_walls(nodes)
         grid_to_particles(
             rows, keys, order, start, block, bounds, west, south, width, nodes, fields.bed, fields.inside, report,
-            dx, dt, kick, clock[KICK_BEFORE], density, gravity, settings.clamp, wall, settings.holes, clock[BOUND_BED],
-            clock[BOUND_ENERGY],
+            dx, dt, behind, clock[KICK_BEFORE], density, gravity, settings.clamp, wall, settings.holes,
+            clock[BOUND_BED], clock[BOUND_ENERGY],
             effects.earth_pressure.largest_factor(), effects.metric, effects.curvature, effects.entrainment,
         )  # fmt: skip
 

@@ -30,7 +30,15 @@ from ..products.solver_maxima import BANDS as SOLVER_BANDS
 from ..products.solver_maxima import WITHOUT_THRESHOLD, SolverPeaks
 from ..products.survey import automatic_standoff, fastest_mean, reached, survey_frame
 from ..products.table import PRODUCTS, RUNNING, choose_products
-from .export_inputs import output_folder, refuse_nowhere, release_density, release_outlines, run_terrain, solver_peaks
+from .export_inputs import (
+    output_folder,
+    refuse_nowhere,
+    release_density,
+    release_outlines,
+    run_terrain,
+    solver_peaks,
+    tell_of_columns,
+)
 from .export_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS, write_rasters
 from .frame_pool import frame_pool
 
@@ -155,8 +163,7 @@ def _as_the_paper(request):
 def make_plan(request, entries, terrain, products, pool, say):
     """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
     density = release_density(request, entries, say)
-    if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
-        say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
+    tell_of_columns(request, entries, say)
     standoff = 0.0 if request.standoff == AUTO else request.standoff
     bed = Bed.of(terrain, request.bed, standoff, clamped=request.paper)
     axes = export_axes(terrain.grid, request.north_up)
@@ -385,15 +392,16 @@ def _word_on_crossing(plan, crossing):
     got = f"the frames are up to {crossing.interval:.4g} s apart"
     if plan.time_step is not None and plan.time_step < crossing.interval * (1 - 1e-6):
         got += f", so --dt-e {plan.time_step:.4g} takes each of them once"
-    wanted = automatic_time_step(cell, crossing.speed)
-    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, mean speed {crossing.speed:.3g} m/s)"
+    wanted = automatic_time_step(cell, crossing.fastest)
+    fastest = f"mean speed up to {crossing.fastest:.3g} m/s"
+    return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, {fastest})"
 
 
 def _warn_of_crossing(plan, crossing, say):
     """Warn where maxima of the frames alone miss cells because the frames are farther apart than Eq 17 asks for."""
     word = _word_on_crossing(plan, crossing)
     if word and not _all_of_every_step(plan):
-        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.speed)
+        wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.fastest)
         say(
             f"warning: {word}. The flow crosses {crossing.cells:.3g} cells between frames and maxima miss cells: write "
             f"frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"

@@ -135,6 +135,12 @@ def release_density(request, entries, say):
     return density
 
 
+def tell_of_columns(request, entries, say):
+    """Say which of the request's options change nothing, where all frames are columns."""
+    if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
+        say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
+
+
 def solver_peaks(entry):
     """What the solver kept of every step up to a frame of columns (SolverPeaks); None where it kept nothing."""
     return SolverPeaks.of(entry.read_maxima() if entry.header.dimension == 2 else {}, entry.time)

@@ -18,7 +18,7 @@ from ..products.frame_values import Averaging
 from ..products.sampling import export_grid
 from ..products.table import PRODUCTS
 from .export import ExportRequest, export_raster
-from .export_inputs import release_density, run_terrain, terrain_of_rasters
+from .export_inputs import release_density, run_terrain, tell_of_columns, terrain_of_rasters
 from .frame_pool import frame_pool
 
 EXPORTED_FOLDER = "gis"
@@ -170,6 +170,7 @@ def open_frames(request, output, say=lambda text: None, why=""):
     entries = list_frames(request.frames, request.terms())
     terrain = run_terrain(request, entries, output, say)
     density = release_density(request, entries, say)
+    tell_of_columns(request, entries, say)
     averaging = Averaging(
         bed=Bed.of(terrain, request.bed, request.standoff),
         grid=export_grid(terrain.grid, request.cell_size),

@@ -15,6 +15,7 @@ from ..geo.nodata import nodata_in_reach
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
 from ..io.raster import READ_WHOLE, TerrainFile
+from ..io.vector import with_crs_beside
 from ..kernels.own_laws import require_compiled, use_own_laws
 from ..machine import memory_lack
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
@@ -143,7 +144,7 @@ def in_scene_words(message):
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
     say = _once(say)
-    terrain, fill = _terrain(scene, say)
+    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene, say))
     scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
@@ -177,6 +178,14 @@ def _once(say):
             say(text)
 
     return saying
+
+
+def _laid_on_it(scene):
+    """Path of the release area or the inlet that the scene lays on its terrain; None where there is none."""
+    for table in (scene.release, scene.hydrograph):
+        if table is not None and table.source is not None:
+            return scene.path(table.source)
+    return None
 
 
 def _terrain(scene, say):

@@ -293,7 +293,8 @@ class Sequence:
         found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]
         places = sorted((p for b in told for p in b.get("left_places", ())), key=lambda place: -place["mass"])
         return account | {
-            "error_relative": (found - come) / come, "left_places": places, "energy": self._energy_account(told),
+            "error_relative": (found - come) / (come or 1.0), "left_places": places,
+            "energy": self._energy_account(told),
         }  # fmt: skip
 
     def _energy_account(self, told):

@@ -84,7 +84,7 @@ def _of_points(flow, say):
 def _entry_profiles(entry, averaging, points, width, layer):
     frame = entry.read(averaging.density)
     try:
-        return vertical_profiles(frame, averaging.bed, averaging.density, points, width, layer)
+        return vertical_profiles(frame, averaging.bed, averaging.density, points, width, layer, averaging.percentile)
     except ValueError as error:
         raise InputError(f"{entry.path.name}: {error}, wanted at most {MOST_LAYERS}; take a larger --layer") from error
 

@@ -151,6 +151,13 @@ def _room(name, shape):
     return kept[name][:size].reshape(shape)
 
 
+def lower_percentile(distance, mass, percentile):
+    """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without any."""
+    top = np.zeros(1)
+    _take_percentile(top, np.zeros(len(distance), np.int64), distance, np.asarray(mass, float), percentile)
+    return float(top[0])
+
+
 def _take_percentile(top, slot, distance, mass, percentile):
     start, order = np.empty(len(top) + 1, np.int64), np.empty(int(np.count_nonzero(slot >= 0)), np.int64)
     binning.group_by_cell(slot, start, order)

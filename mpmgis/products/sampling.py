@@ -85,12 +85,14 @@ def automatic_time_step(cell_size, fastest):
 class Crossing(NamedTuple):
     """The two neighbouring frames between which the flow crosses most cells.
 
-    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1].
+    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1]; `fastest` [m s-1] is that of all
+    frames, which Eq 17 has.
     """
 
     cells: float
     interval: float
     speed: float
+    fastest: float
 
 
 def farthest_crossing(times, speeds, cell_size):
@@ -110,12 +112,12 @@ def farthest_crossing(times, speeds, cell_size):
         Of the worst pair; zeros where there are fewer than two frames.
     """
     if len(times) < 2:
-        return Crossing(0.0, 0.0, 0.0)
+        return Crossing(0.0, 0.0, 0.0, 0.0)
     intervals = np.diff(np.asarray(times, float))
     faster = np.maximum(speeds[:-1], speeds[1:])
     worst = int(np.argmax(intervals * faster))
     interval, speed = float(intervals[worst]), float(faster[worst])
-    return Crossing(interval * speed / cell_size, interval, speed)
+    return Crossing(interval * speed / cell_size, interval, speed, float(np.max(speeds)))
 
 
 def choose_steps(times, time_step=None):

@@ -14,7 +14,7 @@ import numpy as np
 from ..fields import GRAVITY
 from ..geo.grid import Grid
 from .bed import Placed, place
-from .cells import bin_frame, grid_spacing
+from .cells import bin_frame, grid_spacing, lower_percentile
 from .depth_average import impact_pressure, normal_velocity, parallel_speed, volume_thickness
 
 PROFILE_COLUMNS = (
@@ -34,10 +34,11 @@ WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the code's own grid: with its us
 class VerticalProfile:
     """One cell at one `time` [s], in layers of the heights between `edges` float64[k + 1] [m] above the bed.
 
-    `depth` [m] is h of an export: the largest distance of a particle from the bed, at least 0. `count` int64[k]: points
-    whose middle is in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`, `normal` float64[k]
-    [m s-1] as Ut and Un of an export, NaN in an empty layer; `pressure` float64[k] [Pa]: density times the squared mean
-    speed; `overburden` float64[k] [Pa]: the normal pressure of the weight above the middle of each layer, as at rest.
+    `depth` [m] is h of an export: the largest distance of a particle from the bed, or its percentile, at least 0.
+    `count` int64[k]: points whose middle is in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`,
+    `normal` float64[k] [m s-1] as Ut and Un of an export, NaN in an empty layer; `pressure` float64[k] [Pa]: density
+    times the squared mean speed; `overburden` float64[k] [Pa]: the normal pressure of the weight above the middle of
+    each layer, as at rest.
     """
 
     time: float
@@ -103,7 +104,7 @@ def cell_around(x, y, width, crs):
     return Grid.north_up(crs, x - 0.5 * width, y + 0.5 * width, width, (1, 1))
 
 
-def vertical_profiles(frame, bed, density, points, width, layer):
+def vertical_profiles(frame, bed, density, points, width, layer, percentile=100.0):
     """The VerticalProfile of every point in a frame of points.
 
     Parameters
@@ -118,6 +119,8 @@ def vertical_profiles(frame, bed, density, points, width, layer):
         Of the square cell around each.
     layer : float [m]
         Height of a layer; layers begin at multiples of it, below the bed where particles lie there.
+    percentile : float
+        Of the particles' distances from the bed, by mass, that is taken as depth; layers keep all particles.
 
     Returns
     -------
@@ -130,11 +133,11 @@ def vertical_profiles(frame, bed, density, points, width, layer):
         across, along = x - east, north - y
         near = (across >= -half) & (across < half) & (along >= -half) & (along < half) & np.isfinite(placed.distance)
         grid = cell_around(east, north, width, bed.grid.crs)
-        found.append(_profile(frame, placed, np.flatnonzero(near), bed, density, grid, layer))
+        found.append(_profile(frame, placed, np.flatnonzero(near), bed, density, grid, layer, percentile))
     return found
 
 
-def _profile(frame, placed, there, bed, density, grid, layer):
+def _profile(frame, placed, there, bed, density, grid, layer, percentile):
     """The VerticalProfile of the particles `there` (their numbers) in the one cell of `grid`."""
     part = replace(frame, particles=frame.particles.take(there))
     placed = Placed(placed.pixel[there], placed.distance[there])
@@ -152,7 +155,7 @@ def _profile(frame, placed, there, bed, density, grid, layer):
             values[:, k] = _layer_values(part, placed, share, bed, density, grid, layer)
     count = np.histogram(placed.distance, edges)[0]
     overburden = _overburden(values[0], layer, part, placed, bed)
-    depth = float(max(placed.distance.max(initial=0.0), 0.0))
+    depth = max(lower_percentile(placed.distance, part.particles.mass, percentile), 0.0)
     return VerticalProfile(frame.time, depth, edges, count, *values, overburden)
 
 

@@ -56,8 +56,11 @@ def decide_stiffness(scene, facts, slots):
 
 
 def largest_speed(facts):
-    """U [m s-1]: that of the energy line, or of a front that the release's own thickness drives, 2 sqrt(g h0)."""
-    return max(facts.speed, 2.0 * sqrt(GRAVITY * max(facts.release_thickness, 0.0)))
+    """U [m s-1]: that of the energy line with the head 2 h0 of a front that the release's own thickness drives.
+
+    At rest on level ground it is the speed of a dam break's front, 2 sqrt(g h0) (Ritter, 1892).
+    """
+    return sqrt(facts.speed**2 + 4.0 * GRAVITY * max(facts.release_thickness, 0.0))
 
 
 def stiffness_in_hindsight(facts, density, fastest, mach):

@@ -392,7 +392,8 @@ class ColumnSolver(ParticleStore):
         if self.numerics.maxima:
             arrays |= self._peaks_state()
         arrays |= self._watch_state()
-        return arrays | {"rows": rows, "reached": np.packbits(self._wet & kernel.REACHED, axis=1)}
+        reached = np.packbits(self._wet & kernel.REACHED, axis=1)
+        return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
         """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""

@@ -210,7 +210,7 @@ class Events:
         """
         if not self.awake:
             return float("inf")
-        due = [inlet.times[k, 0] for inlet, k in self._unfinished()]
+        due = [inlet.times[inlet.times[:, 0] > time, 0].min(initial=np.inf) for inlet, _ in self._unfinished()]
         due += [inlet.times[-1, 1] for inlet in self.inlets if inlet.times[-1, 1] > time]
         return float(min(due, default=np.inf))
 

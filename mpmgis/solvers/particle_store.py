@@ -96,6 +96,12 @@ class ParticleStore:
         keep = self._keys[now, :n] != self.kernel.GONE
         return self._rows[now, :n][keep], self._ids[now, :n][keep], self._keys[now, :n][keep]
 
+    def _counts_of_rows(self):
+        """Counts as a restart has them, whose rows lie together in the first half: the same however a run got there."""
+        counts = self._counts.copy()
+        counts[[self.kernel.CURRENT, self.kernel.ROWS]] = 0, counts[self.kernel.ALIVE]
+        return counts
+
     def _no_mass_left(self, grid):
         """Sums of what leaves the terrain by blocks of the cells of `grid`, see `kernels.left_cells`."""
         rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)

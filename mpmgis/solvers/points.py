@@ -436,7 +436,8 @@ class PointSolver(ParticleStore):
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
         state |= self._left_state() | self._watch_state()
-        return state | {name: array.copy() for name, array in self._changing().items()}
+        state |= {name: array.copy() for name, array in self._changing().items()}
+        return state | {"counts": self._counts_of_rows()}
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""

@@ -128,6 +128,12 @@ def write_site(folder):
     return folder
 
 
+def write_block_site(folder):
+    """The same with the block of 40 x 40 m that `slide` releases."""
+    write_shapes(write_site(folder) / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    return folder
+
+
 def run(site, scene, *options):
     """Exit code of `mpmgis run` on `scene`."""
     (site / "scene.toml").write_text(scene)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 import shapely
-from slope_site import SCENE, slide, write_shapes, write_site
+from slope_site import SCENE, slide, write_block_site, write_shapes
 
 from mpmgis.pipeline import foresight
 from mpmgis.pipeline.foresight import (
@@ -25,8 +25,7 @@ STAGE = '[[stage]]\nsolver = "{}"\n'
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    folder = write_site(tmp_path_factory.mktemp("foresight"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("foresight"))
     write_shapes(folder / "dam.geojson", [shapely.box(220, 120, 240, 280)])
     return folder
 

@@ -1,13 +1,14 @@
 """Runs of points as a user meets them that are too coarse, or lose volume: reported, recorded, in the report."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 import rasterio
 import shapely
 from affine import Affine
-from slope_site import record, slide, write_shapes, write_site
+from slope_site import FOOT, distances, record, slide, write_block_site, write_raster, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import write_frame
@@ -45,8 +46,7 @@ DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = {}\nname = "dam"\n'
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The slope with a block above a dam."""
-    folder = write_site(tmp_path_factory.mktemp("checks"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("checks"))
     write_shapes(folder / "dam.geojson", [shapely.box(200, 120, 220, 280)])
     return folder
 
@@ -127,3 +127,52 @@ def test_each_switch_to_points_reports_the_cells_over_the_flow_as_it_is_then(sit
     report = (site / "report" / "report.html").read_text()
     assert "columns, then points, then columns" in report and "stage 2: the flow is" in report
     assert "stage 2: volume of the points at t = 3.5 s" in report
+
+
+def speedy_scene(site, seed):
+    """A random scene of the 3D solver with speed at the start: ground, friction, material, thickness and direction."""
+    rng = np.random.default_rng(seed)
+    x, _ = distances()
+    bumps = rng.uniform(0, 6) * np.sin(x / rng.uniform(15, 40))
+    write_raster(site / "dtm.tif", rng.uniform(0.05, 0.7) * np.maximum(FOOT - x, 0.0) + 500.0 + bumps)
+    west, thickness, speed, way = (
+        rng.uniform(60, 200),
+        rng.uniform(4, 14),
+        rng.uniform(12, 40),
+        rng.uniform(0, 2 * np.pi),
+    )
+    write_shapes(site / "block.geojson", [shapely.box(west, 180, west + 40, 220)])
+    velocity = speed * np.cos(way), speed * np.sin(way)
+    text = slide(6.0, 8, 4, friction=f'law = "Coulomb"\nmu = {rng.uniform(0.05, 0.5):.3f}')
+    text = text.replace("thickness = 12.0", f"thickness = {thickness:.2f}")
+    if seed % 2:
+        text = re.sub(r'law = "Drucker.*?angle = 35', 'law = "Fluid"\nbulk_modulus = 4e6', text, flags=re.S)
+    if seed % 3 == 0:
+        return text.replace("density = 1500", f"density = 1500\nspeed = {speed:.2f}")
+    if seed % 3 == 1:
+        return text.replace("density = 1500", f"density = 1500\nvelocity = [{velocity[0]:.2f}, {velocity[1]:.2f}]")
+    seeding = ["seed", "--dem", site / "dtm.tif", "--release", site / "block.geojson", "--thickness", thickness,
+               "--density", 1500, "--spacing", 3, f"--velocity={velocity[0]:.2f},{velocity[1]:.2f}",
+               "-o", site / "p.h5"]  # fmt: skip
+    assert main([*map(str, seeding)]) == 0
+    return re.sub(r"source = .*?density = 1500", 'particles = "p.h5"', text, flags=re.S)
+
+
+def check_mach_number(site, seed):
+    """The Mach number before the run, with speed at the start, over that of the run: friction slows some at once."""
+    (site / "scene.toml").write_text(speedy_scene(site, seed))
+    assert main(["run", str(site / "scene.toml"), "-q", "--yes", "--overwrite"]) == 0
+    told = record(site)
+    (stiffness,) = [one for one in told["effects"] if one["effect"] == "stiffness"]
+    assert 0.85 < stiffness["indicator"] / told["balances"]["mach_max"] < 3.5
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_mach_number_is_foreseen_where_the_release_has_speed(seed, tmp_path):
+    check_mach_number(write_block_site(tmp_path), seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6, 60))
+def test_the_mach_number_is_foreseen_in_many_scenes(seed, tmp_path):
+    check_mach_number(write_block_site(tmp_path), seed)

@@ -43,6 +43,31 @@ def run(tmp_path):
     return write_block_run(tmp_path, places=(START, 250.0, 600.0), speeds=(0.0, SPEED, SPEED))
 
 
+@pytest.mark.parametrize(("percentile", "height"), [(100, 1.75), (76, 1.75), (75, 1.25), (50, 0.75), (20, 0.25)])
+def test_a_percentile_is_taken_as_depth(tmp_path, percentile, height):
+    """Of points in four layers of equal mass, as in figure S2 of Vicari et al. (2025)."""
+    run = write_block_run(tmp_path, places=(250.0, 600.0), times=(0.0, 10.0), dimension=3)
+    line = write_line(tmp_path / "line.gpkg")
+    assert main(["profile", str(run), "--line", str(line), "--at-times", "10", "--percentile", str(percentile)]) == 0
+    along, h, t = numbers(table(tmp_path / "run_profile" / "profile.csv"), "along_m", "h_m", "t_m").T
+    level = (along + 20 > 560) & (along + 20 < 640)
+    assert h[level] == pytest.approx(height, abs=1e-6)
+    assert t[level] == pytest.approx(height - 0.25, abs=1e-6)
+
+
+def test_a_percentile_of_columns_is_reported_as_without_effect(tmp_path, run, capsys):
+    line = write_line(tmp_path / "line.gpkg")
+    assert main(["profile", str(run), "--line", str(line), "--percentile", "50"]) == 0
+    assert "--percentile and --standoff change nothing" in capsys.readouterr().err
+
+
+def test_a_percentile_of_an_export_is_refused(tmp_path, run, capsys):
+    assert main(["export-raster", str(run), "-o", str(tmp_path / "gis"), "--cs-e", "10"]) == 0
+    line = write_line(tmp_path / "line.gpkg")
+    said = refusal(capsys, "profile", tmp_path / "gis", "--line", line, "--percentile", "50")
+    assert "percentile is for frames" in said
+
+
 def test_a_uniform_block_has_its_thickness_speed_and_surface_exactly(tmp_path, run):
     line = write_line(tmp_path / "line.gpkg")
     assert main(["profile", str(run), "--line", str(line), "--at-times", "10", "--cs-e", "5"]) == 0

@@ -4,8 +4,7 @@ import subprocess
 import sys
 
 import pytest
-import shapely
-from slope_site import slide, write_shapes, write_site
+from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
 from mpmgis.pipeline import ensemble_member, rehearsal
@@ -44,8 +43,7 @@ print(before < ready, compiled() - ready, [frame.dimension for frame in frames])
 
 @pytest.fixture
 def scene(tmp_path):
-    folder = write_site(tmp_path)
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path)
     (folder / "scene.toml").write_text(slide(8.0, 1.5, 0.5, head="", more="particles_per_cell = 4") + STAGES)
     return folder / "scene.toml"
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 import shapely
-from slope_site import slide, write_shapes, write_site
+from slope_site import slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.pipeline import room
@@ -17,8 +17,7 @@ COLUMNS = {"head": "", "more": "particles_per_cell = 16"}
 
 @pytest.fixture
 def site(tmp_path):
-    folder = write_site(tmp_path)
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path)
     write_shapes(folder / "box.geojson", [shapely.box(118, 198, 122, 202)])
     return folder
 

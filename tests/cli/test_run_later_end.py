@@ -4,7 +4,7 @@ import json
 
 import pytest
 import shapely
-from slope_site import SCENE, contents, record, slide, write_shapes, write_site
+from slope_site import SCENE, contents, record, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 
@@ -26,8 +26,7 @@ def lasting(scene, end, interval):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    folder = write_site(tmp_path_factory.mktemp("later"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("later"))
     write_shapes(folder / "inlet.geojson", [shapely.box(60, 150, 100, 250)])
     (folder / "inflow.csv").write_text("time,discharge\n0,0\n2,300\n30,80\n")
     return folder

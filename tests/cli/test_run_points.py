@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_shapes, write_site
+from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
@@ -25,8 +25,7 @@ SOFTENING = "[softening]\nresidual_friction_angle = 20\n"
 @pytest.fixture(scope="module")
 def shared_site(tmp_path_factory):
     """The slope with a block of 40 x 40 m, and one run on it."""
-    site = write_site(tmp_path_factory.mktemp("slope"))
-    write_shapes(site / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    site = write_block_site(tmp_path_factory.mktemp("slope"))
     write_shapes(site / "ice.geojson", [shapely.box(140, 100, 260, 300)])
     write_shapes(site / "dam.geojson", [shapely.box(200, 120, 220, 280)])
     assert run(site, SCENE, "-q") == 0

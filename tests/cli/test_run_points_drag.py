@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from slope_site import decisions, run, slide, write_shapes, write_site
+from slope_site import decisions, run, slide, write_block_site, write_shapes
 
 from mpmgis.io.frames import read_frame
 
@@ -20,8 +20,7 @@ def speed(site):
 @pytest.mark.slow
 def test_drag_by_place_slows_a_slide_in_3d(tmp_path, capsys):
     """Smooth ground, then the same with a rough zone under the release: xi 50 in place of 2000."""
-    site = write_site(tmp_path)
-    write_shapes(site / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    site = write_block_site(tmp_path)
     write_shapes(site / "rough.geojson", [shapely.box(0, 100, 200, 300)])
     assert run(site, SCENE, "-q") == 0
     smooth = speed(site)

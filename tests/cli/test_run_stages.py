@@ -19,9 +19,9 @@ from slope_site import (
     refused,
     run,
     slide,
+    write_block_site,
     write_raster,
     write_shapes,
-    write_site,
 )
 
 from mpmgis.cli.main import main
@@ -44,8 +44,7 @@ COUPLED = SCENE + DAM + AREAS.format("near") + BEFORE + BESIDE + AFTER + INFLOW
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The slope with a block, a dam, two areas at rest, a window, and one run of all of it, never stopped."""
-    folder = write_site(tmp_path_factory.mktemp("stages"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("stages"))
     write_shapes(folder / "near.geojson", [shapely.box(150, 190, 160, 210)])
     write_shapes(folder / "foot.geojson", [shapely.box(195, 190, 205, 210)])
     write_shapes(folder / "dam.geojson", [shapely.box(220, 120, 240, 280)])

@@ -1,8 +1,7 @@
 """Runs in which nothing ever moves say so: on the screen, in run.json, in a report's warnings."""
 
 import pytest
-import shapely
-from slope_site import SCENE, record, run, slide, write_shapes, write_site
+from slope_site import SCENE, record, run, slide, write_block_site
 
 from mpmgis.cli.main import main
 from mpmgis.products.run_account import stood_still
@@ -15,8 +14,7 @@ STAGES = '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver =
 
 @pytest.fixture
 def site(tmp_path):
-    write_shapes(tmp_path / "block.geojson", [shapely.box(100, 180, 140, 220)])
-    return write_site(tmp_path)
+    return write_block_site(tmp_path)
 
 
 def told(site, capsys, scene):

@@ -6,9 +6,8 @@ import h5py
 import numpy as np
 import pytest
 import rasterio
-import shapely
 from matplotlib.image import imread
-from slope_site import SCENE, slide, write_shapes, write_site
+from slope_site import SCENE, slide, write_block_site, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.cli.study import target
@@ -176,8 +175,7 @@ def test_a_table_beside_that_makes_no_sense_is_refused_in_one_line(site, capsys,
 
 def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
     """Columns become points after a second; both stages' steps and the conversion are in the time."""
-    folder = write_site(tmp_path)
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path)
     stages = '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver = "points"\ncell_size = 6\n'
     (folder / "scene.toml").write_text(slide(10.0, 2, 0.5, head="", more="particles_per_cell = 4") + stages)
     arguments = ["study", str(folder / "scene.toml"), "--knobs", "points_per_cell,stage2.cell_size", "--repeats", "1"]

@@ -10,9 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-import shapely
 from kills import VERBS, arrays, require_whole
-from slope_site import CHILD, SCENE, contents, record, slide, write_shapes, write_site
+from slope_site import CHILD, SCENE, contents, record, slide, write_block_site
 
 from mpmgis.cli.main import main
 
@@ -34,8 +33,7 @@ sys.exit(main(sys.argv[1:]))
 
 def write_kill_site(folder):
     """The slope with a scene of columns and one of points."""
-    write_site(folder)
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    write_block_site(folder)
     (folder / "columns.toml").write_text(SCENE)
     (folder / "points.toml").write_text(POINTS)
 

@@ -4,7 +4,7 @@ import geopandas
 import numpy as np
 import pytest
 import shapely
-from slope_site import SCENE, distances, slide, write_raster, write_shapes, write_site
+from slope_site import SCENE, distances, slide, write_block_site, write_raster, write_shapes
 
 from mpmgis.errors import MpmgisError
 from mpmgis.fields import GRAVITY
@@ -17,8 +17,7 @@ AREA = '[[zones]]\nsource = "zones.gpkg"\n'
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    folder = write_site(tmp_path_factory.mktemp("turbulent"))
-    write_shapes(folder / "block.geojson", [shapely.box(100, 180, 140, 220)])
+    folder = write_block_site(tmp_path_factory.mktemp("turbulent"))
     write_shapes(
         folder / "zones.gpkg", [shapely.box(0, 0, 800, 400), shapely.box(300, 0, 800, 400)],
         xi=[500.0, 250.0], k=[GRAVITY / 500.0, GRAVITY / 250.0],

@@ -84,6 +84,37 @@ def test_a_scene_over_a_dtm_without_a_crs_is_cured_in_the_scene(site, capsys):
     assert "in a scene: crs in [terrain]" in refused(site, capsys, SCENE.replace("dtm.tif", "bare.tif"))
 
 
+@pytest.mark.parametrize("suffix", ["geojson", "gpkg", "tif"])
+def test_a_dtm_without_a_crs_is_refused_with_that_of_the_release_on_it(site, capsys, suffix):
+    write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
+    if suffix == "tif":
+        inside = [[float(10 < row < 20 and 8 < column < 16) for column in range(COLUMNS)] for row in range(ROWS)]
+        write_raster(site / "on_it.tif", inside)
+    else:
+        write_shapes(site / f"on_it.{suffix}", [shapely.box(60, 150, 160, 250)], crs="EPSG:32632")
+    words = ["seed", "--dem", str(site / "bare.tif"), "--release", str(site / f"on_it.{suffix}")]
+    assert main([*words, "--thickness", "1"]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.endswith(f"on_it.{suffix} lies on it in EPSG:32632: if the DTM is in that, too, --crs EPSG:32632")
+    scene = SCENE.replace("dtm.tif", "bare.tif").replace("release.geojson", f"on_it.{suffix}")
+    assert refused(site, capsys, scene).endswith('if the DTM is in that, too, [terrain] crs = "EPSG:32632"')
+    assert main([*words, "--thickness", "1", "--crs", "EPSG:32632", "-o", str(site / "a.h5")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("crs", "east"), [("EPSG:4326", 0.0), ("EPSG:32632", 5e4), ("missing", 0.0)],
+    ids=["degrees", "elsewhere", "no file"],
+)  # fmt: skip
+def test_no_crs_is_proposed_that_cannot_be_the_dtms(site, capsys, crs, east):
+    write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
+    path = site / "on_it.gpkg"
+    if crs != "missing":
+        write_shapes(path, [shapely.box(60 + east, 150, 160 + east, 250)], crs=crs)
+    assert main(["seed", "--dem", str(site / "bare.tif"), "--release", str(path), "--thickness", "1"]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.endswith("(in a scene: crs in [terrain])")
+
+
 def test_a_flow_that_leaves_the_terrain_says_what_that_means(site, capsys):
     words = "take a larger DTM or [terrain] window"
     small = SCENE.replace('"dtm.tif"', f'"dtm.tif"\nwindow = [{WEST}, {SOUTH}, {WEST + 200}, {NORTH}]')

@@ -268,6 +268,16 @@ def test_frames_close_enough_for_eq_17_are_not(tmp_path, options):
     assert len(warnings_of(said)) == 1 and "dt_e = 0.25 s" in warnings_of(said)[0]
 
 
+def test_eq_17_has_the_largest_speed_of_all_frames_where_they_are_uneven(tmp_path):
+    """Fast in the first second, slow in the next twenty: Eq 17 wants 5 m over 10 m/s, not over 2 m/s."""
+    first, second = sheet_frames(10.0, [0.0, 1.0])
+    far = write_frames(tmp_path / "far", terrain(), [first, second, *sheet_frames(2.0, [2.0, 22.0])])
+    _, said = export(far, output=tmp_path / "far_gis")
+    (warning,) = warnings_of(said)
+    assert "up to 20 s apart" in warning and "dt_e = 0.5 s" in warning and "mean speed up to 10 m/s" in warning
+    assert "crosses 8 cells" in warning
+
+
 def test_cells_below_eq_15_are_reported_with_its_size(tmp_path):
     """Points of 1 m3: cells under 1 m are too fine; columns never are, by this equation."""
     frames = uniform_run(tmp_path / "run", speed=0.0, interval=1.0)

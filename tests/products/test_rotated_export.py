@@ -7,11 +7,14 @@ import numpy as np
 import pyogrio
 import pytest
 import rasterio
+import rioxarray
+import xarray
 from affine import Affine
 from exporting import AFFINES, CRS, NORTH, WEST, random_frame, terrain, write_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mpmgis
 from mpmgis.cli.main import main
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
@@ -173,3 +176,28 @@ def test_the_papers_own_export_takes_what_lies_outside_to_the_rim(tmp_path, caps
     assert "particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)" in said
     assert main(["export-raster", *map(str, frames), "--paper", "--min-depth", "0.2", "--overwrite"]) == 2
     assert "--paper has --min-depth 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("layout", ["steps", "stacks"])
+@pytest.mark.parametrize("affine", ["rotated", "sheared"])
+def test_a_rotated_export_opens_as_rioxarray_opens_its_rasters(affine, layout, tmp_path, capsys):
+    frames = write_run(tmp_path / "slide", ground=terrain(AFFINES[affine]), dimension=3)
+    options = ["--layout", layout, "--no-qgis"]
+    assert main(["export-raster", *map(str, frames), "-o", str(tmp_path / "gis"), *options]) == 0
+    capsys.readouterr()
+    results = mpmgis.open_results(tmp_path / "gis")
+    with rioxarray.open_rasterio(tmp_path / "gis/rasters/slide_max.tif", masked=True) as theirs:
+        assert results.rio.crs == theirs.rio.crs and results.rio.transform() == theirs.rio.transform()
+        for name in ("xc", "yc"):
+            assert results[name].dims == theirs[name].dims == ("y", "x")
+            np.testing.assert_allclose(results[name], theirs[name], rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(results.h_max, theirs.isel(band=theirs.attrs["long_name"].index("h_max [m]")))
+    assert results.h.dims == ("time", "y", "x") and {"x", "y"}.isdisjoint(results.coords)
+    results.h_max.rio.to_raster(tmp_path / "h.tif")
+    results.to_netcdf(tmp_path / "r.nc")
+    with rasterio.open(tmp_path / "h.tif") as written:
+        assert written.transform == results.rio.transform() and written.crs == results.rio.crs
+        np.testing.assert_array_equal(written.read(1), results.h_max)
+    with xarray.open_dataset(tmp_path / "r.nc", decode_coords="all") as again:
+        assert again.rio.transform() == results.rio.transform() and {"xc", "yc"} <= set(again.coords)
+        np.testing.assert_array_equal(again.h, results.h)

@@ -56,6 +56,16 @@ def test_a_uniform_column_has_its_density_and_speed_in_every_layer_of_any_height
     assert (found.density * np.diff(found.edges)).sum() == pytest.approx(DENSITY * 4.0 * UP)
 
 
+@pytest.mark.parametrize(("percentile", "below"), [(100.0, 8), (99.0, 8), (75.0, 6), (50.1, 5), (50.0, 4), (1.0, 1)])
+def test_the_depth_is_a_percentile_of_the_distances_by_mass(percentile, below):
+    """Of eight layers of equal mass, the middle of the one that `percentile` % of the mass reach up to."""
+    frame = column(4.0 * UP, 0.5)
+    (found,) = vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5, percentile)
+    (whole,) = vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5)
+    assert found.depth == pytest.approx((below - 0.5) * 0.5 * UP)
+    np.testing.assert_array_equal(found.density, whole.density)
+
+
 def test_a_sheared_column_has_its_force_to_the_second_order_of_the_spacing():
     errors = []
     for spacing in (0.5, 0.25):

@@ -1,6 +1,7 @@
 """NHESS 25:3897, section 3: the Whymper-like ice avalanche of page whymper, reduced; whole where it is asked for."""
 
 import os
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,6 +28,18 @@ def check_jump(record, found):
     assert 0.0 < found["speed at the jump, of 99 % of the mass at most [m/s]"] <= np.sqrt(2.0 * 9.81 * drop)
 
 
+def check_percentiles(folder, cell):
+    """Supplement S3: where the flow flies a low percentile takes most of t and little of h; elsewhere it takes both."""
+    step = whymper.jump_step(folder)
+    found = whymper.percentile_profiles(folder, step, cell)
+    for low, high in pairwise(sorted(found)):
+        for k in (1, 2):  # of h and t no place has more at a lower percentile
+            assert (np.nan_to_num(found[low][k]) <= np.nan_to_num(found[high][k]) + 1e-6).all()
+    kept = whymper.percentile_findings(found, step)
+    assert kept["h at 20 % over h, detached"] >= 0.5 and kept["t at 20 % over t, detached"] <= 0.3
+    assert max(kept["h at 20 % over h, attached"], kept["t at 20 % over t, attached"]) <= 0.5
+
+
 def test_the_flow_jumps_the_cliff(tmp_path):
     """Cells of 4 m: 19 200 points, 20 s."""
     record, *_ = whymper.make(tmp_path / "whymper", 4.0, 20.0)
@@ -34,6 +47,7 @@ def test_the_flow_jumps_the_cliff(tmp_path):
     assert record["particles"] == 19_200
     assert 14.0 <= found["time of the jump [s]"] <= 20.0
     check_jump(record, found)
+    check_percentiles(tmp_path / "whymper", 4.0)
 
 
 def check_whole(folder, cell):

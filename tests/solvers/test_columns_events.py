@@ -72,6 +72,15 @@ def test_batches_cover_the_inflow_and_their_volumes_add_up_to_it():
     assert len(batch_times(flow, 2.0, 0.37)) == 0
 
 
+def test_the_next_event_is_later_than_the_time_asked_for():
+    """Also at the time of a batch that is not let in yet: a 3D step of no length was chosen there."""
+    solver = slope_solver(nothing())
+    events = Events([inlet_of(area(2, 6, 0, 4, 0.5), table([0, 5], discharge=[2, 2]), solver.grid, 5.0)])
+    times = events.inlets[0].times
+    due = events.next_time(0.0)
+    assert due == times[1, 0] and events.next_time(due) == times[2, 0] and events.next_time(5.0) == np.inf
+
+
 def test_the_clearing_time_is_that_of_critical_outflow_or_of_a_slide():
     assert clearing_time(20.0, 10.0, 4.0, 0.0, 0.0) == pytest.approx(10.0 / (G * 20 / 4) ** (1 / 3))
     fast = clearing_time(20.0, 10.0, 4.0, 1.0, 10.0)

@@ -439,6 +439,30 @@ def test_resuming_from_an_earlier_frame_in_memory():
     a, b = solver.frame().particles, again.frame().particles
     assert a.position.tobytes() == b.position.tobytes() and a.velocity.tobytes() == b.velocity.tobytes()
     assert again.time == solver.time and again.step == solver.step
+    same_state(solver, again)
+
+
+def same_state(solver, again):
+    """Every array of the state to the bit."""
+    first, second = solver.state(), again.state()
+    assert set(first) == set(second)
+    for name, values in first.items():
+        assert np.asarray(values).tobytes() == np.asarray(second[name]).tobytes(), name
+
+
+@pytest.mark.parametrize("breaks", [(0.7,), (0.7, 1.4, 2.1), (1.9, 2.4)])
+def test_a_run_that_was_broken_has_the_same_state_while_columns_leave(breaks):
+    terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
+    frame = columns_of(2.0, 140, 190, 30, 70, 1.25, velocity=(10.0, 0.0))
+    whole, broken = (solver_on(terrain, frame, 5.0) for _ in range(2))
+    for time in (*breaks, 2.6):
+        whole.advance(time)
+        broken.advance(time)
+        again = solver_on(terrain, frame, 5.0)
+        again.restore(broken.frame())
+        broken = again
+    assert 0 < broken.columns < len(frame.particles)
+    same_state(whole, broken)
 
 
 def test_energy_that_left_over_an_edge_is_not_called_lost():

@@ -44,6 +44,10 @@ _MIN_DEPTH = advanced(
     "MIN_DEPTH", NUMBER, "Velocities of flow shallower than this [m] are left out", "--min-depth",
     "Metres; the velocity of a film of a few particles means little.", default=0.05, least=0,
 )  # fmt: skip
+_PERCENTILE = advanced(
+    "PERCENTILE", NUMBER, "Percentile of the particles' heights taken as depth", "--percentile",
+    "From 0 to 100 [%]; 100 is the highest particle.", default=100.0, least=0,
+)  # fmt: skip
 _STANDOFF = advanced(
     "STANDOFF", NUMBER, "Height over the terrain at which a 3D code's particles rest [m]", "--standoff",
     "Metres, for example half a particle.", default=0.0,
@@ -70,10 +74,7 @@ EXPORT = Verb(
             "t_vol, n, mass, p, detached, Ut_E, Ut_N; maxima: those so far.",
         ),
         _MIN_DEPTH,
-        advanced(
-            "PERCENTILE", NUMBER, "Percentile of the particles' heights taken as depth", "--percentile",
-            "From 0 to 100 [%]; 100 is the highest particle.", default=100.0, least=0,
-        ),
+        _PERCENTILE,
         advanced(
             "BED", CHOICE, "Bed under a particle", "--bed", "plane: the equations 4 and 6 of the paper to the letter.",
             default="bilinear", choices=("bilinear", "plane"),
@@ -131,6 +132,7 @@ _AVERAGED = (
     DEM_OF_FRAMES,
     advanced("CELL", NUMBER, "Cell size [m]", "--cs-e", "Metres. Empty: the terrain's own cells.", least=0),
     _MIN_DEPTH,
+    _PERCENTILE,
     _STANDOFF,
     DENSITY_OF_FRAMES,
     CRS_OF_FILES,
@@ -226,6 +228,7 @@ VERTICAL = Verb(
             "LAYER", NUMBER, "Height of a layer [m]", "--layer", "Metres. Empty: half a cell of that grid.", least=0
         ),
         DEM_OF_FRAMES,
+        _PERCENTILE,
         _STANDOFF,
         DENSITY_OF_FRAMES,
         CRS_OF_FILES,

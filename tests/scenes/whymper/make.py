@@ -4,6 +4,7 @@ python tests/scenes/whymper/make.py FOLDER [--cell 2] [--end 150] [--no-crevasse
 """
 
 import argparse
+import csv
 import sys
 from pathlib import Path
 
@@ -30,6 +31,7 @@ CREVASSES, CREVASSE_WIDE, CREVASSE_DEEP, CREVASSE_HALF = (262.0, 282.0, 302.0, 3
 CLIFF = (400.0, 412.0)  # [m]
 SERAC = (65.0, -40.0, 127.5, 40.0)  # west, south, east, north [m]: 5000 m2
 GLACIERS = ((55.0, 398.0), (414.0, 640.0))  # [m] along the flow
+PERCENTILES = (100, 80, 60, 40, 20)
 PRODUCTS = ("t_vol", "detached", "n")
 MASS = 150_000.0 * 850.0  # [kg]
 
@@ -181,6 +183,56 @@ def findings(folder):
     }
 
 
+def percentile_profiles(folder, step, cell):
+    """Percentile -> (distance along the flow line [m], h, t [m]) of figure S2, by `mpmgis profile --percentile`."""
+    line = folder / "line.geojson"
+    chain.write_polygons(line, [shapely.LineString([(WEST + 230.0, MIDDLE), (WEST + 560.0, MIDDLE)])], CRS)
+    found = {}
+    for percentile in PERCENTILES:
+        table = folder / f"profile_{percentile}.csv"
+        chain.mpmgis("profile", folder / "results", "--line", line, "--at-times", step.time, "--cs-e", cell,
+                     "--percentile", percentile, "-o", table, "--overwrite")  # fmt: skip
+        with open(table, encoding="utf-8", newline="") as file:
+            rows = [[float(row[name] or "nan") for name in ("along_m", "h_m", "t_m")] for row in csv.DictReader(file)]
+        along_line, h, t = np.array(rows).T
+        found[percentile] = along_line + 230.0, h, t
+    return found
+
+
+def percentile_findings(profiles_found, step):
+    """What section S3 tells of figure S2: how much of h and t is left at 20 %, where the flow flies and where not."""
+    x, h, t = profiles_found[100]
+    _, low_h, low_t = profiles_found[20]
+    places, bands = along(step.path, "detached", "n")
+    detached, count = (np.interp(x, places, np.nan_to_num(bands[name])) for name in ("detached", "n"))
+    kept = {}
+    for name, part in (("detached", (detached > 0.5) & (x > JUMP[0])), ("attached", detached < 0.5)):
+        part = part & (t > 1.0) & (count >= 5)
+        for letter, whole, low in (("h", h, low_h), ("t", t, low_t)):
+            kept[f"{letter} at 20 % over {letter}, {name}"] = float(np.median(low[part] / whole[part]))
+    few = (count > 0) & (count <= 4)
+    return kept | {"h at 20 % over h, cells of 4 points at most": float(np.median(low_h[few] / h[few]))}
+
+
+def _draw_percentiles(found, step, path):
+    """Figures S2 and S3: depth and thickness by percentile, and the number of points in the cells."""
+    figure, axes = profiles.picture(3, 1, (9.0, 8.0), sharex=True)
+    shades = np.linspace(0.15, 0.9, len(found))
+    for (percentile, (x, h, t)), shade in zip(found.items(), shades, strict=True):
+        for axis, values in ((axes[0, 0], h), (axes[1, 0], t)):
+            wet = np.where(found[100][1] > 0.0, values, np.nan)
+            axis.plot(x, wet, color=(shade, 0.2, 1.0 - shade), lw=1.0, label=f"P = {percentile}")
+    places, bands = along(step.path, "n", start=230.0, end=560.0)
+    axes[2, 0].step(places, np.nan_to_num(bands["n"]), "k", where="mid", lw=0.8)
+    for axis, label in zip(axes[:, 0], ("h [m]", "t [m]", "points in a cell"), strict=True):
+        axis.axvspan(*CLIFF, color="gray", alpha=0.3, lw=0)
+        axis.set_ylabel(label)
+    axes[0, 0].legend(fontsize=8)
+    axes[2, 0].set_xlabel("along the flow line [m]")
+    axes[0, 0].set_title(f"t = {step.time:.1f} s along the flow line; gray: the cliff")
+    profiles.save(figure, path)
+
+
 def figures(folder, png, name="whymper"):
     """All pictures of the page, with `name` in front."""
     step = jump_step(folder)
@@ -188,6 +240,12 @@ def figures(folder, png, name="whymper"):
     _draw_jump(folder, step, png / f"{name}_jump.png")
     _draw_profile(folder, step, png / f"{name}_profile.png")
     _draw_sections(folder, step.time, png / f"{name}_sections.png")
+    _draw_percentiles(percentile_profiles(folder, step, _cell(folder)), step, png / f"{name}_percentiles.png")
+
+
+def _cell(folder):
+    """Cell size [m] of the run, and of its export."""
+    return chain.record(folder)["scene"]["numerics"]["cell_size"]
 
 
 ORIGIN = (WEST, MIDDLE)
@@ -297,6 +355,9 @@ def main():
     print(f"{record['particles']} points, {record['steps']} steps, run {running:.0f} s, export {exporting:.0f} s")
     print({key: value for key, value in balances.items() if not isinstance(value, (dict, list))})
     print(chain.table([(key, f"{value:.4g}") for key, value in findings(asked.folder).items()], ("", "measured")))
+    step = jump_step(asked.folder)
+    kept = percentile_findings(percentile_profiles(asked.folder, step, asked.cell), step)
+    print(chain.table([(key, f"{value:.3g}") for key, value in kept.items()], ("", "measured")))
     figures(asked.folder, asked.png or asked.folder)
 
 

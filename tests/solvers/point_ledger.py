@@ -1,0 +1,123 @@
+"""What takes energy in a 3D run, measured step by step in a plain loop that knows nothing of the solver's own bookings.
+
+A step changes the energy of the nodes by the impulses of stress, weight and contact. With the velocity v after the
+step an impulse J does the work J . v, and |sum of J|^2 / 2 m is lost to the length of the step. The weight's work is
+the potential energy that the points lose, the stress' is V tau : C dt of each point. The rest is lost in the two
+transfers: the energy of the points, with that of their affine velocity m (dx / 2)^2 |C|^2 / 2, less that of the nodes.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from plain_points import GHOSTS, plain_step
+
+from mpmgis.effects.softening import NoSoftening
+
+TAKERS = ("ground", "transfers", "steps", "material")
+
+
+@dataclass
+class PlainRun:
+    """Points of `solver` marched by `plain_step` on planes, with Coulomb's contact; `lost` [J] by taker.
+
+    `material` is the work of the stress [J]: what the material stores and what its yielding takes. Points that leave
+    the domain are taken out with their energy, `out` [J].
+    """
+
+    solver: object
+    frame: object
+    step: float
+    lost: dict = field(default_factory=lambda: dict.fromkeys(TAKERS, 0.0))
+    out: float = 0.0
+
+    def __post_init__(self):
+        particles, n = self.frame.particles, len(self.frame.particles)
+        self.place, self.velocity = particles.position - self.solver._origin, particles.velocity.copy()
+        self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
+        self.state, self.stress = np.zeros((n, 8)), np.zeros((n, 6))
+        self.numerics, self.material = self.solver.numerics, self.solver.effects.material
+
+    def march(self, steps):
+        for _ in range(steps):
+            self._one_step()
+        return self
+
+    def _one_step(self):
+        """A plain step between two looks at the energy of the points and of the nodes."""
+        numerics, dx, dt = self.numerics, self.numerics.cell_size, self.step
+        ground = self.solver._ground[..., :3]
+        nodes = np.zeros((int(self.place[:, 2].max() / dx) + 14, *ground.shape[:2], 4))
+        shares, away = self._weights(nodes.shape)
+        free = self._on_nodes(shares, away, self.affine)
+        volume = self.mass / numerics.density
+        pushed = -4.0 * dt / dx**2 * volume[:, None, None] * self._tensor()
+        impulse = np.einsum("nk,nab,nkb->nka", shares[1], pushed, away)
+        before = self.energy()
+        plain_step(
+            self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground, dx, dt,
+            numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
+        )  # fmt: skip
+        self._book(nodes.reshape(-1, 4), shares, free, impulse, before)
+        self._let_out()
+
+    def _book(self, nodes, shares, free, impulse, before):
+        """Add the losses of the step that made `nodes` velocities of momenta `free` [kg m s-1] without forces."""
+        mass = nodes[:, 3]
+        wet = mass > 0.0
+        mass, after = mass[wet], nodes[wet, :3]
+        stressed = np.zeros((nodes.shape[0], 3))
+        np.add.at(stressed, shares[0], impulse)
+        free, stressed = free[wet] / mass[:, None], stressed[wet] / mass[:, None]
+        weight = np.array([0.0, 0.0, -self.step * self.numerics.gravity])
+        contact = after - free - stressed - weight
+        at_nodes = [0.5 * (mass * (v**2).sum(axis=1)).sum() for v in (free, after)]
+        self.lost["ground"] -= (mass * (contact * after).sum(axis=1)).sum()
+        self.lost["material"] -= (mass * (stressed * after).sum(axis=1)).sum()
+        self.lost["steps"] += 0.5 * (mass * ((after - free) ** 2).sum(axis=1)).sum()
+        self.lost["transfers"] += before - at_nodes[0] + at_nodes[1] - self.energy()
+
+    def energy(self):
+        """Kinetic energy [J] of the points with that of their affine velocity."""
+        affine = 0.25 * self.numerics.cell_size**2 * (self.affine**2).sum(axis=(1, 2))
+        return float(0.5 * (self.mass * ((self.velocity**2).sum(axis=1) + affine)).sum())
+
+    def affine_energy(self):
+        return float(0.125 * self.numerics.cell_size**2 * (self.mass * (self.affine**2).sum(axis=(1, 2))).sum())
+
+    def _tensor(self):
+        return self.stress[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+
+    def _weights(self, shape):
+        """((nodes, weights) [n, 27], offsets of the nodes [n, 27, 3] in m)."""
+        s = self.place / self.numerics.cell_size + GHOSTS
+        base = (s - 0.5).astype(int)
+        f = s - base
+        one = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2])  # [3, n, axis]
+        k, j, i = (part.ravel() for part in np.meshgrid(*3 * [np.arange(3)], indexing="ij"))
+        at = np.ravel_multi_index((base[:, [2]] + k, base[:, [1]] + j, base[:, [0]] + i), shape[:3])
+        weight = (one[i, :, 0] * one[j, :, 1] * one[k, :, 2]).T
+        offset = (np.stack([i, j, k], axis=-1)[None] - f[:, None]) * self.numerics.cell_size
+        return (at, weight, int(np.prod(shape[:3]))), offset
+
+    def _on_nodes(self, shares, away, affine):
+        """Momentum [kg m s-1] that the points bring to the nodes, stress and weight left out."""
+        at, weight, count = shares
+        moved = self.velocity[:, None] + np.einsum("nab,nkb->nka", affine, away)
+        momentum = np.zeros((count, 3))
+        np.add.at(momentum, at, (weight * self.mass[:, None])[..., None] * moved)
+        return momentum
+
+    def _let_out(self):
+        """Take out the points that left the domain; what they had is `out`, their affine velocity went with them."""
+        ny, nx = self.solver.grid.inside.shape
+        x, y = self.place[:, 0], self.place[:, 1]
+        dx = self.numerics.cell_size
+        gone = (x < 0) | (y < 0) | (x >= nx * dx) | (y >= ny * dx)
+        if not gone.any():
+            return
+        affine = self.affine_energy()
+        speed2 = (self.velocity[gone] ** 2).sum(axis=1)
+        self.out += (self.mass[gone] * (0.5 * speed2 + self.numerics.gravity * self.place[gone, 2])).sum()
+        for name in ("place", "velocity", "affine", "mass", "state", "stress"):
+            setattr(self, name, getattr(self, name)[~gone])
+        self.lost["transfers"] += affine - self.affine_energy()

@@ -1,0 +1,85 @@
+"""The energy balance of the 3D solver against a plain loop that measures each taker on its own."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from point_ledger import PlainRun
+from point_scenes import block_of, plane, points_on, sorted_points
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import Elastic, MuI, drucker_prager
+
+CLOSES = 1e-3  # of the energy put in
+MATERIALS = {
+    "elastic": Elastic(6.7e6, 4e6),
+    "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
+    "granular": MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 0.01, 2500.0, 1.0),
+}
+SCENES = {
+    "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
+    "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
+}  # fmt: skip
+
+
+def both(material, degrees, mu, speed, lift, step, time=0.4):
+    """(solver, PlainRun) of a block that slides or falls on a plane, at the same time."""
+    slope = np.radians(degrees)
+    corner = (4.3, 5.2, 30.0 - 4.3 * np.tan(slope) + lift)
+    velocity = (speed * np.cos(slope), 0.3 * speed, -speed * np.sin(slope))
+    frame = block_of((2.0, 1.0, 1.0), 0.5, corner, velocity=velocity, turned=slope)
+    terrain = plane(degrees, length=12.0, width=12.0, height=30.0, pixel=4.0)
+    solver = points_on(terrain, frame, 1.0, MATERIALS[material], CoulombContact(mu), time_step=step)
+    steps = round(time / step)
+    solver.advance(steps * step)
+    assert solver.step == steps
+    return solver, PlainRun(solver, frame, step).march(steps)
+
+
+def residual(solver, plain):
+    """What no taker explains, over the energy put in: the error of the stress' work over a step, of first order."""
+    b = solver.balances()
+    put_in = b["energy_start"] + b["energy_lifted"]
+    there = b["kinetic_energy"] + b["potential_energy"] + b["elastic_energy"] + b["energy_out"]
+    losses = plain.lost["ground"] + plain.lost["transfers"] + plain.lost["steps"] + plain.affine_energy()
+    return (put_in - there - losses - b["energy_lost_to_yielding"]) / put_in
+
+
+def closed(solver, plain):
+    """The solver's bookings are what the plain loop measures, and nothing is lost besides."""
+    b, scale = solver.balances(), solver.balances()["energy_start"]
+    now = sorted_points(solver)
+    assert len(now) == len(plain.mass) and b["mass_lifted_onto_ground"] == 0.0
+    np.testing.assert_allclose(now.position, plain.place + solver._origin, rtol=0, atol=1e-10)
+    assert b["energy_lost_to_ground"] == pytest.approx(plain.lost["ground"], abs=1e-12 * scale)
+    assert b["energy_out"] == pytest.approx(plain.out, abs=1e-12 * scale)
+    assert min(plain.lost["ground"], plain.lost["transfers"], plain.lost["steps"]) >= -1e-12 * scale
+    measured = plain.lost["transfers"] + plain.lost["steps"] + plain.affine_energy()
+    assert b["energy_lost_to_mixing"] == pytest.approx(measured, abs=CLOSES * scale)
+    assert abs(residual(solver, plain)) <= CLOSES
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+@settings(max_examples=4, deadline=None, derandomize=True)
+@given(**SCENES)
+def test_takers_explain_what_is_lost(material, **scene):
+    closed(*both(material, **scene))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("material", MATERIALS)
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(**SCENES)
+def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
+    closed(*both(material, **scene))
+
+
+def test_flow_over_an_edge_takes_its_energy_along():
+    solver, plain = both("frictional", 30.0, 0.2, 12.0, 0.0, 2e-3, 0.58)
+    assert 0.1 < solver.balances()["mass_out"] / solver.mass_start < 1.0
+    closed(solver, plain)
+
+
+def test_the_residual_falls_with_the_time_step():
+    coarse, fine = (abs(residual(*both("elastic", 20.0, 0.5, 8.0, 0.6, step))) for step in (4e-3, 5e-4))
+    assert fine < 0.25 * coarse
