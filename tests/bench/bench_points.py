@@ -9,7 +9,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
-from plain_points import bed_per_mass, plain_step, stencil
+import plain_points
 from point_scenes import block_of, points_on
 
 from mpmgis.effects.contact import CoulombContact
@@ -53,22 +53,21 @@ def nanoseconds(solver, points):
 
 def plain_nanoseconds():
     """The plain loop, compiled without a change of it, on one thread."""
-    import plain_points
-
     options = {"fastmath": {"nsz"}, "error_model": "numpy"}
-    plain_points.stencil = numba.njit(**options)(stencil)
-    plain_points.bed_per_mass = numba.njit(**options)(bed_per_mass)
-    step = numba.njit(**options)(plain_step)
+    for name in ("stencil", "covered", "normal_force", "press"):
+        setattr(plain_points, name, numba.njit(**options)(getattr(plain_points, name)))
+    step = numba.njit(**options)(plain_points.plain_step)
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
     place = p.position - solver._corner_from((0.0, 0.0, 0.0))
     n = len(place)
     nodes = np.zeros((int(place[:, 2].max()) + 14, *solver._ground.shape[:2], 4))
     state = place, p.velocity, np.zeros((n, 3, 3)), p.mass, np.zeros((n, 8)), np.zeros((n, 6))
-    times = []
+    memory, sound = np.full((*solver._ground.shape[:2], 2), -1.0, np.float32), SOIL.wave_speed(1000.0)
+    times, ground = [], solver._ground[..., :3].copy()
     for _ in range(3):
         began = time.perf_counter()
-        step(*state, nodes, solver._ground[..., :3].copy(), 1.0, 1e-3, 1000.0, 9.81, 0.3, SOIL, NoSoftening())
+        step(*state, nodes, ground, 1.0, 1e-3, 1000.0, 9.81, 0.3, SOIL, NoSoftening(), memory, sound)
         times.append(time.perf_counter() - began)
     return min(times) / n * 1e9
 

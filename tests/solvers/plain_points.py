@@ -6,7 +6,8 @@ Runs as Python, and compiled as it stands, which is the scalar version that the 
 import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
-CLEARANCE = 0.5  # [cells] above the ground up to which nodes touch it
+IMPEDANCE, SMOOTHING, RETURN, MOST_YIELDED = 1.0, 20.0, 60.0, 0.1  # of the ground, as in `kernels.point_contact`
+LEAST_SHARE, LIGHTEST = 0.25, 0.1
 
 
 def stencil(place, dx):
@@ -17,28 +18,87 @@ def stencil(place, dx):
     return base, f, (0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2)
 
 
-def bed_per_mass(nodes, ground, dx):
-    """float64[rows, columns] [m2 kg-1]: bed of each node column over the mass of it that lies under the ground; less
-    where the column has under five sixths of the mass of the heaviest around it."""
-    bed = np.zeros(nodes.shape[1:3])
+def covered(nodes, j, i):
+    """Share of its bed that a node column stands on: less than 1 where it has under five sixths of the mass of the
+    heaviest around it."""
+    heaviest = 0.0
+    for b in range(j - 1, j + 2):
+        for a in range(i - 1, i + 2):
+            heaviest = max(heaviest, nodes[:, b, a, 3].sum())
+    return min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
+
+
+def normal_force(into, give, memory, dt, dx, impedance, sound):
+    """Impulse of ground that absorbs waves; `memory` (its smoothed force, negative at first, and how far it has
+    yielded) changes in place."""
+    smoothing, back = SMOOTHING * dx / sound, RETURN * dx / sound
+    reaction, yielded = float(memory[0]), float(memory[1])
+    if reaction < 0.0:
+        impulse = max(into / give, 0.0)
+        memory[0] = impulse / dt
+        return impulse
+    impulse = dt * (reaction + impedance * (into + yielded / back)) / (1.0 + dt * impedance * give)
+    impulse = max(impulse, 0.0)
+    if yielded + dt * (into - impulse * give) > MOST_YIELDED * dx:
+        impulse = max((into - (MOST_YIELDED * dx - yielded) / dt) / give, impulse)
+    memory[0] = reaction + (1.0 - np.exp(-dt / smoothing)) * (impulse / dt - reaction)
+    if impulse > 0.0:
+        memory[1] = max(yielded + dt * (into - impulse * give), 0.0)
+    else:
+        memory[1] = yielded * np.exp(-dt / back)
+    return impulse
+
+
+def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
+    """Contact of all node columns with the ground, of velocities at `nodes`; `memory` float32[rows, columns, 2], see
+    `normal_force`, is -1 where the flow did not touch the ground."""
+    moved = nodes.copy()
+    full = density * dx**3
     for j in range(1, nodes.shape[1] - 1):
         for i in range(1, nodes.shape[2] - 1):
-            steep = np.sqrt(1.0 + ground[j, i, 1] ** 2 + ground[j, i, 2] ** 2)
-            touching, heaviest = 0.0, 0.0
-            for k in range(nodes.shape[0]):
-                away = ((k - GHOSTS) * dx - ground[j, i, 0]) / steep
-                touching += nodes[k, j, i, 3] if away <= CLEARANCE * dx else 0.0
-            for b in range(j - 1, j + 2):
-                for a in range(i - 1, i + 2):
-                    heaviest = max(heaviest, nodes[:, b, a, 3].sum())
-            if touching > 0.0:
-                share = min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
-                bed[j, i] = share * dx * dx * steep / touching
-    return bed
+            height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
+            steep = np.sqrt(1.0 + sx * sx + sy * sy)
+            normal = np.array([-sx, -sy, 1.0]) / steep
+            place = height / dx + GHOSTS
+            level = int(place + 0.5)
+            foot = place - level
+            weights = 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2
+            near = nodes[level - 1 : level + 3, j, i]
+            v, give, here = np.zeros(3), 0.0, 0.0
+            shares = []
+            for k in range(3):
+                mass = near[k, 3]
+                share = weights[k] / max(mass, LIGHTEST * weights[k] * full) if mass > 0.0 else 0.0
+                shares.append(share)
+                if mass > 0.0:
+                    v += weights[k] * near[k, :3]
+                    give += weights[k] * share
+                    here += weights[k] * mass
+            if here < LEAST_SHARE * near[:, 3].max() or give <= 0.0:
+                memory[j, i] = -1.0
+                continue
+            if memory[j, i, 1] < 0.0:
+                memory[j, i, 1] = 0.0
+            into = -(v @ normal)
+            pressed = normal_force(into, give, memory[j, i], dt, dx, density * sound * dx * dx * steep, sound)
+            along = v + into * normal
+            slip = np.sqrt(along @ along)
+            kept = 1.0
+            if slip > 0.0:
+                kept = max(0.0, 1.0 - mu * pressed * give / slip)
+                if xi > 0.0:
+                    load = density * gravity * dt * covered(nodes, j, i) * dx * dx * steep * give
+                    kept *= 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * load * kept * slip / xi))
+            impulse = pressed * normal + (kept - 1.0) / give * along
+            for k in range(3):
+                if near[k, 3] > 0.0:
+                    moved[level - 1 + k, j, i, :3] += shares[k] * impulse
+    nodes[:] = moved
 
 
 def plain_step(
-    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft, xi=0.0
+    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft, memory,
+    sound, xi=0.0,
 ):
     """Advance by `dt` [s]; all arrays are changed in place.
 
@@ -54,6 +114,10 @@ def plain_step(
         Room for mass and momentum.
     ground : float64[rows, columns, 3]
         Elevation [m] and slopes.
+    memory : float32[rows, columns, 2]
+        What the ground keeps of the last step, see `press`.
+    sound : float [m s-1]
+        Speed of pressure waves.
     xi : float [m s-2], optional
         Of Voellmy's drag on the ground; 0: none.
     """
@@ -79,28 +143,10 @@ def plain_step(
                         moved = velocity[p, a] + c[a, 0] * r[0] + c[a, 1] * r[1] + c[a, 2] * r[2]
                         node[a] += w * (mass[p] * moved - pushes[a])
                     node[3] += w * mass[p]
-    bed = bed_per_mass(nodes, ground, dx) if xi > 0.0 else np.zeros(nodes.shape[1:3])
-    for k in range(nodes.shape[0]):
-        for j in range(nodes.shape[1]):
-            for i in range(nodes.shape[2]):
-                node = nodes[k, j, i]
-                if node[3] <= 0.0:
-                    continue
-                node[:3] /= node[3]
-                node[2] -= dt * gravity
-                height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
-                normal = np.array([-sx, -sy, 1.0]) / np.sqrt(1.0 + sx * sx + sy * sy)
-                into = node[:3] @ normal
-                touches = ((k - GHOSTS) * dx - height) / np.sqrt(1.0 + sx * sx + sy * sy) <= CLEARANCE * dx
-                if touches and into < 0.0:
-                    along = node[:3] - into * normal
-                    slip = np.sqrt(along @ along)
-                    node[:3] = along * max(0.0, 1.0 + mu * into / slip) if slip > 0.0 else along
-                if touches and xi > 0.0:
-                    into = node[:3] @ normal
-                    along = node[:3] - into * normal
-                    rate = dt * density * gravity * bed[j, i] * np.sqrt(along @ along) / xi
-                    node[:3] = into * normal + along * 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * rate))
+    moving = nodes[..., 3] > 0.0
+    nodes[moving, :3] /= nodes[moving, 3:]
+    nodes[moving, 2] -= dt * gravity
+    press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)
         j0, fy, wy = stencil(place[p, 1], dx)
