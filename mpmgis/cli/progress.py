@@ -189,7 +189,7 @@ def _lines():
 
 
 def frame_progress(done, total):
-    """Show how many frames of an export are done: on a terminal in one line that is rewritten, in a log every ten seconds."""
+    """Show how many frames are done: on a terminal in one line that is rewritten, in a log every ten seconds."""
     if done <= 1:
         _export_lines.start_again()
     if talk.volume >= 0 and sys.stderr.isatty():

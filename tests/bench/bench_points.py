@@ -8,8 +8,8 @@ import numba
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
-from column_scenes import terrain_of
 import plain_points
+from column_scenes import terrain_of
 from point_scenes import block_of, points_on
 
 from mpmgis.effects.contact import CoulombContact

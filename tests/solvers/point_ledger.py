@@ -32,7 +32,8 @@ class PlainRun:
 
     def __post_init__(self):
         particles, n = self.frame.particles, len(self.frame.particles)
-        self.place, self.velocity = particles.position - self.solver._corner_from((0.0, 0.0, 0.0)), particles.velocity.copy()
+        corner = self.solver._corner_from((0.0, 0.0, 0.0))
+        self.place, self.velocity = particles.position - corner, particles.velocity.copy()
         self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
         self.state, self.stress = np.zeros((n, 8)), np.zeros((n, 6))
         self.memory = np.full((*self.solver._ground.shape[:2], 2), -1.0, np.float32)
