@@ -36,6 +36,7 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "speed_limit": kernel.LIMITED_TOTAL,
 }
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
+SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class ColumnNumerics:
     """
 
     cell_size: float
-    cfl: float = 0.3
+    cfl: float = 0.6
+    move_limit: float = 0.5
     edges: str = "open"
     clamp: float = 0.0
     gravity: float = GRAVITY
@@ -119,7 +121,7 @@ class ColumnSolver(ParticleStore):
             self._rows[0, : len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[kernel.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
-        self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt", "fall_limit")}
+        self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
@@ -139,6 +141,7 @@ class ColumnSolver(ParticleStore):
             gravity=float(numerics.gravity),
             cfl=float(numerics.cfl),
             fixed_dt=float(numerics.time_step or 0.0),
+            move_limit=float(numerics.move_limit),
             fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
             thickness_floor=max(1e-3, 1e-3 * reference),
