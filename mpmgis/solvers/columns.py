@@ -36,6 +36,7 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "speed_limit": kernel.LIMITED_TOTAL,
 }
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
+CFL_ALONE = 0.6  # Courant number of a flow that meets no wall, takes up no ground and has no inflow
 SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
 
 
@@ -49,7 +50,7 @@ class ColumnNumerics:
     """
 
     cell_size: float
-    cfl: float = 0.6
+    cfl: float = 0.3
     move_limit: float = 0.5
     edges: str = "open"
     clamp: float = 0.0

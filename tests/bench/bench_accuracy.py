@@ -20,8 +20,11 @@ from column_scenes import dam_break, orders, relative_l1
 from mpmgis.effects.curvature import CurvatureTurnOnly
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.scene.tables import NumericsTable
+from mpmgis.solvers.columns import CFL_ALONE
 
-PER_SIDE = round(NumericsTable().particles_per_cell ** 0.5)  # columns along a cell's side, as `run` seeds them
+DEFAULTS = {  # columns along a cell's side and Courant number, as `run` has them
+    "per_side": round(NumericsTable().particles_per_cell ** 0.5), "cfl": CFL_ALONE,
+}  # fmt: skip
 
 HEADINGS = ("case", "cells", "error", "order", "asked for", "others, same cells")
 
@@ -30,7 +33,7 @@ def _water(tail):
     """Error [%] of the depth of a dam break on level ground, dry or on `tail` m of water."""
 
     def error(dx):
-        _, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=tail, per_side=PER_SIDE)
+        _, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=tail, **DEFAULTS)
         return 100 * relative_l1(h, exact)
 
     return error
@@ -41,7 +44,7 @@ def _slope(degrees, friction):
 
     def error(dx):
         x, h, exact, _ = dam_break(
-            dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160, per_side=PER_SIDE
+            dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160, **DEFAULTS
         )
         return 100 * relative_l1(h, exact, x > -50)
 
@@ -50,19 +53,19 @@ def _slope(degrees, friction):
 
 def _cap(time, friction):
     """Error [%], relative L2, of the thickness of a cap on 35 degrees."""
-    return lambda dx: 100 * cap_on_slope(dx, time, friction, PER_SIDE)[0]
+    return lambda dx: 100 * cap_on_slope(dx, time, friction, **DEFAULTS)[0]
 
 
 def _pool(kind):
-    return lambda dx: 100 * pool_in_bowl(kind, dx, per_side=PER_SIDE)[0]
+    return lambda dx: 100 * pool_in_bowl(kind, dx, **DEFAULTS)[0]
 
 
 def _energy_off(dx):
-    return 100 * abs(energy_drift_in_a_valley(100.0, dx, per_side=PER_SIDE)[0])
+    return 100 * abs(energy_drift_in_a_valley(100.0, dx, **DEFAULTS)[0])
 
 
 def _angle_off(dx):
-    return abs(runout_angle(CurvatureTurnOnly(), dx, per_side=PER_SIDE)[0] - np.degrees(np.arctan(0.4)))
+    return abs(runout_angle(CurvatureTurnOnly(), dx, **DEFAULTS)[0] - np.degrees(np.arctan(0.4)))
 
 
 class Case(NamedTuple):

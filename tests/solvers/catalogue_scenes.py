@@ -77,13 +77,13 @@ def energy_drift_in_a_valley(radius, dx, **numerics):
     return energy_per_mass(solver, valley) / start - 1.0, solver
 
 
-def runout_angle(curvature, dx, mu=0.4, per_side=4):
+def runout_angle(curvature, dx, mu=0.4, per_side=4, **numerics):
     """V21: (angle [deg] from where a body started to where it rests, solver) on a track that flattens gently."""
 
     def track(x, y):
         return 150.0 * np.exp(-x / 250.0) + 0 * y
 
-    solver = small_body(track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, Coulomb(mu), curvature, per_side)
+    solver = small_body(track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, Coulomb(mu), curvature, per_side, **numerics)
     before = solver.frame().particles.position[:, 0].mean()
     solver.advance(60.0)
     p = solver.frame().particles
