@@ -297,7 +297,7 @@ class NumericsTable:
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
                      choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
-    cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D: 0.4, at most 0.9)",
+    cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
                              None, low=0.0, high=0.9, above=True, example=0.6)  # fmt: skip
     clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0,
                         solver="columns")  # fmt: skip
