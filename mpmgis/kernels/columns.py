@@ -206,6 +206,7 @@ class Settings(NamedTuple):
     gravity: float  # [m s-2]
     cfl: float
     fixed_dt: float  # [s]; 0: by the Courant number
+    move_limit: float  # largest share of a cell that a column moves in a step
     fall_limit: float  # [s] C times the time in which the steepest ground moves a resting column by a cell
     clamp: float
     thickness_floor: float  # [m]
@@ -233,10 +234,10 @@ class NodeFields(NamedTuple):
 
 @jit
 def next_time_step(clock, step, settings):
-    """C dx / max(|u| + sqrt(g h)), at most dx / 4 per step, growing by at most 1.5 (design notes 3.7)."""
+    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5 (design notes 3.7)."""
     dt = min(
         settings.cfl * settings.dx / max(clock[SIGNAL], 1e-300),
-        0.25 * settings.dx / max(clock[SPEED], 1e-300),
+        settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
         settings.fall_limit,
     )
     return dt if step == 0 else min(dt, 1.5 * clock[LAST_DT])

@@ -28,6 +28,7 @@ from ..solvers.grid import ColumnGrid, require_ground
 from ..solvers.identity import start_digest
 from ..solvers.placing import levelled
 from ..solvers.points import PointNumerics
+from ..studies.knobs import default_courant_number
 from .places import read_places, trial_parameters
 from .point_start import read_point_start
 from .room import require_room
@@ -43,7 +44,6 @@ _KEYS_OF_OPTIONS = (
     (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
     (r"--(thickness|surface|density)\b", r"[release] \1"),
 )
-CFL = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
 
 
 @dataclass(frozen=True)
@@ -328,7 +328,7 @@ def _completed(scene, cell_size):
 def _with_courant_number(scene, cell_size=None):
     """A scene of one solver with its Courant number, and with cells of `cell_size` [m] where it does not say."""
     numerics = scene.numerics
-    cfl = numerics.cfl or CFL[scene.solver]
+    cfl = numerics.cfl or default_courant_number(scene, scene.solver)
     return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
 
 

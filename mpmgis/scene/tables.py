@@ -290,15 +290,15 @@ class NumericsTable:
     """How it is computed; none of this is physics."""
 
     cell_size: float | None = _key("solver cell [m]; without it the DTM's own", None, low=0.0, above=True, example=5.0)
-    particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 16, kind=int, low=1, high=400, solver="columns")
+    particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 9, kind=int, low=1, high=400, solver="columns")
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
     precision: str = _key("3D: float32: half the memory, two thirds of the time; columns are always float64", "float64",
                           str, choices=("float64", "float32"))  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
                      choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
-    cfl: float | None = _key("Courant number; without it 0.3 (3D: 0.4); 3D takes no more than 0.55 (fluid) to 0.9",
-                             None, low=0.0, high=0.9, above=True, example=0.3)  # fmt: skip
+    cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
+                             None, low=0.0, high=0.9, above=True, example=0.6)  # fmt: skip
     clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0,
                         solver="columns")  # fmt: skip
     stiffness: str = _key("3D: scaled: bulk modulus at most rho (10 U)^2, U the energy line's speed: longer steps",

@@ -49,6 +49,8 @@ CLIPS = {  # what holds a column's state within bounds, and the clock's count of
     "weightless": kernel.AIRBORNE_TOTAL,
 }
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
+CFL_ALONE = 0.6  # Courant number of a flow that meets no wall, takes up no ground and has no inflow
+SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class ColumnNumerics:
 
     cell_size: float
     cfl: float = 0.3
+    move_limit: float = 0.5
     edges: str = "open"
     clamp: float = 0.0
     gravity: float = GRAVITY
@@ -132,7 +135,7 @@ class ColumnSolver(ParticleStore):
             self._rows[0, : len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[kernel.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
-        self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt", "fall_limit")}
+        self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
@@ -152,6 +155,7 @@ class ColumnSolver(ParticleStore):
             gravity=float(numerics.gravity),
             cfl=float(numerics.cfl),
             fixed_dt=float(numerics.time_step or 0.0),
+            move_limit=float(numerics.move_limit),
             fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
             thickness_floor=THIN_SHARE * reference if reference > 0.0 else 1e-3,

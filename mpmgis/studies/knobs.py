@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..errors import InputError
 from ..scene.tables import NumericsTable
-from ..solvers.columns import ColumnNumerics
+from ..solvers.columns import CFL_ALONE, ColumnNumerics
 from ..solvers.points import PointNumerics
 
 HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # above it the schemes are unstable
@@ -91,8 +91,19 @@ def _rounded(size):
 
 def courant_number(scene):
     """That of [numerics]; of a scene in stages that leaves it to each solver the smaller one."""
-    own = {"columns": ColumnNumerics.cfl, "points": PointNumerics.cfl}
-    return scene.numerics.cfl or min(own[solver] for solver in scene.solvers)
+    return scene.numerics.cfl or min(default_courant_number(scene, solver) for solver in scene.solvers)
+
+
+def default_courant_number(scene, solver):
+    """That of a `solver` ("columns", "points") where [numerics] has none.
+
+    Columns that meet walls, take up ground or flow in take shorter steps: columns slipped through corners of walls, and
+    the energy balance closed to 1.1e-3 and 5e-3 with the longer ones.
+    """
+    if solver == "points":
+        return PointNumerics.cfl
+    more = scene.barrier or scene.entrainment or scene.hydrograph or scene.secondary_release
+    return ColumnNumerics.cfl if more else CFL_ALONE
 
 
 def cell_size_of(scene):

@@ -137,16 +137,19 @@ class StudyCells:
     density : float [kg m-3]
     start : (float, float) [m]
         E, N of the release's centre of mass.
+    spread : bool
+        Columns are spread as their solver does it, as in maps; else each fills the square of its area.
     """
 
     grid: object
     bed: object
     density: float
     start: tuple
+    spread: bool = False
 
     def state_of(self, frame):
         """The State of a Frame of columns or points."""
-        cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density, spread=False)
+        cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density, spread=self.spread)
         per_area = 1.0 / (self.density * cells.cell_area)
         thickness = np.zeros(self.grid.shape[0] * self.grid.shape[1])
         momentum = np.zeros((thickness.size, 2))

@@ -19,6 +19,12 @@ from column_scenes import dam_break, orders, relative_l1
 
 from mpmgis.effects.curvature import CurvatureTurnOnly
 from mpmgis.effects.metric import WaterMetric
+from mpmgis.scene.tables import NumericsTable
+from mpmgis.solvers.columns import CFL_ALONE
+
+DEFAULTS = {  # columns along a cell's side and Courant number, as `run` has them
+    "per_side": round(NumericsTable().particles_per_cell ** 0.5), "cfl": CFL_ALONE,
+}  # fmt: skip
 
 HEADINGS = ("case", "cells", "error", "order", "asked for", "others, same cells")
 
@@ -27,7 +33,7 @@ def _water(tail):
     """Error [%] of the depth of a dam break on level ground, dry or on `tail` m of water."""
 
     def error(dx):
-        _, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=tail)
+        _, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=tail, **DEFAULTS)
         return 100 * relative_l1(h, exact)
 
     return error
@@ -37,7 +43,9 @@ def _slope(degrees, friction):
     """Error [%] of the depth of a dam break on a slope, from 50 m above the dam on."""
 
     def error(dx):
-        x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160)
+        x, h, exact, _ = dam_break(
+            dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160, **DEFAULTS
+        )
         return 100 * relative_l1(h, exact, x > -50)
 
     return error
@@ -45,19 +53,19 @@ def _slope(degrees, friction):
 
 def _cap(time, friction):
     """Error [%], relative L2, of the thickness of a cap on 35 degrees."""
-    return lambda dx: 100 * cap_on_slope(dx, time, friction)[0]
+    return lambda dx: 100 * cap_on_slope(dx, time, friction, **DEFAULTS)[0]
 
 
 def _pool(kind):
-    return lambda dx: 100 * pool_in_bowl(kind, dx)[0]
+    return lambda dx: 100 * pool_in_bowl(kind, dx, **DEFAULTS)[0]
 
 
 def _energy_off(dx):
-    return 100 * abs(energy_drift_in_a_valley(100.0, dx)[0])
+    return 100 * abs(energy_drift_in_a_valley(100.0, dx, **DEFAULTS)[0])
 
 
 def _angle_off(dx):
-    return abs(runout_angle(CurvatureTurnOnly(), dx)[0] - np.degrees(np.arctan(0.4)))
+    return abs(runout_angle(CurvatureTurnOnly(), dx, **DEFAULTS)[0] - np.degrees(np.arctan(0.4)))
 
 
 class Case(NamedTuple):

@@ -16,6 +16,6 @@ def test_each_case_is_a_scene_with_its_files(name, tmp_path):
 
 def test_the_dam_is_studied_to_its_row(tmp_path):
     words, settings, error, *_, order, _, _ = shipped.studied("dam", tmp_path, 1)
-    assert words == "water from a dam onto dry ground" and settings == "1 m, 16 a cell, cfl 0.3"
+    assert words == "water from a dam onto dry ground" and settings == "1 m, 9 a cell, cfl 0.6"
     assert 0.5 < float(error.removesuffix(" %")) < 1.5 and 1.0 < float(order) < 2.2
     assert (tmp_path / "dam" / "study" / "study.png").exists()

@@ -51,10 +51,10 @@ def cap_on_slope(dx, time, friction_degrees=25.0, per_side=4, **numerics):
     return float(error), float(fastest / np.hypot(u, v)[exact > 0].max() - 1.0), solver
 
 
-def small_body(height, x, y, side, dx, length, width, friction=None, curvature=None, **numerics):
+def small_body(height, x, y, side, dx, length, width, friction=None, curvature=None, per_side=4, **numerics):
     """A sheet 1e-7 m thick on [x, x + side] x [y, y + side]: its own pressure moves nothing, it goes as a point."""
     terrain = terrain_of(height, length, width, dx)
-    frame = seeded(1e-7, x, x + side, y, y + side, dx)
+    frame = seeded(1e-7, x, x + side, y, y + side, dx, per_side)
     return solver_on(terrain, frame, dx, friction or Coulomb(0.0), curvature=curvature or Curvature(), **numerics)
 
 
@@ -77,13 +77,13 @@ def energy_drift_in_a_valley(radius, dx, **numerics):
     return energy_per_mass(solver, valley) / start - 1.0, solver
 
 
-def runout_angle(curvature, dx, mu=0.4):
+def runout_angle(curvature, dx, mu=0.4, per_side=4, **numerics):
     """V21: (angle [deg] from where a body started to where it rests, solver) on a track that flattens gently."""
 
     def track(x, y):
         return 150.0 * np.exp(-x / 250.0) + 0 * y
 
-    solver = small_body(track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, Coulomb(mu), curvature)
+    solver = small_body(track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, Coulomb(mu), curvature, per_side, **numerics)
     before = solver.frame().particles.position[:, 0].mean()
     solver.advance(60.0)
     p = solver.frame().particles

@@ -46,7 +46,7 @@ def columns_of(thickness, west, east, south, north, spacing, density=1000.0, vel
 
 
 def seeded(thickness, west, east, south, north, dx, per_side=4, staggered=True, **more):
-    """Columns as `run` seeds them by default, staggered, `per_side` along the side of a cell of `dx` [m]."""
+    """Columns staggered as `run` seeds them, `per_side` along the side of a cell of `dx` [m]."""
     spacing, stagger = dx / per_side, per_side if staggered else 0
     return columns_of(thickness, west, east, south, north, spacing, staggered=stagger, **more)
 
@@ -90,7 +90,7 @@ def node_thickness(solver, walls=True):
 
 
 def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, depth=5.0, reservoir=50.0, length=100.0,
-              tail=0.0, per_side=4, clamp=0.0, staggered=True):  # fmt: skip
+              tail=0.0, per_side=4, staggered=True, **numerics):  # fmt: skip
     """A dam of slope-normal `depth` [m] at rest on a plane; answers (distance from the dam along the slope, computed
     and exact vertical thickness) at `time` [s] on the nodes (Ritter 1892; Mangeney et al. 2000).
 
@@ -105,7 +105,7 @@ def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, dept
     east = behind if tail == 0 else total
     frame = seeded(thickness, 0, east, 0, width, dx, per_side, staggered)
     law = Coulomb(float(np.tan(delta))) if delta else Frictionless()
-    solver = solver_on(terrain, frame, dx, law, metric or SlopeMetric(), edges="wall", clamp=clamp)
+    solver = solver_on(terrain, frame, dx, law, metric or SlopeMetric(), edges="wall", **numerics)
     solver.advance(time)
     x, _, h = node_thickness(solver)
     along = (x - behind) / cos

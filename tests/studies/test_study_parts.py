@@ -188,7 +188,7 @@ def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversi
     sizes = {(key, size) for ((key, size), *more) in filter(None, found) if not more and key.endswith(".cell_size")}
     assert sizes == {("stage1.cell_size", 8.0), ("stage1.cell_size", 2.82843), *(
         ("stage2.cell_size", size) for size in (2.0, 1.41421))}  # fmt: skip
-    assert found[("cfl", 0.6),].numerics.cfl == 0.6 and found[("particles_per_cell", 4),]
+    assert found[("cfl", 0.8),].numerics.cfl == 0.8 and found[("particles_per_cell", 4),]
     assert {setting.knob for setting in settings} == {
         "scene", "cell_size", "stage1.cell_size", "stage2.cell_size", "particles_per_cell", "points_per_cell", "cfl",
         "precision", "stiffness",
@@ -202,7 +202,7 @@ def test_the_reference_of_a_scene_in_stages_is_finer_than_any_setting_in_each():
     for n, stage in enumerate(finer.scene.stage):
         least = min(setting.scene.stage[n].cell_size for setting in settings)
         assert stage.cell_size < 0.8 * least
-    assert finer.scene.numerics.cfl == 0.15 and finer.cell_size == finer.scene.stage[0].cell_size
+    assert finer.scene.numerics.cfl == 0.2 and finer.cell_size == finer.scene.stage[0].cell_size
     with pytest.raises(InputError, match="give a larger one"):
         knobs.reference(own, settings, 1.0)
 
@@ -211,7 +211,7 @@ def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter
     own = staged()
     turned = {s.changes: s.work_over(own) for s in knobs.one_at_a_time(own, knobs.knobs_of(own))}
     assert turned[()] == 1.0
-    assert turned[("points_per_cell", 27),] == 27 / 8 and turned[("cfl", 0.15),] == 2.0
+    assert turned[("points_per_cell", 27),] == 27 / 8 and turned[("cfl", 0.2),] == 2.0
     assert turned[("stage1.cell_size", 8.0), ("stage2.cell_size", 2.0)] == 1 / 8
     assert scene().numerics.cell_size == 4.0
     assert knobs.setting(scene(), "cell_size", (("cell_size", 2.0),)).work_over(scene()) == 8.0
