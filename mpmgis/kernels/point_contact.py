@@ -55,39 +55,47 @@ def _node_of(below, own, above, level, first, column):
 
 
 @jit_inline
-def _pushed_mass(mass, weight, full):
-    """Mass [kg] as which a node of spline `weight` is pushed; `full` [kg] is that of a node in the flow's interior."""
-    return max(mass, LIGHTEST * weight * full)
+def _pushed_mass(mass, weight, heaviest):
+    """Mass [kg] as which a node of spline `weight` is pushed; `heaviest` [kg] is that of its column's heaviest one."""
+    return max(mass, LIGHTEST * weight * heaviest)
 
 
 @jit_inline
-def _at_foot(nodes, below, own, above, first, column, level, foot, full):
-    """What the flow has at the ground under a node column.
-
-    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], and whether the flow touches the ground.
-    """
-    u = v = w = give = here = 0.0
+def _heaviest(nodes, below, own, above, first, column, level):
+    """Mass [kg] of the heaviest node of a column near the ground: that of the flow's interior there."""
     heaviest = 0.0
     for offset in range(-1, 3):
+        slot, n = _node_of(below, own, above, level + offset, first, column)
+        if slot >= 0:
+            heaviest = max(heaviest, float(nodes[slot, n + NODE_MASS]))
+    return heaviest
+
+
+@jit_inline
+def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
+    """What the flow has at the ground under a node column.
+
+    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], and the mass there [kg].
+    """
+    u = v = w = give = here = 0.0
+    for offset in range(-1, 2):
         slot, n = _node_of(below, own, above, level + offset, first, column)
         if slot < 0:
             continue
         mass = float(nodes[slot, n + NODE_MASS])
         if mass <= 0.0:
             continue
-        heaviest = max(heaviest, mass)
-        if offset < 2:
-            weight = spline_at(foot, offset)
-            u += weight * nodes[slot, n + NODE_X]
-            v += weight * nodes[slot, n + NODE_Y]
-            w += weight * nodes[slot, n + NODE_Z]
-            here += weight * mass
-            give += weight * weight / _pushed_mass(mass, weight, full)
-    return u, v, w, give, here >= LEAST_SHARE * heaviest and give > 0.0
+        weight = spline_at(foot, offset)
+        u += weight * nodes[slot, n + NODE_X]
+        v += weight * nodes[slot, n + NODE_Y]
+        w += weight * nodes[slot, n + NODE_Z]
+        here += weight * mass
+        give += weight * weight / _pushed_mass(mass, weight, heaviest)
+    return u, v, w, give, here
 
 
 @jit_inline
-def _push(nodes, below, own, above, first, column, level, foot, full, jx, jy, jz, mine):
+def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, mine):
     """Give the impulse (jx, jy, jz) [N s] at the ground to the nodes around it, and book it and its work."""
     for offset in range(-1, 2):
         slot, n = _node_of(below, own, above, level + offset, first, column)
@@ -97,7 +105,7 @@ def _push(nodes, below, own, above, first, column, level, foot, full, jx, jy, jz
         if mass <= 0.0:
             continue
         weight = spline_at(foot, offset)
-        share = weight / _pushed_mass(mass, weight, full)
+        share = weight / _pushed_mass(mass, weight, heaviest)
         u = nodes[slot, n + NODE_X] + share * jx
         v = nodes[slot, n + NODE_Y] + share * jy
         w = nodes[slot, n + NODE_Z] + share * jz
@@ -176,8 +184,7 @@ def press_on_ground(
     sound : float [m s-1]
         Speed of pressure waves in the flow.
     """
-    full, stamp = density * dx * dx * dx, step % STAMPS
-    before = (step + STAMPS - 1) % STAMPS
+    stamp, before = step % STAMPS, (step + STAMPS - 1) % STAMPS
     for c in prange(CHUNKS):
         mine = report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
@@ -194,8 +201,9 @@ def press_on_ground(
                 level, foot = foot_of(height, dx)
                 if level < first or level >= first + BLOCK or fold_at(ground.folds, jj, ii)[2] > 0:
                     continue
-                u, v, w, give, touches = _at_foot(nodes, below, t, above, first, column, level, foot, full)
-                if not touches:
+                heaviest = _heaviest(nodes, below, t, above, first, column, level)
+                u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
+                if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
                 known = memory[jj, ii]
                 if known[STAMP] != before:
@@ -208,4 +216,4 @@ def press_on_ground(
                 jx, jy, jz = contact_impulse(
                     u, v, w, give, nx, ny, nz, known, law, load, dt, dx, impedance, sound
                 )
-                _push(nodes, below, t, above, first, column, level, foot, full, jx, jy, jz, mine)
+                _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)

@@ -53,9 +53,11 @@ def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
     """Contact of all node columns with the ground, of velocities at `nodes`; `memory` float32[rows, columns, 2], see
     `normal_force`, is -1 where the flow did not touch the ground."""
     moved = nodes.copy()
-    full = density * dx**3
     for j in range(1, nodes.shape[1] - 1):
         for i in range(1, nodes.shape[2] - 1):
+            if nodes[:, j, i, 3].max() == 0.0:
+                memory[j, i] = -1.0
+                continue
             height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
             steep = np.sqrt(1.0 + sx * sx + sy * sy)
             normal = np.array([-sx, -sy, 1.0]) / steep
@@ -64,17 +66,17 @@ def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
             foot = place - level
             weights = 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2
             near = nodes[level - 1 : level + 3, j, i]
-            v, give, here = np.zeros(3), 0.0, 0.0
+            v, give, here, heaviest = np.zeros(3), 0.0, 0.0, near[:, 3].max()
             shares = []
             for k in range(3):
                 mass = near[k, 3]
-                share = weights[k] / max(mass, LIGHTEST * weights[k] * full) if mass > 0.0 else 0.0
+                share = weights[k] / max(mass, LIGHTEST * weights[k] * heaviest) if mass > 0.0 else 0.0
                 shares.append(share)
                 if mass > 0.0:
                     v += weights[k] * near[k, :3]
                     give += weights[k] * share
                     here += weights[k] * mass
-            if here < LEAST_SHARE * near[:, 3].max() or give <= 0.0:
+            if here < LEAST_SHARE * heaviest or give <= 0.0:
                 memory[j, i] = -1.0
                 continue
             if memory[j, i, 1] < 0.0:
