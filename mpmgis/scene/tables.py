@@ -304,7 +304,7 @@ class NumericsTable:
     stiffness: str = _key("3D: scaled: bulk modulus at most rho (10 U)^2, U the energy line's speed: longer steps",
                           "given", str, choices=("given", "scaled"), solver="points")  # fmt: skip
 
-    clearance: float = _key("3D: nodes up to this many cells above the ground touch it (others' codes: mostly 0)", 0.5,
+    clearance: float = _key("3D: at cliffs and kinks nodes up to this many cells above the ground touch it", 0.5,
                             low=0.0, high=1.0, solver="points")  # fmt: skip
 
     @property

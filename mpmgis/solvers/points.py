@@ -56,7 +56,7 @@ class PointNumerics:
     """How the points are marched; what is marched is in `PointEffects`.
 
     `cfl` counts up to what a point on its own bears, see `courant_number`.
-    `clearance` [cells] is the height above the ground up to which a node touches it (design notes 4.7).
+    `clearance` [cells] is the height above the ground up to which a node on a fold of it (a cliff, a kink) touches it.
     `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey. `precision`
     is that of points and grid; sums, time and what is booked are float64 in any case.
     """

@@ -1,0 +1,56 @@
+"""Slabs on inclined beds, near the angle of their friction."""
+
+import numpy as np
+from column_scenes import terrain_of
+from exact_solutions import G
+from point_scenes import block_of, march_to, points_on, sorted_points
+
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.material import Elastic
+
+FRICTION = 25.0  # [deg] of the bed
+SOIL = Elastic(6.7e6, 4e6)
+DENSITY, HEIGHT = 1500.0, 2.0
+LATERAL = 0.3 / 0.7  # stress across over stress along the normal of a confined elastic slab
+
+
+def weight_stress(distance, slope, friction):
+    """float64[n, 6] [Pa]: stress of a slab under its weight at `distance` [m] from a bed of `slope` [rad] that bears
+    `friction` at most."""
+    down, normal = np.array([np.cos(slope), 0.0, -np.sin(slope)]), np.array([np.sin(slope), 0.0, np.cos(slope)])
+    across = np.array([0.0, 1.0, 0.0])
+    pressed = -DENSITY * G * np.cos(slope) * (HEIGHT - distance)
+    sheared = -min(np.tan(slope), friction) * pressed
+    sides = LATERAL * (np.outer(down, down) + np.outer(across, across))
+    tensor = pressed[:, None, None] * (np.outer(normal, normal) + sides)
+    tensor += sheared[:, None, None] * (np.outer(normal, down) + np.outer(down, normal))
+    return np.column_stack([tensor[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
+
+
+def slab(degrees, time, cell=0.5, above=0.0, weighted=False, speed=0.0, material=SOIL, length=16.0, **numerics):
+    """(distance moved [m], speed [m s-1], exact distance [m], solver) of a slab of `length` x 2 m after `time` [s].
+
+    It lies on a bed of `degrees` whose friction angle is FRICTION, and starts without stress or `weighted`, under its
+    weight, at `speed` [m s-1]. The bed lies `above` [cells] a node.
+    """
+    slope, friction = np.radians(degrees), np.tan(np.radians(FRICTION))
+    base, west = 120.0 + above * cell, 20.0
+    down, normal = np.array([np.cos(slope), 0.0, -np.sin(slope)]), np.array([np.sin(slope), 0.0, np.cos(slope)])
+    corner = (west, 0.0, base - west * np.tan(slope))
+    frame = block_of((length, 4 * cell, HEIGHT), cell / 2, corner, density=DENSITY, velocity=speed * down, turned=slope)
+    start = frame.particles.position
+    stress = weight_stress((start - [0.0, 0.0, base]) @ normal, slope, friction) if weighted else None
+    terrain = terrain_of(lambda x, y: base - np.tan(slope) * x, west + length + 80.0, 4 * cell, cell)
+    solver = points_on(
+        terrain, frame, cell, material, CoulombContact(friction), stress=stress, edges="wall", **numerics
+    )
+    march_to(solver, time)
+    now = sorted_points(solver)
+    pull = G * (np.sin(slope) - friction * np.cos(slope))
+    if pull >= 0.0 and speed == 0.0:
+        exact = 0.5 * pull * time**2
+    elif speed > 0.0 and pull < 0.0:
+        exact = speed**2 / (-2.0 * pull)
+    else:
+        exact = 0.0
+    return ((now.position - start) @ down).mean(), (now.velocity @ down).mean(), exact, solver
