@@ -4,7 +4,7 @@ from math import exp, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .jit import jit_inline, jit_parallel, prange
+from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
@@ -60,7 +60,7 @@ def _pushed_mass(mass, weight, heaviest):
     return max(mass, LIGHTEST * weight * heaviest)
 
 
-@jit_inline
+@jit_borrowing
 def _heaviest(nodes, below, own, above, first, column, level):
     """Mass [kg] of the heaviest node of a column near the ground: that of the flow's interior there."""
     heaviest = 0.0
@@ -71,7 +71,7 @@ def _heaviest(nodes, below, own, above, first, column, level):
     return heaviest
 
 
-@jit_inline
+@jit_borrowing
 def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
     """What the flow has at the ground under a node column.
 
@@ -94,7 +94,7 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
     return u, v, w, give, here
 
 
-@jit_inline
+@jit_borrowing
 def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, mine):
     """Give the impulse (jx, jy, jz) [N s] at the ground to the nodes around it, and book it and its work."""
     for offset in range(-1, 2):
@@ -117,7 +117,7 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy
         mine[GROUND_WORK] -= taken * (jx * u + jy * v + jz * w)
 
 
-@jit_inline
+@jit_borrowing
 def normal_impulse(into, give, memory, dt, dx, impedance, sound):
     """Impulse [N s] of the ground on a flow that moves `into` it [m s-1]; keeps the ground's `memory` of it.
 

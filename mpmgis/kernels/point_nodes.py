@@ -4,7 +4,7 @@ from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .jit import jit_inline, jit_parallel, prange
+from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
 from .point_barriers import BARRIER, SHARE, at_barrier, passing_share
 from .point_drag import bed_per_mass
@@ -19,7 +19,7 @@ REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
 
 
-@jit_inline
+@jit_borrowing
 def _gather(block, sources, tiles):
     """Sum the up to eight tiles that overlap a node block, always in the same order."""
     block[:] = 0.0
@@ -62,7 +62,7 @@ def _on_ground(u, v, w, nx, ny, nz, law, drag):
     return u, v, w
 
 
-@jit_inline
+@jit_borrowing
 def _is_near_ground(first, row, column, ground, dx):
     """Can a node of the block whose lowest level is `first` touch the ground under it, or be on a fold?"""
     for j in range(BLOCK):
@@ -76,7 +76,7 @@ def _is_near_ground(first, row, column, ground, dx):
     return False
 
 
-@jit_inline
+@jit_borrowing
 def _has_barrier(row, column, barriers):
     """Does a barrier stand on a node column of the block column?"""
     for j in range(BLOCK):
@@ -94,7 +94,7 @@ def _is_at_wall(row, column, nx, ny):
     return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
 
 
-@jit_inline
+@jit_borrowing
 def _stop_at_walls(block, row, column, nx, ny, mine):
     """Take the outward velocity from the nodes on and beyond the domain's edges, and book what the walls take up."""
     for j in range(BLOCK):
@@ -114,7 +114,7 @@ def _stop_at_walls(block, row, column, nx, ny, mine):
                     block[n + NODE_Y] = 0.0
 
 
-@jit_inline
+@jit_borrowing
 def _fastest(block):
     """Largest squared speed [m2 s-2] at the nodes of `block` that have mass."""
     fastest2 = 0.0
@@ -128,13 +128,13 @@ def _fastest(block):
 @jit_parallel
 def move_nodes(
     nodes, tiles, sources, touched, n_touched, gathered, free, ground, barriers, report, dx, dt, gravity, wall, nx, ny,
-    barrier,
+    barred,
 ):  # fmt: skip
     """Velocities at the nodes of all touched blocks after gravity and walls, before any contact with the ground.
 
     Walls come first, because friction acts along what they leave, and once more in the end.
 
-    Nodes are `gathered` already where something had to know their masses. `free` uint8[n_touched] becomes 1 for blocks
+    Nodes are `gathered` already where something had to know their masses; `barred`: there are `barriers`. `free` uint8[n_touched] becomes 1 for blocks
     whose nodes touch nothing: they are finished.
     """
     for c in prange(CHUNKS):
@@ -155,7 +155,7 @@ def move_nodes(
             if wall and _is_at_wall(row, column, nx, ny):
                 _stop_at_walls(block, row, column, nx, ny, mine)
                 touches = True
-            touches = touches or (barrier.barrier_active() and _has_barrier(row, column, barriers))
+            touches = touches or (barred and _has_barrier(row, column, barriers))
             free[t] = 0 if touches else 1
             if not touches:
                 mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))

@@ -484,7 +484,7 @@ def advance(
             spread_contact(block_flow, touched, n_touched, flow)
         move_nodes(
             nodes, tiles, sources, touched, n_touched, drags or opens, free, ground, barriers, node_report, dx, dt,
-            gravity, settings.wall, settings.cells_x, settings.cells_y, effects.barrier,
+            gravity, settings.wall, settings.cells_x, settings.cells_y, effects.barrier.barrier_active(),
         )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth, lowest,
