@@ -93,6 +93,8 @@ from .point_transfer import (
     BLOCK_WEST,
     EDGES,
     FAR,
+    LIMITED,
+    LIMITED_ENERGY,
     NOT_FINITE,
     OUT,
     OUT_ENTRIES,
@@ -185,8 +187,13 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     DEEPEST_X,
     DEEPEST_Y,
     DEEPEST_TIME,
+    LIMITED_TOTAL,  # point-steps whose affine velocity was limited
+    LIMIT_LOSS,  # kinetic energy that this took [J]
+    POINT_STEPS,  # points, summed over the steps
+    SPEED_P999,  # largest speed at a look that 0.1 % of the mass exceeds [m s-1], and when it was [s]
+    SPEED_P999_TIME,
     CLOCK,
-) = range(36)
+) = range(41)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -265,6 +272,8 @@ def collect(report, ledger, clock, counts, window):
         clock[TIP_TOTAL] += mine[AT_TIP]
         clock[FAR_TOTAL] += mine[FAR]
         clock[PLASTIC_LOSS] += mine[PLASTIC]
+        clock[LIMITED_TOTAL] += mine[LIMITED]
+        clock[LIMIT_LOSS] += mine[LIMITED_ENERGY]
         lifted += mine[UNDER]
         clock[LIFTED_ENERGY] += mine[UNDER_ENERGY]
         clock[IMPULSE_GROUND_X] += mine[UNDER_X]
@@ -478,10 +487,11 @@ def advance(
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
             rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, inside, report,
-            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.holes, settings.cells_x,
-            settings.cells_y, effects.material, effects.softening,
+            dx, dt, clock[STEP_NOW], settings.density, settings.signal_speed, gravity, settings.wall, settings.holes,
+            settings.cells_x, settings.cells_y, effects.material, effects.softening,
         )  # fmt: skip
         counts[STEP] += 1
+        clock[POINT_STEPS] += counts[ALIVE]
         clock[TIME] = end
         before = counts[ALIVE]
         note_fastest(report, clock, rows, keys, order, start, bounds, dx, lowest)

@@ -10,6 +10,7 @@ AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
 SHOWN_SHARE = 1e-5  # of the mass that left at one place, from which the place is named
 SHOWN_PLACES = 4  # the largest that are named
+LIMITED_SHARE = 1e-4  # of point-steps whose affine velocity was limited, from which it is reported
 CLOSES = 1e-3  # of the energy put in, above which an energy balance is said not to close
 STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1], of the mass as a whole; solids swing as they settle
 STILL_FALL = 0.05  # [m] that the mass as a whole may have come down for all that
@@ -244,6 +245,8 @@ def _left_at(place, come):
     if place["where"] == "elsewhere":
         return f"{much} at smaller places, in the mean {at}"
     return f"{much} over the {place['where']} edge of the DTM {at}"
+
+
 def _fastest(b):
     return f"largest speed {b['speed_max']:.1f} m/s {_place(b['speed_max_at'], b['speed_max_time'])}"
 
@@ -264,7 +267,8 @@ def _of_points(b):
     lines += [f"{mass}, {errors}", *_where_it_left(b.get("left_places", ()), max(b["mass_start"], 1e-300))]
     lines += _lost_to_sight(out)
     takers = {
-        "the bed": "ground", "barriers": "barriers", "yielding": "yielding", "blows, viscosity and the grid": "mixing",
+        "the bed": "ground", "barriers": "barriers", "yielding": "yielding",
+        "the limit of the affine velocity": "affine_limit", "blows, viscosity and the grid": "mixing",
     }  # fmt: skip
     lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
@@ -273,6 +277,16 @@ def _of_points(b):
     share = 100 * b["speed_bound_ratio"]
     waves = f"{b['mach_max']:.2f} times that of pressure waves"
     lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of that of a free fall from the release's top")
+    lines.append(
+        f"99.9th percentile of the speed by mass: {b['speed_p999']:.1f} m/s at most, in the frame at "
+        f"t = {b['speed_p999_time']:.1f} s"
+    )
+    limited = b["point_steps_limited"] / max(b["point_steps"], 1)
+    if limited > LIMITED_SHARE:
+        lines.append(
+            f"the affine velocity was limited at {100 * limited:.2g} % of point-steps, in thin sheets and at free "
+            "surfaces, where it is not what the grid has"
+        )
     if share > 100:
         lines.append(
             f"beyond the model: the fastest point had {share:.0f} % of the speed of a free fall from the release's "

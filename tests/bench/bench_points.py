@@ -9,7 +9,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
-from plain_points import bed_per_mass, plain_step, stencil
+from plain_points import bed_per_mass, limited, plain_step, stencil
 from point_scenes import block_of, points_on
 
 from mpmgis.effects.contact import CoulombContact
@@ -58,6 +58,7 @@ def plain_nanoseconds():
     options = {"fastmath": {"nsz"}, "error_model": "numpy"}
     plain_points.stencil = numba.njit(**options)(stencil)
     plain_points.bed_per_mass = numba.njit(**options)(bed_per_mass)
+    plain_points.limited = numba.njit(**options)(limited)
     step = numba.njit(**options)(plain_step)
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
