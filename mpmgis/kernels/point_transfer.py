@@ -111,7 +111,7 @@ FAR_BLOCKS = 1e5  # further in one step nobody moves; keeps whole numbers whole
 # The affine velocity of a point is limited where the grid has less than THIN of the material's density around it, it
 # exceeds STILL of the speed of pressure waves at half a cell, and the velocities of the nodes are not linear: more than
 # BENT of their variance about the point's is not in it.
-THIN, STILL, BENT = 0.75, 1e-3, 1e-3
+THIN, STILL, BENT = 0.75, 1e-3, 0.02
 INSIDE = 1e-6  # cells from a wall to who is pushed against it: what single precision resolves
 # as floats, for products with floats
 FLOAT_LAYER, FLOAT_ROW, FLOAT_BLOCK = float(TILE_LAYER), float(TILE_ROW), float(BLOCK)

@@ -7,7 +7,7 @@ import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 CLEARANCE = 0.5  # [cells] above the ground up to which nodes touch it
-THIN, STILL, BENT = 0.75, 1e-3, 1e-3  # where the affine velocity is limited
+THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
 
 def stencil(place, dx):
