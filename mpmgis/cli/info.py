@@ -15,7 +15,9 @@ mpmgis info --json seed.h5 -o seed.json
 mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """
 
-_TAKERS = ("ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding")  # of energy
+_TAKERS = (  # of energy
+    "ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding", "affine_limit",
+)  # fmt: skip
 UNITS = {
     **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
     **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),
@@ -23,6 +25,7 @@ UNITS = {
     **dict.fromkeys(("volume", "reference_volume"), "m3"),
     **dict.fromkeys(("elevation", "thickness", "thickness_so_far", "thickness_max", "thickness_max_now", "drop"), "m"),
     **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
+    **dict.fromkeys(("speed_p999", "speed_p999_now"), "m s-1"),
     **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
     **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
     **dict.fromkeys(("energy_start", "energy_released_later", "energy_entrained", "energy_lifted", "energy_out"), "J"),

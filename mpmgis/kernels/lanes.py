@@ -86,6 +86,20 @@ def multiply_add(typingctx, factor, value, total):
 
 
 @intrinsic
+def multiply_lanes(typingctx, a, b, factor, total):
+    """factor * a * b + total, lane by lane, for three Lanes and a float of one precision."""
+
+    def codegen(context, builder, signature, arguments):
+        a, b, factor, total = arguments
+        scaled = builder.fmul(a, _splat(builder, signature.return_type, factor))
+        fused = ir.FunctionType(signature.return_type.vector, [signature.return_type.vector] * 3)
+        name = f"llvm.fma.v4{signature.return_type.suffix}"
+        return builder.call(cgutils.get_or_insert_function(builder.module, fused, name), [scaled, b, total])
+
+    return a(a, a, a.dtype, a), codegen
+
+
+@intrinsic
 def without_last(typingctx, value):
     """The Lanes with a zero in place of the fourth."""
 

@@ -16,9 +16,11 @@ from .block_order import CHUNKS, GONE
 from .jit import jit_borrowing, jit_parallel, kernel_part, law_function, prange
 from .lanes import (
     get,
+    lane,
     lanes,
     load,
     multiply_add,
+    multiply_lanes,
     prefetch,
     put,
     store,
@@ -61,6 +63,8 @@ from .point_rows import (
     UNDER_Y,
     UNDER_Z,
     UNDER_ENERGY,  # potential energy that lifting gives [J]
+    LIMITED,  # points whose affine velocity was limited, and the kinetic energy that this took [J]
+    LIMITED_ENERGY,
     NOT_FINITE,  # points
     BAD_X,
     BAD_Y,
@@ -73,7 +77,7 @@ from .point_rows import (
     HELD_STRETCH,  # points whose stretch was held to what the material bears, or that the step turned inside out
     HELD_WALL,  # points that would have passed a wall at the edge
     OUT,  # then the outflow ledger: per edge mass, momentum x, y, z, kinetic and potential energy, number
-) = range(22)
+) = range(24)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 7
 REPORT = OUT + EDGES * OUT_ENTRIES
@@ -92,13 +96,13 @@ BATCH = 32
     L_FX, L_FY, L_FZ,  # offset from the first node; then the place before the step
     L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2, L_WZ0, L_WZ1, L_WZ2,  # weights
     L_MX0, L_MX1, L_MX2, L_MY0, L_MY1, L_MY2, L_MZ0, L_MZ1, L_MZ2,  # weights times the offset from the point
-    L_U, L_V, L_W,  # velocity read from the nodes
+    L_U, L_V, L_W, L_NEAR,  # velocity read from the nodes, and their mass
     L_XX, L_YX, L_ZX, L_XY, L_YY, L_ZY, L_XZ, L_YZ, L_ZZ,  # its first moments: component, then axis
     L_N0, L_N1, L_N2, L_N3, L_N4, L_N5, L_N6, L_N7,  # state after the step
     L_TXX, L_TYY, L_TZZ, L_TXY, L_TXZ, L_TYZ, L_CODE,
-    L_SPEED2, L_SHEAR_MOST, L_SPEED_MOST, L_TORN, L_YIELDED,  # the last four gather over the batches of a chunk
-) = range(0, 77 * BATCH, BATCH)  # fmt: skip
-LINES = 77 * BATCH
+    L_SPEED2, L_AFFINE2, L_SHEAR_MOST, L_SPEED_MOST, L_TORN, L_YIELDED,  # the last four gather over a chunk's batches
+) = range(0, 79 * BATCH, BATCH)  # fmt: skip
+LINES = 79 * BATCH
 QUAD = 4 * BATCH  # groups of four numbers, one group a point
 QUADS = 4 * QUAD
 Q_MEAN, Q_MOMENT_X, Q_MOMENT_Y, Q_MOMENT_Z = range(0, 4 * QUAD, QUAD)
@@ -107,6 +111,10 @@ Q_MEAN, Q_MOMENT_X, Q_MOMENT_Y, Q_MOMENT_Z = range(0, 4 * QUAD, QUAD)
 I_PLACE, I_COLUMN, I_ROW, I_BLOCK_X, I_BLOCK_Y, I_BLOCK_Z, I_STAYS = range(0, 7 * BATCH, BATCH)
 INTEGERS = 7 * BATCH
 FAR_BLOCKS = 1e5  # further in one step nobody moves; keeps whole numbers whole
+# The affine velocity of a point is limited where the grid has less than THIN of the material's density around it, it
+# exceeds STILL of the speed of pressure waves at half a cell, and the velocities of the nodes are not linear: more than
+# BENT of their variance about the point's is not in it.
+THIN, STILL, BENT = 0.75, 1e-3, 0.02
 INSIDE = 1e-6  # cells from a wall to who is pushed against it: what single precision resolves
 # as floats, for products with floats
 FLOAT_LAYER, FLOAT_ROW, FLOAT_BLOCK = float(TILE_LAYER), float(TILE_ROW), float(BLOCK)
@@ -313,7 +321,8 @@ def _turn_quads(scratch, quads, count):
         for group in range(4):
             store(quads, group * QUAD + 4 * q, load(quads, group * QUAD + 4 * (count - 1)))
     for q in range(0, BATCH, 4):
-        _turn_quad(scratch, quads, Q_MEAN + 4 * q, L_U + q)
+        near = _turn_quad(scratch, quads, Q_MEAN + 4 * q, L_U + q)
+        store(scratch, L_NEAR + q, near)
         _turn_quad(scratch, quads, Q_MOMENT_X + 4 * q, L_XX + q)
         _turn_quad(scratch, quads, Q_MOMENT_Y + 4 * q, L_XY + q)
         _turn_quad(scratch, quads, Q_MOMENT_Z + 4 * q, L_XZ + q)
@@ -321,11 +330,12 @@ def _turn_quads(scratch, quads, count):
 
 @kernel_part
 def _turn_quad(scratch, quads, group, line):
-    """The first three entries of four groups into three lines."""
-    a, b, c, _ = transposed(load(quads, group), load(quads, group + 4), load(quads, group + 8), load(quads, group + 12))
+    """The first three entries of four groups into three lines; answers the fourth ones."""
+    a, b, c, d = transposed(load(quads, group), load(quads, group + 4), load(quads, group + 8), load(quads, group + 12))
     store(scratch, line, a)
     store(scratch, line + BATCH, b)
     store(scratch, line + 2 * BATCH, c)
+    return d
 
 
 @kernel_part
@@ -395,7 +405,9 @@ def _move(scratch, count, turn, step, push, carry):
         cyx, cyy, cyz = get(scratch, L_YX, q), get(scratch, L_YY, q), get(scratch, L_YZ, q)
         czx, czy, czz = get(scratch, L_ZX, q), get(scratch, L_ZY, q), get(scratch, L_ZZ, q)
         shear2 = cxx * cxx + cxy * cxy + cxz * cxz + cyx * cyx + cyy * cyy + cyz * cyz + czx * czx
-        shear2 = (shear2 + czy * czy + czz * czz) * (turn * turn)
+        shear2 += czy * czy + czz * czz
+        put(scratch, L_AFFINE2, q, 4.0 * shear2)
+        shear2 *= turn * turn
         speed2 = u * u + v * v + w * w
         put(scratch, L_SPEED2, q, speed2)
         put(scratch, L_SHEAR_MOST, q, max(get(scratch, L_SHEAR_MOST, q), shear2))
@@ -424,6 +436,89 @@ def _move(scratch, count, turn, step, push, carry):
         put(scratch, L_AXZ, q, carried * cxz - txz)
         put(scratch, L_AYZ, q, carried * cyz - tyz)
         put(scratch, L_AZZ, q, carried * czz - pushed * get(scratch, L_TZZ, q))
+
+
+@kernel_part
+def _limit_thin(
+    scratch, quads, integers, count, tile, block, ground, dx, dense, still, carry, wall, west, south, east, north, mine
+):  # fmt: skip
+    """Limit the affine velocity of the batch's points in thin sheets and at free surfaces.
+
+    These have nodes of less than the mass `dense` [kg] around them, where what lies beyond the ground and, with `wall`,
+    beyond the edges of the domain counts as full.
+    """
+    thin = 0
+    for q in range(BATCH):
+        thin += (get(scratch, L_NEAR, q) < dense) & (get(scratch, L_AFFINE2, q) > still)
+    if thin == 0:
+        return
+    for q in range(count):
+        if scratch[L_NEAR + q] < dense and scratch[L_AFFINE2 + q] > still:
+            x, y = float(scratch[L_FX + q]), float(scratch[L_FY + q])
+            filled = _filled(_above_ground(x, y, float(scratch[L_FZ + q]), block, ground, dx))
+            if wall:
+                filled *= _filled(x - west) * _filled(y - south) * _filled(east - x) * _filled(north - y)
+            if scratch[L_NEAR + q] < dense * filled:
+                _limit_one(scratch, quads, integers, q, tile, carry, mine)
+
+
+@kernel_part
+def _above_ground(x, y, z, block, ground, dx):
+    """Distance of a place in a block to the plane of the ground at its nearest node, in cells."""
+    i, j = int(x + 0.5) + block[0] * BLOCK, int(y + 0.5) + block[1] * BLOCK
+    slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
+    surface = ground[j, i, GROUND_HEIGHT] / dx + slope_x * (x + block[0] * BLOCK - i)
+    surface += slope_y * (y + block[1] * BLOCK - j)
+    return (z + block[2] * BLOCK - GHOSTS - surface) / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+
+
+@kernel_part
+def _filled(distance):
+    """Share of the full mass that a point's nodes have around it, `distance` [cells] from the face of a half-space.
+
+    That is the integral of a quintic B-spline, to 0.01.
+    """
+    d = min(max(distance, 0.0), 1.8)
+    return min(0.5 + d * (0.58 - 0.16 * d), 1.0)
+
+
+@kernel_part
+def _limit_one(scratch, quads, integers, q, tile, carry, mine):
+    """Scale the affine momentum of a point by R^8, R^2 the share of the variance of its nodes' velocities in it.
+
+    The variance is sum w |v_i - v_p|^2, that of the affine velocity dx^2 |C|^2 / 4. They are equal in a linear field.
+    """
+    affine = float(scratch[L_AFFINE2 + q])
+    share = affine / _variance(scratch, quads, integers, q, tile)
+    if share < 1.0 - BENT:
+        kept = share * share * share * share
+        mass = float(scratch[L_MASS + q])
+        taken = (1.0 - kept) * float(carry) * mass
+        for k in range(3):
+            for line in range(3):
+                a, m = L_AXX + (4 * k + line) * BATCH + q, L_XX + (3 * k + line) * BATCH + q
+                scratch[a] -= taken * float(scratch[m])
+        mine[LIMITED] += 1.0
+        mine[LIMITED_ENERGY] += 0.5 * mass * affine * (1.0 - kept * kept)
+
+
+@kernel_part
+def _variance(scratch, quads, integers, q, tile):
+    """Weighted variance of the velocities of a point's nodes about its own [m2 s-2]."""
+    t = integers[I_PLACE + q]
+    own, square = load(quads, Q_MEAN + 4 * q), lanes(0.0, 0.0, 0.0, 0.0)
+    wx0, wx1, wx2 = get(scratch, L_WX0, q), get(scratch, L_WX1, q), get(scratch, L_WX2, q)
+    for k in range(3):
+        for j in range(3):
+            w = get(scratch, L_WZ0 + k * BATCH, q) * get(scratch, L_WY0 + j * BATCH, q)
+            d0, d1 = multiply_add(-1.0, own, load(tile, t)), multiply_add(-1.0, own, load(tile, t + 4))
+            d2 = multiply_add(-1.0, own, load(tile, t + 8))
+            line = multiply_lanes(d0, d0, wx0, lanes(0.0, 0.0, 0.0, 0.0))
+            line = multiply_lanes(d2, d2, wx2, multiply_lanes(d1, d1, wx1, line))
+            square = multiply_add(w, line, square)
+            t += TILE_ROW
+        t += TILE_LAYER - 3 * TILE_ROW
+    return float(lane(square, 0)) + float(lane(square, 1)) + float(lane(square, 2))
 
 
 @kernel_part
@@ -618,12 +713,14 @@ def _lines_of_group(group):
 @jit_borrowing
 def _advance_blocks(
     rows, keys, order, start, first_block, end_block, blocks, targets, nodes, tiles, ground, lowest, inside, mine,
-    scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material, softening,
+    scratch, quads, integers, dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x, cells_y, material,
+    softening,
 ):  # fmt: skip
     """`grid_to_points` for the active blocks `first_block` to `end_block`."""
     row, real = rows.shape[1], scratch.dtype.type
     turn, time_step, step = real(4.0 / dx), real(dt), real(dt / dx)
     push, carry = real(next_dt * 4.0 / (dx * density)), real(4.0)
+    dense, still = real(THIN * density * dx * dx * dx), real((STILL * signal_speed) ** 2)
     for a in range(first_block, end_block):
         tile, block = tiles[a], blocks[a]
         _fill_tile(tile, nodes, targets[a])
@@ -641,6 +738,10 @@ def _advance_blocks(
             _strain(scratch, turn, time_step, material, softening)
             _strain_far(scratch, count, turn, time_step, material, softening, mine)
             _move(scratch, count, turn, step, push, carry)
+            _limit_thin(
+                scratch, quads, integers, count, tile, block, ground, dx, dense, still, carry, wall, west, south, east,
+                north, mine,
+            )  # fmt: skip
             if row > S4:
                 _yield_work(scratch, count)
             if wall:
@@ -665,11 +766,12 @@ def _deepest(ground, block, dx):
 @jit_parallel
 def grid_to_points(
     rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground, lowest, inside, report,
-    dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material, softening,
+    dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x, cells_y, material, softening,
 ):  # fmt: skip
     """Read the velocity field back, move the points, strain them and give them the stress of the next step.
 
     APIC: v_p = sum w_i v_i, C_p = 4/dx^2 sum w_i v_i (x_i - x_p)^T (Jiang et al. 2015); the deformation follows C.
+    In thin sheets and at free surfaces a limited C is carried on where the nodes' velocities are not linear.
     Points that leave over an edge or into a cell without elevation, `inside` uint8[cells_y, cells_x] = 0 (looked for
     only with `holes`), go to the ledger. `blocks` int32[active, 3] are the active blocks' places (x, y, z); `material`
     and `softening` have parameters of the rows' precision.
@@ -683,8 +785,8 @@ def grid_to_points(
         integers = np.zeros(INTEGERS, np.int32)
         _advance_blocks(
             rows, keys, order, start, bounds[c], bounds[c + 1], blocks, targets, nodes, tiles, ground, lowest, inside,
-            mine, scratch, quads, integers, dx, dt, next_dt, density, gravity, wall, holes, cells_x, cells_y, material,
-            softening,
+            mine, scratch, quads, integers, dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x,
+            cells_y, material, softening,
         )  # fmt: skip
         for q in range(BATCH):
             mine[SHEAR_MAX] = max(mine[SHEAR_MAX], scratch[L_SHEAR_MOST + q])

@@ -97,6 +97,8 @@ from .point_transfer import (
     FAR,
     HELD_STRETCH,
     HELD_WALL,
+    LIMITED,
+    LIMITED_ENERGY,
     NOT_FINITE,
     OUT,
     OUT_ENTRIES,
@@ -199,8 +201,12 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     LIFTED_TOTAL,
     STRETCH_TOTAL,
     WALL_TOTAL,
+    LIMITED_TOTAL,
+    LIMIT_LOSS,  # kinetic energy taken by the limit of affine velocities [J]
+    SPEED_P999,  # largest speed at a look that 0.1 % of the mass exceeds [m s-1], and when it was [s]
+    SPEED_P999_TIME,
     CLOCK,
-) = range(40)
+) = range(44)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -280,6 +286,8 @@ def collect(report, ledger, clock, counts, window):
         clock[TIP_TOTAL] += mine[AT_TIP]
         clock[FAR_TOTAL] += mine[FAR]
         clock[PLASTIC_LOSS] += mine[PLASTIC]
+        clock[LIMITED_TOTAL] += mine[LIMITED]
+        clock[LIMIT_LOSS] += mine[LIMITED_ENERGY]
         lifted += mine[UNDER]
         clock[LIFTED_TOTAL] += mine[UNDER_POINTS]
         clock[STRETCH_TOTAL] += mine[HELD_STRETCH]
@@ -507,8 +515,8 @@ def advance(
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
             rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, inside, report,
-            dx, dt, clock[STEP_NOW], settings.density, gravity, settings.wall, settings.holes, settings.cells_x,
-            settings.cells_y, effects.material, effects.softening,
+            dx, dt, clock[STEP_NOW], settings.density, settings.signal_speed, gravity, settings.wall, settings.holes,
+            settings.cells_x, settings.cells_y, effects.material, effects.softening,
         )  # fmt: skip
         counts[STEP] += 1
         clock[TIME] = end

@@ -22,6 +22,7 @@ CLIPPED = {  # names of clips in `balances`, in words
     "erosion_of_a_step": "erosion was held to the flow's own mass in a step",
     "weightless": "the centrifugal acceleration off the ground was held to gravity",
     "lifted_onto_ground": "a point more than a cell under the ground was laid back on it",
+    "affine_velocity": "the affine velocity of a point in a thin sheet was limited",
     "stretch_held": "a point's stretch was held to what its material bears",
 }
 CLOSES = 1e-3  # of the energy put in, above which an energy balance is said not to close
@@ -270,6 +271,8 @@ def _left_at(place, come):
     if place["where"] == "elsewhere":
         return f"{much} at smaller places, in the mean {at}"
     return f"{much} over the {place['where']} edge of the DTM {at}"
+
+
 def _fastest(b):
     return f"largest speed {b['speed_max']:.1f} m/s {_place(b['speed_max_at'], b['speed_max_time'])}"
 
@@ -290,7 +293,8 @@ def _of_points(b):
     lines += [f"{mass}, {errors}", *_where_it_left(b.get("left_places", ()), max(b["mass_start"], 1e-300))]
     lines += _lost_to_sight(out)
     takers = {
-        "the bed": "ground", "barriers": "barriers", "yielding": "yielding", "blows, viscosity and the grid": "mixing",
+        "the bed": "ground", "barriers": "barriers", "yielding": "yielding",
+        "the limit of the affine velocity": "affine_limit", "blows, viscosity and the grid": "mixing",
     }  # fmt: skip
     lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
@@ -299,6 +303,10 @@ def _of_points(b):
     share = 100 * b["speed_bound_ratio"]
     waves = f"{b['mach_max']:.2f} times that of pressure waves"
     lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of that of a free fall from the release's top")
+    lines.append(
+        f"99.9th percentile of the speed by mass: {b['speed_p999']:.1f} m/s at most, in the frame at "
+        f"t = {b['speed_p999_time']:.1f} s"
+    )
     if share > 100:
         lines.append(
             f"beyond the model: the fastest point had {share:.0f} % of the speed of a free fall from the release's "

@@ -34,17 +34,20 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "ground": kernel.GROUND_LOSS,
     "barriers": kernel.BARRIER_LOSS,
     "yielding": kernel.PLASTIC_LOSS,
+    "affine_limit": kernel.LIMIT_LOSS,
 }
 CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
     "lifted_onto_ground": kernel.LIFTED_TOTAL,
     "stretch_held": kernel.STRETCH_TOTAL,
     "held_at_walls": kernel.WALL_TOTAL,
+    "affine_velocity": kernel.LIMITED_TOTAL,
 }
 LEAK_STOP = 1e-3  # share of the mass found more than a cell under the ground in one step, at which a run stops itself
 LEAK_POINTS = 1.5  # times the heaviest point's mass: a single point is no leak, however few there are
 STENCIL_CELLS = 27.0  # that a point weighs on: how far apart it is pulled is not known beyond them
 LONE_SHARE = 0.85  # of the step at which a point on its own swings higher and higher; 0.95 bears no changes of the step
 LEVEL_ROUNDING = 1e-12  # of an elevation in cells, by which it may miss a level of nodes
+FASTEST_SHARE = 1e-3  # of the mass, left out of the speed that is reported beside the largest
 _TIME = 1e-9  # share of a time by which it may be missed for rounding
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 CONTACT_STATE = ("contact_nodes", "contact")  # of a frame's state: what the ground keeps of the last step
@@ -92,6 +95,19 @@ def _level_under(bed, dx):
     if abs(levels - np.rint(levels)) <= LEVEL_ROUNDING * max(1.0, abs(levels)):
         return bed
     return float(np.floor(levels) * dx)
+def exceeded_by(share, values, mass):
+    """The least of `values` [n] that at most a `share` [1] of the `mass` [n] exceeds; 0 without any."""
+    n, count = len(values), int(2.0 * share * len(values)) + 1
+    if n == 0:
+        return 0.0
+    allowed = share * float(mass.sum()) * (1.0 + _TIME)
+    while True:
+        largest = np.argpartition(values, n - count)[n - count :]
+        if count == n or float(mass[largest].sum()) > allowed:
+            break
+        count = min(2 * count, n)
+    falling = largest[np.argsort(-values[largest], kind="stable")]
+    return float(values[falling[int(np.searchsorted(np.cumsum(mass[falling]), allowed, side="right"))]])
 
 
 class PointSolver(ParticleStore):
@@ -244,12 +260,26 @@ class PointSolver(ParticleStore):
         clock[kernel.HIGHEST] = place[:, 2].max()
         clock[kernel.DEEPEST] = 0.0
         self._note_thickness(place, mass)
+        clock[[kernel.SPEED_P999, kernel.SPEED_P999_TIME]] = exceeded_by(FASTEST_SHARE, speed, mass), self.time
 
     def note_deepest(self):
-        """Note where the flow is thicker now than at any look before; part of what a restart needs."""
+        """Note where the flow is thicker now than at any look before, and the largest 99.9th percentile of its speed.
+
+        Part of what a restart needs.
+        """
         rows, _, keys = self._alive()
         if len(rows):
             self._note_thickness(self._places(rows, keys), rows[:, kernel.MASS])
+            speed = self._speed_p999(rows)
+            if speed > self._clock[kernel.SPEED_P999]:
+                self._clock[[kernel.SPEED_P999, kernel.SPEED_P999_TIME]] = speed, self.time
+
+    @staticmethod
+    def _speed_p999(rows):
+        """Speed [m s-1] that 0.1 % of the mass exceeds now."""
+        mass = rows[:, kernel.MASS].astype(float)
+        speed = np.sqrt((rows[:, kernel.PX : kernel.PZ + 1].astype(float) ** 2).sum(axis=1)) / mass
+        return exceeded_by(FASTEST_SHARE, speed, mass)
 
     def _note_thickness(self, place, mass):
         """As `note_deepest`, of points at `place` [n, 3] [m].
@@ -515,6 +545,9 @@ class PointSolver(ParticleStore):
         if new._clock[kernel.SPEED_WORST] > clock[kernel.SPEED_WORST]:
             noted = [kernel.SPEED_WORST, *range(kernel.FASTEST_X, kernel.FASTEST_TIME + 1)]
             clock[noted] = new._clock[noted]
+        if new._clock[kernel.SPEED_P999] > clock[kernel.SPEED_P999]:
+            noted = [kernel.SPEED_P999, kernel.SPEED_P999_TIME]
+            clock[noted] = new._clock[noted]
         if new._clock[kernel.DEEPEST] > clock[kernel.DEEPEST]:
             clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1] = new._clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1]
         self.mass_start += new.mass_start
@@ -612,6 +645,9 @@ class PointSolver(ParticleStore):
             "speed_max": float(clock[kernel.SPEED_WORST]),
             "speed_max_at": self._place_of(kernel.FASTEST_X),
             "speed_max_time": float(clock[kernel.FASTEST_TIME]),
+            "speed_p999_now": self._speed_p999(rows),
+            "speed_p999": float(clock[kernel.SPEED_P999]),
+            "speed_p999_time": float(clock[kernel.SPEED_P999_TIME]),
             "speed_bound_ratio": self._speed_over_fall(),
             "thickness_max": float(clock[kernel.DEEPEST]),
             "thickness_max_at": self._place_of(kernel.DEEPEST_X),

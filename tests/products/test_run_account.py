@@ -27,6 +27,11 @@ def test_energy_of_points_is_told_by_what_took_it_and_the_rest_is_left_over():
     assert line == "energy: 100 J lost: 60 J to the bed, 30 J to yielding, 10 J to blows, viscosity and the grid"
 
 
+def test_the_percentile_of_speed_is_reported():
+    lines = account(balances(speed_p999=12.34, speed_p999_time=7.0), "points")
+    assert "99.9th percentile of the speed by mass: 12.3 m/s at most, in the frame at t = 7.0 s" in lines
+
+
 def test_what_left_and_what_came_in_later_are_shares_of_all_that_was_released():
     lines = account(balances(mass_start=150.0, mass_out=1.0), "columns")
     assert lines[0].startswith("mass: 150 kg at the start, 50 kg came in later, 0.50 % left the terrain")

@@ -8,6 +8,7 @@ import numpy as np
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 IMPEDANCE, SMOOTHING, RETURN, MOST_YIELDED = 1.0, 20.0, 60.0, 0.1  # of the ground, as in `kernels.point_contact`
 LEAST_SHARE, LIGHTEST = 0.25, 0.1
+THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
 
 def stencil(place, dx):
@@ -98,10 +99,22 @@ def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
     nodes[:] = moved
 
 
+def limited(own, variance, mass_near, above, dx, density, signal_speed):
+    """The share of its velocity gradient that a point carries on, whose nodes have `mass_near` [kg] around it.
+
+    `own` is |C|^2 dx^2 / 4, `variance` that of the nodes' velocities about the point's, `above` [cells] the height.
+    """
+    d = min(max(above, 0.0), 1.8)
+    full = THIN * min(0.5 + 0.58 * d - 0.16 * d * d, 1.0) * density * dx**3
+    if mass_near >= full or own <= (STILL * signal_speed) ** 2 or own >= (1.0 - BENT) * variance:
+        return 1.0
+    return (own / variance) ** 4
+
+
 def plain_step(
     place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft, memory,
     sound, xi=0.0,
-):
+):  # fmt: skip
     """Advance by `dt` [s]; all arrays are changed in place.
 
     Parameters
@@ -122,7 +135,13 @@ def plain_step(
         Speed of pressure waves.
     xi : float [m s-2], optional
         Of Voellmy's drag on the ground; 0: none.
+
+    Returns
+    -------
+    int
+        Points whose affine velocity was limited.
     """
+    count = 0
     nodes[:] = 0.0
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)
@@ -177,3 +196,22 @@ def plain_step(
             state[p, e] = answer[e]
         for e in range(6):
             stress[p, e] = answer[8 + e]
+        near = variance = own = 0.0
+        for k in range(3):
+            for j in range(3):
+                for i in range(3):
+                    w, node = wx[i] * wy[j] * wz[k], nodes[k0 + k, j0 + j, i0 + i]
+                    near += w * node[3]
+                    for a in range(3):
+                        variance += w * (node[a] - new[a]) ** 2
+        for a in range(3):
+            for b in range(3):
+                own += 0.25 * dx * dx * gradient[a, b] ** 2
+        jj, ii = j0 + int(fy + 0.5), i0 + int(fx + 0.5)
+        height, sx, sy = ground[jj, ii, 0], ground[jj, ii, 1], ground[jj, ii, 2]
+        above = (k0 + fz - GHOSTS) * dx - height - sx * (i0 + fx - ii) * dx - sy * (j0 + fy - jj) * dx
+        above /= dx * np.sqrt(1.0 + sx * sx + sy * sy)
+        kept = limited(own, variance, near, above, dx, density, sound)
+        gradient *= kept
+        count += kept < 1.0
+    return count

@@ -116,6 +116,7 @@ def test_v11_a_free_disc_keeps_its_momenta_its_speed_and_its_shape():
     assert abs(angle) <= 1e-3 * 2.0 * np.pi  # back where it was
     assert apart <= 1e-3 * 3.0
     assert solver.energy()[0] >= (1.0 - 0.003) * energy
+    assert solver.balances()["clips"]["affine_velocity"] == 0
 
 
 def test_v11_the_disc_keeps_its_spin_while_it_flies():
