@@ -134,8 +134,8 @@ def move_nodes(
 
     Walls come first, because friction acts along what they leave, and once more in the end.
 
-    Nodes are `gathered` already where something had to know their masses; `barred`: there are `barriers`. `free` uint8[n_touched] becomes 1 for blocks
-    whose nodes touch nothing: they are finished.
+    Nodes are `gathered` already where something had to know their masses; `barred`: there are `barriers`. `free`
+    uint8[n_touched] becomes 1 for blocks whose nodes touch nothing: they are finished.
     """
     for c in prange(CHUNKS):
         mine = report[c]
