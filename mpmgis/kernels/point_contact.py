@@ -1,6 +1,6 @@
 """Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
 
-from math import exp, sqrt
+from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
@@ -10,17 +10,8 @@ from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
-# of a node column: reaction of the ground, smoothed [N], how far the ground has yielded [m], the step of both
-REACTION, YIELDED, STAMP, CONTACT_MEMORY = range(4)
-STAMPS = 1 << 20  # steps after which stamps repeat; single precision counts so far
 LEAST_SHARE = 0.25  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
-# The ground yields to waves as ground of the flow's own impedance does, and so sends none back. It returns over
-# RETURN. Times in cells over the speed of pressure waves, lengths in cells.
-IMPEDANCE = 1.0
-SMOOTHING = 20.0
-RETURN = 60.0
-MOST_YIELDED = 0.1
 
 
 @jit_inline
@@ -117,34 +108,8 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy
         mine[GROUND_WORK] -= taken * (jx * u + jy * v + jz * w)
 
 
-@jit_borrowing
-def normal_impulse(into, give, memory, dt, dx, impedance, sound):
-    """Impulse [N s] of the ground on a flow that moves `into` it [m s-1]; keeps the ground's `memory` of it.
-
-    The ground yields at (F - F_smooth) / Z - d / t_r: F its force, F_smooth its mean over SMOOTHING, Z the `impedance`
-    [kg s-1] of the bed under the column, d how far it has yielded, at most MOST_YIELDED, t_r the time of RETURN. A
-    steady load is borne without yielding, a wave is not sent back (Lysmer and Kuhlemeyer 1969).
-    """
-    smoothing, back = SMOOTHING * dx / sound, RETURN * dx / sound
-    if memory[REACTION] < 0.0:  # the first step of contact: as on rigid ground
-        impulse = max(into / give, 0.0)
-        memory[REACTION] = impulse / dt
-        return impulse
-    wanted = dt * (memory[REACTION] + impedance * (into + memory[YIELDED] / back))
-    impulse = max(wanted / (1.0 + dt * impedance * give), 0.0)
-    deepest = MOST_YIELDED * dx
-    if memory[YIELDED] + dt * (into - impulse * give) > deepest:
-        impulse = max((into - (deepest - memory[YIELDED]) / dt) / give, impulse)
-    memory[REACTION] += (1.0 - exp(-dt / smoothing)) * (impulse / dt - memory[REACTION])
-    if impulse > 0.0:
-        memory[YIELDED] = max(memory[YIELDED] + dt * (into - impulse * give), 0.0)
-    else:
-        memory[YIELDED] *= exp(-dt / back)
-    return impulse
-
-
 @jit_inline
-def contact_impulse(u, v, w, give, nx, ny, nz, memory, law, load, dt, dx, impedance, sound):
+def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
     Coulomb friction bears at most mu times the normal impulse; `load` [s m-1] is that of the law's drag.
@@ -152,7 +117,7 @@ def contact_impulse(u, v, w, give, nx, ny, nz, memory, law, load, dt, dx, impeda
     into = -(u * nx + v * ny + w * nz)
     if law.sticks():
         return -u / give, -v / give, -w / give
-    normal = normal_impulse(into, give, memory, dt, dx, impedance, sound)
+    normal = max(into, 0.0) / give
     tx, ty, tz = u + into * nx, v + into * ny, w + into * nz
     slip = sqrt(tx * tx + ty * ty + tz * tz)
     kept = 1.0
@@ -166,7 +131,7 @@ def contact_impulse(u, v, w, give, nx, ny, nz, memory, law, load, dt, dx, impeda
 @jit_parallel
 def press_on_ground(
     nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, column_mass,
-    memory, report, step, dx, dt, density, gravity, sound, contact, zones,
+    report, dx, dt, density, gravity, contact, zones,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks.
 
@@ -179,12 +144,7 @@ def press_on_ground(
     ----------
     slots : int32[.]
         Touched block at each place of the window, or -1 (see `point_blocks.link_blocks`).
-    memory : float32[rows, columns, CONTACT_MEMORY]
-        What the ground keeps from step to step; forgotten where the flow did not touch it in the last step.
-    sound : float [m s-1]
-        Speed of pressure waves in the flow.
     """
-    stamp, before = step % STAMPS, (step + STAMPS - 1) % STAMPS
     for c in prange(CHUNKS):
         mine = report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
@@ -205,15 +165,8 @@ def press_on_ground(
                 u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
                 if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
-                known = memory[jj, ii]
-                if known[STAMP] != before:
-                    known[REACTION], known[YIELDED] = -1.0, 0.0
-                known[STAMP] = stamp
                 law, load = zones.local(contact, zone_values, jj, ii), 0.0
                 if contact.drag_active():
                     load = density * gravity * dt * bed_under(column_mass, jj, ii, dx * dx / nz) * give
-                impedance = IMPEDANCE * density * sound * dx * dx / nz
-                jx, jy, jz = contact_impulse(
-                    u, v, w, give, nx, ny, nz, known, law, load, dt, dx, impedance, sound
-                )
+                jx, jy, jz = contact_impulse(u, v, w, give, nx, ny, nz, law, load)
                 _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)

@@ -43,7 +43,7 @@ from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
 from .point_blocks import WINDOW as BLOCKS_WINDOW
-from .point_contact import CONTACT_MEMORY, REACTION, STAMP, STAMPS, YIELDED, press_on_ground
+from .point_contact import press_on_ground
 from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, GROUND_ENTRIES, Ground
 from .point_nodes import (
@@ -121,7 +121,6 @@ __all__ = [  # what the solver needs beside its own
     "AXY",
     "AXZ",
     "BLOCK",
-    "CONTACT_MEMORY",
     "EXACT_ENTRIES",
     "FOLD_ENTRIES",
     "GHOSTS",
@@ -136,14 +135,10 @@ __all__ = [  # what the solver needs beside its own
     "POINT_BARRIER_SUMS",
     "PX",
     "PZ",
-    "REACTION",
     "ROW_LONG",
     "ROW_SHORT",
-    "STAMP",
-    "STAMPS",
     "STATE",
     "WAYS",
-    "YIELDED",
     "Ground",
     "X",
     "Z",
@@ -398,8 +393,8 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, contact_memory, ground,
-    lowest, inside, zone_values, barriers, until, after, max_steps, settings, effects, watched,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
+    zone_values, barriers, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 
@@ -496,8 +491,8 @@ def advance(
         )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth, lowest,
-            ground, zone_values, column_mass, contact_memory, node_report, counts[STEP], dx, dt, settings.density,
-            gravity, settings.signal_speed, effects.contact, effects.zones,
+            ground, zone_values, column_mass, node_report, dx, dt, settings.density, gravity, effects.contact,
+            effects.zones,
         )  # fmt: skip
         hold_nodes(
             nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,

@@ -50,7 +50,6 @@ LEVEL_ROUNDING = 1e-12  # of an elevation in cells, by which it may miss a level
 FASTEST_SHARE = 1e-3  # of the mass, left out of the speed that is reported beside the largest
 _TIME = 1e-9  # share of a time by which it may be missed for rounding
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
-CONTACT_STATE = ("contact_nodes", "contact")  # of a frame's state: what the ground keeps of the last step
 NO_PLACES = np.zeros((1, 1, 1))  # for what is known by place where nothing is
 
 
@@ -150,7 +149,6 @@ class PointSolver(ParticleStore):
         self.walls = tuple(walls)
         self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
-        self._contact = np.full((*self._ground.shape[:2], kernel.CONTACT_MEMORY), -1.0, np.float32)
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
 
@@ -403,7 +401,7 @@ class PointSolver(ParticleStore):
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
-            self._barrier_sums, self._contact, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
+            self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
             self._barriers, float(until), float(after), int(max_steps), self._settings, self._effects, self._watched,
         )  # fmt: skip
 
@@ -465,23 +463,9 @@ class PointSolver(ParticleStore):
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
-        state |= self._left_state() | self._watch_state() | self._contact_state()
+        state |= self._left_state() | self._watch_state()
         state |= {name: array.copy() for name, array in self._changing().items()}
         return state | {"counts": self._counts_of_rows()}
-
-    def _contact_state(self):
-        """What the ground keeps of the last step, of the few node columns that the flow touched in it."""
-        memory, last = self._contact.reshape(-1, kernel.CONTACT_MEMORY), (self.step - 1) % kernel.STAMPS
-        nodes = np.flatnonzero(memory[:, kernel.STAMP] == last)
-        return dict(zip(CONTACT_STATE, (nodes, memory[nodes, : kernel.STAMP]), strict=True))
-
-    def _restore_contact(self, state):
-        """Go on with what `_contact_state` gave."""
-        nodes, kept = (state[name] for name in CONTACT_STATE)
-        self._contact[...] = -1.0
-        memory = self._contact.reshape(-1, kernel.CONTACT_MEMORY)
-        memory[nodes, : kernel.STAMP] = kept
-        memory[nodes, kernel.STAMP] = (self.step - 1) % kernel.STAMPS
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
@@ -498,7 +482,7 @@ class PointSolver(ParticleStore):
         """
         self._restore_watch(frame)
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not {"rows", "keys", *LEFT_STATE, *CONTACT_STATE, *self._changing()} <= set(state) or ids is None:
+        if not {"rows", "keys", *LEFT_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
         if rows.dtype != self._real or rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
@@ -509,7 +493,6 @@ class PointSolver(ParticleStore):
         for name, array in self._changing().items():
             array[:] = state[name]
         self._restore_left(state)
-        self._restore_contact(state)
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")

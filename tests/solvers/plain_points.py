@@ -6,7 +6,6 @@ Runs as Python, and compiled as it stands, which is the scalar version that the 
 import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
-IMPEDANCE, SMOOTHING, RETURN, MOST_YIELDED = 1.0, 20.0, 60.0, 0.1  # of the ground, as in `kernels.point_contact`
 LEAST_SHARE, LIGHTEST = 0.25, 0.1
 THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
@@ -29,35 +28,12 @@ def covered(nodes, j, i):
     return min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
 
 
-def normal_force(into, give, memory, dt, dx, impedance, sound):
-    """Impulse of ground that absorbs waves; `memory` (its smoothed force, negative at first, and how far it has
-    yielded) changes in place."""
-    smoothing, back = SMOOTHING * dx / sound, RETURN * dx / sound
-    reaction, yielded = float(memory[0]), float(memory[1])
-    if reaction < 0.0:
-        impulse = max(into / give, 0.0)
-        memory[0] = impulse / dt
-        return impulse
-    impulse = dt * (reaction + impedance * (into + yielded / back)) / (1.0 + dt * impedance * give)
-    impulse = max(impulse, 0.0)
-    if yielded + dt * (into - impulse * give) > MOST_YIELDED * dx:
-        impulse = max((into - (MOST_YIELDED * dx - yielded) / dt) / give, impulse)
-    memory[0] = reaction + (1.0 - np.exp(-dt / smoothing)) * (impulse / dt - reaction)
-    if impulse > 0.0:
-        memory[1] = max(yielded + dt * (into - impulse * give), 0.0)
-    else:
-        memory[1] = yielded * np.exp(-dt / back)
-    return impulse
-
-
-def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
-    """Contact of all node columns with the ground, of velocities at `nodes`; `memory` float32[rows, columns, 2], see
-    `normal_force`, is -1 where the flow did not touch the ground."""
+def press(nodes, ground, dx, dt, density, gravity, mu, xi):
+    """Contact of all node columns with the ground, of velocities at `nodes`."""
     moved = nodes.copy()
     for j in range(1, nodes.shape[1] - 1):
         for i in range(1, nodes.shape[2] - 1):
             if nodes[:, j, i, 3].max() == 0.0:
-                memory[j, i] = -1.0
                 continue
             height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
             steep = np.sqrt(1.0 + sx * sx + sy * sy)
@@ -78,12 +54,9 @@ def press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound):
                     give += weights[k] * share
                     here += weights[k] * mass
             if here < LEAST_SHARE * heaviest or give <= 0.0:
-                memory[j, i] = -1.0
                 continue
-            if memory[j, i, 1] < 0.0:
-                memory[j, i, 1] = 0.0
             into = -(v @ normal)
-            pressed = normal_force(into, give, memory[j, i], dt, dx, density * sound * dx * dx * steep, sound)
+            pressed = max(into, 0.0) / give
             along = v + into * normal
             slip = np.sqrt(along @ along)
             kept = 1.0
@@ -112,7 +85,7 @@ def limited(own, variance, mass_near, above, dx, density, signal_speed):
 
 
 def plain_step(
-    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft, memory,
+    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft,
     sound, xi=0.0,
 ):  # fmt: skip
     """Advance by `dt` [s]; all arrays are changed in place.
@@ -129,8 +102,6 @@ def plain_step(
         Room for mass and momentum.
     ground : float64[rows, columns, 3]
         Elevation [m] and slopes.
-    memory : float32[rows, columns, 2]
-        What the ground keeps of the last step, see `press`.
     sound : float [m s-1]
         Speed of pressure waves.
     xi : float [m s-2], optional
@@ -167,7 +138,7 @@ def plain_step(
     moving = nodes[..., 3] > 0.0
     nodes[moving, :3] /= nodes[moving, 3:]
     nodes[moving, 2] -= dt * gravity
-    press(nodes, ground, memory, dx, dt, density, gravity, mu, xi, sound)
+    press(nodes, ground, dx, dt, density, gravity, mu, xi)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)
         j0, fy, wy = stencil(place[p, 1], dx)

@@ -36,7 +36,6 @@ class PlainRun:
         self.place, self.velocity = particles.position - corner, particles.velocity.copy()
         self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
         self.state, self.stress = np.zeros((n, 8)), np.zeros((n, 6))
-        self.memory = np.full((*self.solver._ground.shape[:2], 2), -1.0, np.float32)
         self.numerics, self.material = self.solver.numerics, self.solver.effects.material
 
     def march(self, steps):
@@ -58,7 +57,7 @@ class PlainRun:
         plain_step(
             self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground, dx, dt,
             numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
-            self.memory, self.material.wave_speed(numerics.density),
+            self.material.wave_speed(numerics.density),
         )  # fmt: skip
         self._book(nodes.reshape(-1, 4), shares, free, impulse, before)
         self._let_out()

@@ -21,11 +21,11 @@ def plain(solver, frame, material, mu, xi=0.0):
     state, stress = np.zeros((n, 8)), np.zeros((n, 6))
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max() / DX) + 14, *ground.shape[:2], 4))
-    memory, sound = np.full((*ground.shape[:2], 2), -1.0, np.float32), material.wave_speed(1000.0)
+    sound = material.wave_speed(1000.0)
     for _ in range(STEPS):
         plain_step(
             place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, DX, DT, 1000.0, 9.81, mu,
-            material, NoSoftening(), memory, sound, xi,
+            material, NoSoftening(), sound, xi,
         )  # fmt: skip
     return place, velocity
 

@@ -167,11 +167,10 @@ def test_the_limited_step_equals_the_plain_loop():
     state, stress, affine, count = np.zeros((n, 8)), np.zeros((n, 6)), np.zeros((n, 3, 3)), 0
     for values, k in zip(WATER.state_at_stress(*stress.T), range(8), strict=True):
         state[:, k] = values
-    memory = np.full((*solver._ground.shape[:2], 2), -1.0, np.float32)
     for _ in range(4):
         count += plain_step(
             place, velocity, affine, frame.particles.mass, state, stress, nodes, solver._ground[..., :3], 1.0, 1e-3,
-            DENSITY, 9.81, 0.0, WATER, NoSoftening(), memory, solver._settings.signal_speed,
+            DENSITY, 9.81, 0.0, WATER, NoSoftening(), solver._settings.signal_speed,
         )  # fmt: skip
     march_to(solver, 4e-3)
     now = sorted_points(solver)
