@@ -149,7 +149,7 @@ def test_energy_goes_into_friction_on_the_bed():
     assert balances["energy_lost_to_ground"] == pytest.approx(work, rel=0.04)
     assert balances["energy_lost_to_ground"] == pytest.approx(balances["energy_lost"], rel=0.02)
     assert balances["energy_lost_to_yielding"] == 0.0
-    assert abs(free.balances()["energy_lost_to_ground"]) <= 1e-6 * balances["energy_lost"]
+    assert abs(free.balances()["energy_lost_to_ground"]) <= 1e-4 * balances["energy_lost"]
     assert 0.0 <= free.balances()["energy_lost"] <= 1e-3 * sum(free.energy_start)
 
 
