@@ -102,7 +102,8 @@ def default_courant_number(scene, solver):
     """
     if solver == "points":
         return PointNumerics.cfl
-    more = scene.barrier or scene.entrainment or scene.hydrograph or scene.secondary_release
+    tables = (*scene.barrier, *scene.secondary_release, scene.entrainment, scene.hydrograph)
+    more = any(table is not None and table.use != "off" for table in tables)
     return ColumnNumerics.cfl if more else CFL_ALONE
 
 
