@@ -69,18 +69,16 @@ def dropped(folder, cells):
     return read_record(folder / "results")
 
 
-def test_sand_that_comes_to_rest_above_its_bed_is_reported_on_cells_as_large_as_its_depth(tmp_path, capsys):
+def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp_path, capsys):
+    """It hung half a cell above the bed before the ground acted between nodes; too coarse it is in any case."""
     coarse = dropped(tmp_path / "coarse", 1.0)
     err = capsys.readouterr().err
-    assert coarse["volume"]["hanging_share"] > 0.3 and not coarse["volume"]["kept"]
-    (trouble,) = coarse["troubles"]
-    assert "hangs off the bed at rest: not kept" in trouble and trouble in err and "smaller cells" in trouble
+    assert coarse["volume"]["hanging_share"] < 0.02
     assert coarse["resolution"]["coarse"] and "too coarse, a 3D run wants 3" in err
     frames = map(str, (tmp_path / "coarse" / "results").glob("*.h5"))
     assert main(["report", *frames, "-q", "-o", str(tmp_path / "r")]) == 0
     report = (tmp_path / "r" / "report.html").read_text()
-    warnings = report[report.index("Warnings") :]
-    assert "not kept" in warnings and "too coarse" in warnings
+    assert "too coarse" in report[report.index("Warnings") :]
 
 
 def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, capsys):
