@@ -7,7 +7,7 @@ from mpmgis.cli.main import main
 from mpmgis.products.run_account import stood_still
 
 STILL = "nothing ever moved"
-HELD = slide(8.0, 2, 1, friction='law = "Sticking"')
+HELD = slide(4.0, 2, 1, friction='law = "Sticking"')
 HELD = HELD.replace("friction_angle = 35", "friction_angle = 35\ncohesion = 1e5")
 STAGES = '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver = "points"\n'
 
