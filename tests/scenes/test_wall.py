@@ -48,7 +48,7 @@ def check_impact(folder, least):
 def test_water_runs_up_the_wall(tmp_path):
     """Columns, then 3D: the force is the momentum that shallow water brings (0.97, 0.98) before it falls back."""
     wall.make_wall(tmp_path / "wall", SMALL, end_time=3.0)
-    impact, time, force = check_impact(tmp_path / "wall", least=8.0)
+    impact, time, force = check_impact(tmp_path / "wall", least=7.9)
     assert impact.run_up[0] < 7.0
     x, lines = wall.finite_volumes((2.45, 2.6))
     for line in lines:
@@ -62,7 +62,7 @@ def test_the_scene_as_printed_leaves_out_what_has_passed(tmp_path, free):
     run = wall.make_printed(tmp_path / "printed", free, SMALL, end_time=0.6)
     kept = run["balances"]["mass_start"] / record(free)["balances"]["mass_start"]
     assert 0.70 < kept < 0.78
-    check_impact(tmp_path / "printed", least=8.0)
+    check_impact(tmp_path / "printed", least=7.9)
 
 
 @pytest.mark.slow

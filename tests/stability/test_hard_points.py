@@ -120,17 +120,15 @@ def test_a_few_points_that_come_onto_empty_rough_ground_are_no_leak(precision):
     assert solver.balances()["mass_lifted_onto_ground"] > 0.0
 
 
-def test_jets_at_a_wall_take_their_speed_from_the_rest(precision):
-    """H8, H26: sand without friction runs along a wall into the corner: a hundredth goes 1.9 times as fast as all came.
-
-    U^2 up to 3.6 of H2's bound, measured; the flow as a whole loses half its energy.
-    """
+def test_no_jet_at_a_wall_is_faster_than_the_flow(precision):
+    """H8, H26: sand without friction runs along a wall into the corner; U^2 is 0.5 of H2's bound, 3.6 before the affine
+    velocity was limited in thin sheets."""
     ground = Ground("cliff", 35.0, 4.976, 0.5, 1.0 / 3.0, 17, 40.0, 20.0)
     box = Box(0.2112322116965602, 0.07897657156429606, 0.1, 0.1, 2.0, 2, 20.0, 4.976)
     solver = PointScene(ground, box, 0.0, 0.2, "wall", 10.0, 0.0, 0.0, 0.0, precision).solver()
     watch = Watch(solver)
     watch.march(1.0, looks=20)
-    assert watch.speed_ratio > 2.0 and watch.gain < 0.0
+    assert watch.speed_ratio < 1.05 and watch.gain < 0.0
 
 
 @pytest.mark.parametrize("cfl", [0.4, 0.9])
