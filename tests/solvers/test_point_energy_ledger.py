@@ -75,6 +75,7 @@ def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
     closed(*both(material, **scene))
 
 
+@pytest.mark.slow
 def test_flow_over_an_edge_takes_its_energy_along():
     solver, plain = both("frictional", 30.0, 0.2, 12.0, 0.0, 2e-3, 0.58)
     assert 0.1 < solver.balances()["mass_out"] / solver.mass_start < 1.0
