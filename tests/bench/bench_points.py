@@ -54,7 +54,7 @@ def nanoseconds(solver, points):
 def plain_nanoseconds():
     """The plain loop, compiled without a change of it, on one thread."""
     options = {"fastmath": {"nsz"}, "error_model": "numpy"}
-    for name in ("stencil", "covered", "press", "limited"):
+    for name in ("stencil", "covered", "press", "hold", "limited"):
         setattr(plain_points, name, numba.njit(**options)(getattr(plain_points, name)))
     step = numba.njit(**options)(plain_points.plain_step)
     solver = scene(SOIL, None, 40, 40, 20)

@@ -71,7 +71,7 @@ def test_a_run_shows_its_time_and_ends_well(site):
 
 
 def test_a_long_run_asks_first_and_takes_no_for_an_answer(site):
-    (site / "scene.toml").write_text(SCENE.replace("= 30", "= 1e7").replace("= 5\n", "= 1e6\n"))
+    (site / "scene.toml").write_text(SCENE.replace("= 30", "= 1e9").replace("= 5\n", "= 1e8\n"))
     typed = Typed(site, "run", "scene.toml")
     assert typed.until("[y/N]"), typed.shown
     typed.answer("n")

@@ -7,6 +7,7 @@ import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 LEAST_SHARE, LIGHTEST = 0.25, 0.1
+BENEATH = 1.5  # [cells] under the ground, from which nodes are held one by one
 THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
 
@@ -70,6 +71,22 @@ def press(nodes, ground, dx, dt, density, gravity, mu, xi):
                 if near[k, 3] > 0.0:
                     moved[level - 1 + k, j, i, :3] += shares[k] * impulse
     nodes[:] = moved
+
+
+def hold(nodes, ground, dx, mu):
+    """Contact of single nodes far under the ground, of velocities at `nodes`."""
+    for j in range(nodes.shape[1]):
+        for i in range(nodes.shape[2]):
+            height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
+            normal = np.array([-sx, -sy, 1.0]) / np.sqrt(1.0 + sx * sx + sy * sy)
+            for k in range(nodes.shape[0]):
+                node = nodes[k, j, i]
+                into = -(node[:3] @ normal)
+                if node[3] <= 0.0 or (k - GHOSTS) * dx - height > -BENEATH * dx or into <= 0.0:
+                    continue
+                along = node[:3] + into * normal
+                slip = np.sqrt(along @ along)
+                node[:3] = along * max(0.0, 1.0 - mu * into / slip) if slip > 0.0 else along
 
 
 def limited(own, variance, mass_near, above, dx, density, signal_speed):
@@ -139,6 +156,7 @@ def plain_step(
     nodes[moving, :3] /= nodes[moving, 3:]
     nodes[moving, 2] -= dt * gravity
     press(nodes, ground, dx, dt, density, gravity, mu, xi)
+    hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)
         j0, fy, wy = stencil(place[p, 1], dx)

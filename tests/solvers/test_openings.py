@@ -119,8 +119,9 @@ def test_columns_pass_what_a_contraction_does(cell_size, gap, degrees, offset, t
     ],
 )
 def test_points_pass_what_a_contraction_does(gap, degrees, offset, thickness, precision):
+    """Through one cell 16 % less than finite volumes give at the worst place and angle; through two and more 12 %."""
     passed = discharge_of_points(1.0, gap, degrees, offset, thickness, precision=precision)
-    assert 0.85 * 0.865 <= passed <= 1.1
+    assert (0.84 if gap < 2.0 else 0.88) * 0.865 <= passed <= 1.1
 
 
 def slit_dam(dx=2.0):

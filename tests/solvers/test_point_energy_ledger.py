@@ -60,7 +60,7 @@ def closed(solver, plain):
     assert abs(residual(solver, plain)) <= CLOSES
 
 
-@pytest.mark.parametrize("material", ["elastic"])
+@pytest.mark.parametrize("material", MATERIALS)
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(**SCENES)
 def test_takers_explain_what_is_lost(material, **scene):
@@ -75,7 +75,6 @@ def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
     closed(*both(material, **scene))
 
 
-@pytest.mark.slow
 def test_flow_over_an_edge_takes_its_energy_along():
     solver, plain = both("frictional", 30.0, 0.2, 12.0, 0.0, 2e-3, 0.58)
     assert 0.1 < solver.balances()["mass_out"] / solver.mass_start < 1.0
