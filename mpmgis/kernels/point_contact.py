@@ -30,11 +30,12 @@ def spline_at(foot, offset):
     return 0.5 * (0.5 + offset * foot) ** 2
 
 
-@jit_inline
-def _node_of(below, own, above, level, first, column):
-    """(block or -1, index of its entry) of the node at `level` of a block's node `column` (0 to 15).
+@jit_borrowing
+def _node_of(nodes, below, own, above, level, first, column):
+    """(block, index of its entry, mass [kg]) of the node at `level` of a block's node `column` (0 to 15).
 
-    `first` is the lowest level of block `own`; `below` and `above` are its neighbours, -1 where there is none.
+    `first` is the lowest level of block `own`; `below` and `above` are its neighbours, -1 where there is none: the
+    mass is 0 there.
     """
     k = level - first
     slot = own
@@ -42,7 +43,11 @@ def _node_of(below, own, above, level, first, column):
         slot, k = below, k + BLOCK
     elif k >= BLOCK:
         slot, k = above, k - BLOCK
-    return slot, (k * BLOCK * BLOCK + column) * 4
+    n = (k * BLOCK * BLOCK + column) * 4
+    mass = 0.0
+    if slot >= 0:
+        mass = float(nodes[slot, n + NODE_MASS])
+    return slot, n, mass
 
 
 @jit_inline
@@ -56,9 +61,7 @@ def _heaviest(nodes, below, own, above, first, column, level):
     """Mass [kg] of the heaviest node of a column near the ground: that of the flow's interior there."""
     heaviest = 0.0
     for offset in range(-1, 3):
-        slot, n = _node_of(below, own, above, level + offset, first, column)
-        if slot >= 0:
-            heaviest = max(heaviest, float(nodes[slot, n + NODE_MASS]))
+        heaviest = max(heaviest, _node_of(nodes, below, own, above, level + offset, first, column)[2])
     return heaviest
 
 
@@ -70,10 +73,7 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
     """
     u = v = w = give = here = 0.0
     for offset in range(-1, 2):
-        slot, n = _node_of(below, own, above, level + offset, first, column)
-        if slot < 0:
-            continue
-        mass = float(nodes[slot, n + NODE_MASS])
+        slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
         weight = spline_at(foot, offset)
@@ -89,10 +89,7 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
 def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, mine):
     """Give the impulse (jx, jy, jz) [N s] at the ground to the nodes around it, and book it and its work."""
     for offset in range(-1, 2):
-        slot, n = _node_of(below, own, above, level + offset, first, column)
-        if slot < 0:
-            continue
-        mass = float(nodes[slot, n + NODE_MASS])
+        slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
         weight = spline_at(foot, offset)
@@ -130,10 +127,10 @@ def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
 
 @jit_parallel
 def press_on_ground(
-    nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, column_mass,
-    report, dx, dt, density, gravity, contact, zones,
+    nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
+    column_mass, report, dx, dt, density, gravity, contact, zones,
 ):  # fmt: skip
-    """Contact with smooth ground, of velocities at the nodes of all touched blocks.
+    """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
     The flow's velocity at the ground, v_b = sum N_k v_k over the three nodes of a column around it, is what contact
     acts on; the impulse J is given back with the same weights, dv_k = N_k J / m_k, so that the bed's reaction reaches
@@ -148,6 +145,8 @@ def press_on_ground(
     for c in prange(CHUNKS):
         mine = report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            if free[t] == 1:
+                continue
             row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
             first = block_level * BLOCK
             place = ((row - window_south) * width + block_column - window_west) * depth

@@ -490,8 +490,8 @@ def advance(
             gravity, settings.wall, settings.cells_x, settings.cells_y, effects.barrier.barrier_active(),
         )  # fmt: skip
         press_on_ground(
-            nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth, lowest,
-            ground, zone_values, column_mass, node_report, dx, dt, settings.density, gravity, effects.contact,
+            nodes, touched, n_touched, free, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
+            lowest, ground, zone_values, column_mass, node_report, dx, dt, settings.density, gravity, effects.contact,
             effects.zones,
         )  # fmt: skip
         hold_nodes(

@@ -152,9 +152,10 @@ def plain_step(
                         moved = velocity[p, a] + c[a, 0] * r[0] + c[a, 1] * r[1] + c[a, 2] * r[2]
                         node[a] += w * (mass[p] * moved - pushes[a])
                     node[3] += w * mass[p]
-    moving = nodes[..., 3] > 0.0
-    nodes[moving, :3] /= nodes[moving, 3:]
-    nodes[moving, 2] -= dt * gravity
+    for node in nodes.reshape(-1, 4):
+        if node[3] > 0.0:
+            node[:3] /= node[3]
+            node[2] -= dt * gravity
     press(nodes, ground, dx, dt, density, gravity, mu, xi)
     hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
