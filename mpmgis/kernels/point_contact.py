@@ -1,6 +1,6 @@
 """Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
 
-from math import sqrt
+from math import exp, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
@@ -10,8 +10,12 @@ from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
-LEAST_SHARE = 0.25  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
+LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
+LAYER = 20.0  # [cells] thickness of the layer of ground, as stiff as the flow, that yields under it
+MOST_YIELD = 0.2  # [cells] by which the ground yields at most
+# of the ground under a node column: how far it yields [m], and one more than the number of the step that found it so
+YIELD, YIELD_STEP, YIELD_ENTRIES = range(3)
 
 
 @jit_inline
@@ -106,15 +110,56 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy
 
 
 @jit_inline
-def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
+def yielding_impulse(into, give, yielded, impedance, back, most, dt):
+    """(normal impulse [N s], yield [m] after it) of ground that yields under a flow which moves `into` [m s-1] it.
+
+    The ground is an elastic layer on rigid rock: it pushes with `impedance` [kg s-1] times (speed + yield / `back`
+    [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. What is reflected by rigid ground
+    are waves of separation, which carry a slab over its bed with less friction than Coulomb's (Adams, 1995, J. Appl.
+    Mech. 62); this impedance, that of the flow itself, absorbs them (Lysmer & Kuhlemeyer, 1969, J. Eng. Mech. 95).
+    """
+    normal = max(dt * impedance * (into + yielded / back) / (1.0 + dt * impedance * give), 0.0)
+    if yielded + dt * (into - normal * give) > most:
+        normal = max((into - max(most - yielded, 0.0) / dt) / give, normal)
+    if normal > 0.0:
+        return normal, max(yielded + dt * (into - normal * give), 0.0)
+    return 0.0, yielded * exp(-dt / back)
+
+
+@jit_borrowing
+def carried_yield(before, step, j, i, east, north):
+    """Yield [m] under node column [j, i] that moved with the flow, by `east` and `north` [cells] in this step.
+
+    `before` are the yields before this step, whose number is `step`. A column that the flow has just reached has the
+    mean of its neighbours', so that a front does not fall into the ground cell by cell.
+    """
+    if before[j, i, YIELD_STEP] != step:
+        total = count = 0.0
+        for jj, ii in ((j, i - 1), (j, i + 1), (j - 1, i), (j + 1, i)):
+            if before[jj, ii, YIELD_STEP] == step:
+                total += before[jj, ii, YIELD]
+                count += 1.0
+        return total / max(count, 1.0)
+    own = before[j, i, YIELD]
+    behind = i - 1 if east > 0.0 else i + 1
+    carried = own
+    if before[j, behind, YIELD_STEP] == step:
+        carried += abs(east) * (before[j, behind, YIELD] - own)
+    behind = j - 1 if north > 0.0 else j + 1
+    if before[behind, i, YIELD_STEP] == step:
+        carried += abs(north) * (before[behind, i, YIELD] - own)
+    return max(carried, 0.0)
+
+
+@jit_inline
+def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
-    Coulomb friction bears at most mu times the normal impulse; `load` [s m-1] is that of the law's drag.
+    The flow moves `into` [m s-1] the ground, which answers with the impulse `normal` [N s]. Coulomb friction bears at
+    most mu times as much; `load` [s m-1] is that of the law's drag.
     """
-    into = -(u * nx + v * ny + w * nz)
     if law.sticks():
         return -u / give, -v / give, -w / give
-    normal = max(into, 0.0) / give
     tx, ty, tz = u + into * nx, v + into * ny, w + into * nz
     slip = sqrt(tx * tx + ty * ty + tz * tz)
     kept = 1.0
@@ -128,20 +173,27 @@ def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
 @jit_parallel
 def press_on_ground(
     nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
-    column_mass, report, dx, dt, density, gravity, contact, zones,
+    column_mass, yields, step, report, dx, dt, density, signal_speed, gravity, contact, zones,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
     The flow's velocity at the ground, v_b = sum N_k v_k over the three nodes of a column around it, is what contact
     acts on; the impulse J is given back with the same weights, dv_k = N_k J / m_k, so that the bed's reaction reaches
     every node that feels the ground (a Lagrange multiplier at one point for each node column). Each column is dealt
-    with in the block of the node that is nearest to the ground. Columns on folds are left alone.
+    with in the block of the node that is nearest to the ground. Columns on folds are left alone. Ground with friction
+    yields a little (see `yielding_impulse`), ground without is rigid.
 
     Parameters
     ----------
     slots : int32[.]
         Touched block at each place of the window, or -1 (see `point_blocks.link_blocks`).
+    yields : float64[2, rows, columns, YIELD_ENTRIES]
+        Of the last step and of this one, by turns.
+    step : int
+        Number of this step, from 1.
     """
+    before, after = yields[(step - 1) % 2], yields[step % 2]
+    back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
     for c in prange(CHUNKS):
         mine = report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
@@ -167,5 +219,12 @@ def press_on_ground(
                 law, load = zones.local(contact, zone_values, jj, ii), 0.0
                 if contact.drag_active():
                     load = density * gravity * dt * bed_under(column_mass, jj, ii, dx * dx / nz) * give
-                jx, jy, jz = contact_impulse(u, v, w, give, nx, ny, nz, law, load)
+                into = -(u * nx + v * ny + w * nz)
+                normal = max(into, 0.0) / give
+                if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
+                    yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx)
+                    impedance = signal_speed * heaviest / (dx * nz)
+                    normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
+                    after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
+                jx, jy, jz = contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load)
                 _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)

@@ -43,7 +43,7 @@ from .point_blocks import SOUTH as BLOCKS_SOUTH
 from .point_blocks import TALL as BLOCKS_TALL
 from .point_blocks import WEST as BLOCKS_WEST
 from .point_blocks import WINDOW as BLOCKS_WINDOW
-from .point_contact import press_on_ground
+from .point_contact import LAYER, MOST_YIELD, YIELD, YIELD_ENTRIES, YIELD_STEP, press_on_ground
 from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, GROUND_ENTRIES, Ground
 from .point_nodes import (
@@ -128,9 +128,11 @@ __all__ = [  # what the solver needs beside its own
     "GROUND_ENTRIES",
     "IMPULSE_X",
     "IMPULSE_Z",
+    "LAYER",
     "LEFT_BLOCK",
     "LEFT_ENTRIES",
     "MASS",
+    "MOST_YIELD",
     "POINT_BARRIER_ENTRIES",
     "POINT_BARRIER_SUMS",
     "PX",
@@ -139,6 +141,9 @@ __all__ = [  # what the solver needs beside its own
     "ROW_SHORT",
     "STATE",
     "WAYS",
+    "YIELD",
+    "YIELD_ENTRIES",
+    "YIELD_STEP",
     "Ground",
     "X",
     "Z",
@@ -394,7 +399,7 @@ def has_openings(barriers):
 @jit
 def advance(
     rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
-    zone_values, barriers, until, after, max_steps, settings, effects, watched,
+    zone_values, barriers, yields, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 
@@ -491,8 +496,8 @@ def advance(
         )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, free, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
-            lowest, ground, zone_values, column_mass, node_report, dx, dt, settings.density, gravity, effects.contact,
-            effects.zones,
+            lowest, ground, zone_values, column_mass, yields, counts[STEP] + 1, node_report, dx, dt, settings.density,
+            settings.signal_speed, gravity, effects.contact, effects.zones,
         )  # fmt: skip
         hold_nodes(
             nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,

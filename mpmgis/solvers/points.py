@@ -36,6 +36,7 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "yielding": kernel.PLASTIC_LOSS,
     "affine_limit": kernel.LIMIT_LOSS,
 }
+YIELD_STATE = ("yield_columns", "yields")  # of a frame's state: where the ground yields, and by how much [m]
 CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
     "lifted_onto_ground": kernel.LIFTED_TOTAL,
     "stretch_held": kernel.STRETCH_TOTAL,
@@ -153,6 +154,7 @@ class PointSolver(ParticleStore):
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
+        self._press_ground(frame, stress)
 
     def _in_precision(self, law):
         """`law` with parameters of the points' precision: the compiler makes of float32 and float64 a float64."""
@@ -168,6 +170,7 @@ class PointSolver(ParticleStore):
         self._ground = self._padded(np.dstack([height, grid.gradient, deep]))
         terrain_height = self._padded(grid.bed[..., None] - self.floor)[..., 0]
         self._known_ground = folded_ground(self._ground, terrain_height, dx, self.numerics.clearance)
+        self._yields = np.zeros((2, *self._ground.shape[:2], kernel.YIELD_ENTRIES))
         self._lowest = kernel.lowest_blocks(self._ground[..., 0], dx)
         ny, nx = grid.inside.shape
         self._lengths = nx * dx, ny * dx
@@ -404,7 +407,8 @@ class PointSolver(ParticleStore):
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
             self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
-            self._barriers, float(until), float(after), int(max_steps), self._settings, self._effects, self._watched,
+            self._barriers, self._yields, float(until), float(after), int(max_steps), self._settings, self._effects,
+            self._watched,
         )  # fmt: skip
 
     def _march_with(self, effects, places, walls):
@@ -465,9 +469,43 @@ class PointSolver(ParticleStore):
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
-        state |= self._left_state() | self._watch_state()
+        state |= self._left_state() | self._watch_state() | self._yield_state()
         state |= {name: array.copy() for name, array in self._changing().items()}
         return state | {"counts": self._counts_of_rows()}
+
+    def _press_ground(self, frame, stress):
+        """Ground under points that start with `stress` is in equilibrium too: it yields as under their weight.
+
+        Without stress, both flow and ground take up the weight in the first steps. Ground that the flow touched
+        already is left as it is; under points above the ground the next step finds no contact.
+        """
+        dx, settings = self.numerics.cell_size, self._settings
+        place = frame.particles.position - self._corner_from(frame.origin)
+        i, j = np.rint(place[:, :2].T / dx).astype(int) + kernel.GHOSTS
+        last = self._yields[self.step % 2]
+        shape = last.shape[:2]
+        mass = np.bincount(np.ravel_multi_index((j, i), shape), frame.particles.mass, shape[0] * shape[1])
+        mass = ndimage.maximum_filter(ndimage.uniform_filter(mass.reshape(shape), 3), 3)
+        thickness = mass / (settings.density * dx**2)
+        steep2 = 1.0 + (self._ground[..., 1:3] ** 2).sum(axis=-1)
+        yields = kernel.LAYER * dx * settings.gravity * thickness / (steep2 * settings.signal_speed**2)
+        new = (thickness > 0.0) & (last[..., kernel.YIELD_STEP] != self.step + 1)
+        yields = np.zeros(shape) if stress is None else yields
+        last[new, kernel.YIELD] = np.minimum(yields, kernel.MOST_YIELD * dx)[new]
+        last[new, kernel.YIELD_STEP] = self.step + 1
+
+    def _yield_state(self):
+        """Where the ground yields after the last step, of the node columns under the flow."""
+        last = self._yields[self.step % 2]
+        columns = np.flatnonzero(last[..., kernel.YIELD_STEP] == self.step + 1)
+        return dict(zip(YIELD_STATE, (columns, last[..., kernel.YIELD].ravel()[columns]), strict=True))
+
+    def _restore_yields(self, state):
+        """Go on with what `_yield_state` gave."""
+        columns, yields = (state[name] for name in YIELD_STATE)
+        self._yields[:] = 0.0
+        last = self._yields[self.step % 2].reshape(-1, kernel.YIELD_ENTRIES)
+        last[columns, kernel.YIELD], last[columns, kernel.YIELD_STEP] = yields, self.step + 1
 
     def _changing(self):
         """Name -> array of all that changes besides the rows, and that this scene has."""
@@ -484,7 +522,7 @@ class PointSolver(ParticleStore):
         """
         self._restore_watch(frame)
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not {"rows", "keys", *LEFT_STATE, *self._changing()} <= set(state) or ids is None:
+        if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
         if rows.dtype != self._real or rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
@@ -495,6 +533,7 @@ class PointSolver(ParticleStore):
         for name, array in self._changing().items():
             array[:] = state[name]
         self._restore_left(state)
+        self._restore_yields(state)
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
@@ -521,6 +560,7 @@ class PointSolver(ParticleStore):
             self._stress, self._affine = new._stress, new._affine
             self._counts[[kernel.CURRENT, kernel.ROWS]] = 0, len(frame.particles)
             self._counts[kernel.WINDOW_FIRST :] = new._counts[kernel.WINDOW_FIRST :]
+        self._press_ground(frame, stress)
         clock = self._clock
         self._counts[kernel.ALIVE] += len(frame.particles)
         clock[[kernel.TOTAL_MASS, kernel.MASS_NOW]] += new.mass_start

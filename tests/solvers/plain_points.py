@@ -6,7 +6,8 @@ Runs as Python, and compiled as it stands, which is the scalar version that the 
 import numpy as np
 
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
-LEAST_SHARE, LIGHTEST = 0.25, 0.1
+LEAST_SHARE, LIGHTEST = 0.35, 0.1
+LAYER, MOST_YIELD = 20.0, 0.2  # [cells] of the ground that yields
 BENEATH = 1.5  # [cells] under the ground, from which nodes are held one by one
 THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
@@ -29,9 +30,43 @@ def covered(nodes, j, i):
     return min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
 
 
-def press(nodes, ground, dx, dt, density, gravity, mu, xi):
-    """Contact of all node columns with the ground, of velocities at `nodes`."""
-    moved = nodes.copy()
+def yields_of(solver):
+    """float64[rows, columns] [m]: yield of the ground at the solver's start, -1 where nothing lies on it."""
+    start = solver._yields[0]
+    return np.where(start[..., 1] == 1.0, start[..., 0], -1.0)
+
+
+def carried(yields, j, i, east, north):
+    """Yield of the ground under a node column, which moves with the flow, by a step of `east` and `north` [cells]."""
+    own = yields[j, i]
+    beside = yields[j, i - 1], yields[j, i + 1], yields[j - 1, i], yields[j + 1, i]
+    if own < 0.0:
+        total = count = 0.0
+        for value in beside:
+            if value >= 0.0:
+                total, count = total + value, count + 1.0
+        return total / max(count, 1.0)
+    behind = beside[0] if east > 0.0 else beside[1]
+    moved = own + (abs(east) * (behind - own) if behind >= 0.0 else 0.0)
+    behind = beside[2] if north > 0.0 else beside[3]
+    moved += abs(north) * (behind - own) if behind >= 0.0 else 0.0
+    return max(moved, 0.0)
+
+
+def yielding(into, give, yielded, impedance, back, most, dt):
+    """Normal impulse of ground that yields, and its yield after it."""
+    normal = max(dt * impedance * (into + yielded / back) / (1.0 + dt * impedance * give), 0.0)
+    if yielded + dt * (into - normal * give) > most:
+        normal = max((into - max(most - yielded, 0.0) / dt) / give, normal)
+    if normal > 0.0:
+        return normal, max(yielded + dt * (into - normal * give), 0.0)
+    return 0.0, yielded * np.exp(-dt / back)
+
+
+def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu, xi):
+    """Contact of all node columns with the ground, of velocities at `nodes`; `yields` [m], -1 where nothing was."""
+    moved, before = nodes.copy(), yields.copy()
+    yields[:] = -1.0
     for j in range(1, nodes.shape[1] - 1):
         for i in range(1, nodes.shape[2] - 1):
             if nodes[:, j, i, 3].max() == 0.0:
@@ -58,6 +93,10 @@ def press(nodes, ground, dx, dt, density, gravity, mu, xi):
                 continue
             into = -(v @ normal)
             pressed = max(into, 0.0) / give
+            if mu > 0.0:
+                yielded, back = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx), LAYER * dx / sound
+                impedance = sound * heaviest * steep / dx
+                pressed, yields[j, i] = yielding(into, give, yielded, impedance, back, MOST_YIELD * dx, dt)
             along = v + into * normal
             slip = np.sqrt(along @ along)
             kept = 1.0
@@ -102,7 +141,7 @@ def limited(own, variance, mass_near, above, dx, density, signal_speed):
 
 
 def plain_step(
-    place, velocity, affine, mass, state, stress, nodes, ground, dx, dt, density, gravity, mu, material, soft,
+    place, velocity, affine, mass, state, stress, nodes, ground, yields, dx, dt, density, gravity, mu, material, soft,
     sound, xi=0.0,
 ):  # fmt: skip
     """Advance by `dt` [s]; all arrays are changed in place.
@@ -119,6 +158,8 @@ def plain_step(
         Room for mass and momentum.
     ground : float64[rows, columns, 3]
         Elevation [m] and slopes.
+    yields : float64[rows, columns] [m]
+        By which the ground yields, -1 where nothing touches it.
     sound : float [m s-1]
         Speed of pressure waves.
     xi : float [m s-2], optional
@@ -156,7 +197,7 @@ def plain_step(
         if node[3] > 0.0:
             node[:3] /= node[3]
             node[2] -= dt * gravity
-    press(nodes, ground, dx, dt, density, gravity, mu, xi)
+    press(nodes, ground, yields, dx, dt, density, gravity, sound, mu, xi)
     hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)

@@ -9,7 +9,7 @@ transfers: the energy of the points, with that of their affine velocity m (dx / 
 from dataclasses import dataclass, field
 
 import numpy as np
-from plain_points import GHOSTS, plain_step
+from plain_points import GHOSTS, plain_step, yields_of
 
 from mpmgis.effects.softening import NoSoftening
 
@@ -36,6 +36,7 @@ class PlainRun:
         self.place, self.velocity = particles.position - corner, particles.velocity.copy()
         self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
         self.state, self.stress = np.zeros((n, 8)), np.zeros((n, 6))
+        self.yields = yields_of(self.solver)
         self.numerics, self.material = self.solver.numerics, self.solver.effects.material
 
     def march(self, steps):
@@ -55,7 +56,8 @@ class PlainRun:
         impulse = np.einsum("nk,nab,nkb->nka", shares[1], pushed, away)
         before = self.energy()
         plain_step(
-            self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground, dx, dt,
+            self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground,
+            self.yields, dx, dt,
             numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
             self.material.wave_speed(numerics.density),
         )  # fmt: skip

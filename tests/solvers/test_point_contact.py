@@ -9,29 +9,46 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 
 
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_slab_just_below_its_friction_angle_rests(weighted):
+    """24 degrees: creep and rest within 0.05 m in 6 s. Measured at three places of the ground 0.005 to 0.011 m, and on
+    cells of half the size; 1.9 to 2.5 m on rigid ground."""
+    moved, speed, _, _ = slab(24.0, 6.0, above=0.3, weighted=weighted)
+    assert -0.01 <= moved <= 0.05
+    assert abs(speed) <= 1e-3
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_slab_just_above_its_friction_angle_slides(weighted):
+    """26 degrees: within 6 % of the exact path. Measured 1.9 to 2.4 % without stress at the start, 4.8 to 5.6 % under
+    its weight; 37 to 70 % on rigid ground."""
+    moved, _, exact, _ = slab(26.0, 6.0, above=0.3, weighted=weighted)
+    assert moved == pytest.approx(exact, rel=0.06)
+
+
 @pytest.mark.parametrize("above", [0.0, 0.3])
 def test_a_slab_far_above_its_friction_angle_slides_exactly(above):
-    """35 degrees: within 1.5 %; what it lacks is lost to waves of separation before it slides fast (LIMITS)."""
+    """35 degrees: within 0.5 %, measured 0.2 %."""
     moved, speed, exact, _ = slab(35.0, 3.0, above=above)
-    assert moved == pytest.approx(exact, rel=0.015)
-    assert speed == pytest.approx(2.0 * exact / 3.0, rel=0.01)
+    assert moved == pytest.approx(exact, rel=0.005)
+    assert speed == pytest.approx(2.0 * exact / 3.0, rel=0.005)
 
 
-@pytest.mark.parametrize("speed", [2.0, 5.0])
-def test_a_slab_stops_on_the_flat_after_its_exact_path(speed):
-    """v^2 / (2 mu g) to 0.8 %."""
+@pytest.mark.parametrize(("speed", "off"), [(2.0, 0.02), (5.0, 0.005)])
+def test_a_slab_stops_on_the_flat_after_its_exact_path(speed, off):
+    """v^2 / (2 mu g) to a hundredth of a cell and 0.5 %: 5 to 9 mm off, of 0.44 and 2.73 m."""
     moved, left, exact, _ = slab(0.0, 4.0, above=0.45, weighted=True, speed=speed)
-    assert moved == pytest.approx(exact, rel=0.008)
+    assert moved == pytest.approx(exact, rel=off)
     assert abs(left) <= 0.01
 
 
 @pytest.mark.parametrize("layers", [20, 4])
 @pytest.mark.parametrize("above", [0.05, 0.5, 0.75])
 def test_what_falls_comes_to_rest_on_the_ground(layers, above):
-    """Sand that falls by two cells: the gap under its lowest points is 0 to 0.4 cells, wherever the ground lies."""
+    """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, wherever the ground lies."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
     solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")
     march_to(solver, 4.0)
     gap = sorted_points(solver).position[:, 2].min() - above - 0.25
-    assert -0.15 <= gap <= 0.4
+    assert -0.02 <= gap <= 0.3

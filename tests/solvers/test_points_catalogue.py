@@ -389,17 +389,21 @@ def test_v2_a_block_slides_off_a_cliff(cell):
 # V15: a column of sand that collapses
 
 
-def collapsed(aspect, cell, friction_angle=30.0):
+def collapsed(aspect, cell, friction_angle=30.0, weighted=False):
     """A column of sand 1 m wide and `aspect` high that has run out between a wall and rough ground; its solver.
 
-    Matched to Mohr-Coulomb in plane strain, which is what it deforms in.
+    Matched to Mohr-Coulomb in plane strain, which is what it deforms in. It starts without stress or `weighted`, with
+    the vertical stress of its weight.
     """
     speed = 8.0 * np.sqrt(G * aspect)
     solid = elastic(0.8 * 1500.0 * speed**2, 0.3)
     sand = drucker_prager(solid.bulk_modulus, solid.shear_modulus, friction_angle, 0.0, "plane_strain")
     frame = block_of((1.0, 3 * cell, aspect), 0.5 * cell, density=1500.0)
     ground = level(np.ceil((3.0 + 2.0 * aspect) / cell) * cell, 3 * cell, cell)
-    solver = points_on(ground, frame, cell, sand, CoulombContact(5.0), edges="wall")
+    stress = np.zeros((len(frame.particles), 6)) if weighted else None
+    if weighted:
+        stress[:, 2] = -1500.0 * G * (aspect - frame.particles.position[:, 2])
+    solver = points_on(ground, frame, cell, sand, CoulombContact(5.0), stress=stress, edges="wall")
     march_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
     return solver
 
@@ -410,13 +414,13 @@ def runout(aspect, cell):
 
 
 def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cells():
-    """Rough ground takes 2 %, for nothing slides on it; of what is lost yielding took 80 and 89 % on cells of a
-    sixteenth and a thirty-second of a metre, and blows and the grid the rest, 20 and 11 %."""
+    """Rough ground, on which nothing slides, takes 5 and 3 % as it yields; of what is lost the material's yielding took
+    68 and 82 % on cells of a sixteenth and a thirty-second of a metre, and blows and the grid the rest."""
     rest = []
     for cell in (1.0 / 16.0, 1.0 / 32.0):
-        balances = collapsed(0.5, cell).balances()
+        balances = collapsed(0.5, cell, weighted=True).balances()
         lost = balances["energy_lost"]
-        assert abs(balances["energy_lost_to_ground"]) <= 0.03 * lost and balances["energy_lost_to_barriers"] == 0.0
+        assert abs(balances["energy_lost_to_ground"]) <= 0.06 * lost and balances["energy_lost_to_barriers"] == 0.0
         rest.append(1.0 - (balances["energy_lost_to_ground"] + balances["energy_lost_to_yielding"]) / lost)
     assert 0.0 < rest[1] < 0.7 * rest[0] < 0.2
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain_points import plain_step
+from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
@@ -21,11 +21,11 @@ def plain(solver, frame, material, mu, xi=0.0):
     state, stress = np.zeros((n, 8)), np.zeros((n, 6))
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max() / DX) + 14, *ground.shape[:2], 4))
-    sound = material.wave_speed(1000.0)
+    sound, yields = material.wave_speed(1000.0), yields_of(solver)
     for _ in range(STEPS):
         plain_step(
-            place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, DX, DT, 1000.0, 9.81, mu,
-            material, NoSoftening(), sound, xi,
+            place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, yields, DX, DT, 1000.0,
+            9.81, mu, material, NoSoftening(), sound, xi,
         )  # fmt: skip
     return place, velocity
 

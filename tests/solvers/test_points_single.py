@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 from column_scenes import terrain_of
-from plain_points import plain_step
+from plain_points import plain_step, yields_of
 from point_scenes import block_of, march_to, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
@@ -41,9 +41,9 @@ def test_three_steps_equal_the_plain_loop_in_double_precision():
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max()) + 14, *ground.shape[:2], 4))
     arrays = place, velocity, np.zeros((n, 3, 3)), frame.particles.mass, np.zeros((n, 8)), np.zeros((n, 6))
-    sound = SAND.wave_speed(1000.0)
+    sound, yields = SAND.wave_speed(1000.0), yields_of(solver)
     for _ in range(3):
-        plain_step(*arrays, nodes, ground, 1.0, 2e-3, 1000.0, 9.81, MU, SAND, NoSoftening(), sound)
+        plain_step(*arrays, nodes, ground, yields, 1.0, 2e-3, 1000.0, 9.81, MU, SAND, NoSoftening(), sound)
     solver.advance(3 * 2e-3)
     now = sorted_points(solver)
     np.testing.assert_allclose(now.position, place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-6)

@@ -6,7 +6,7 @@ import pytest
 from column_scenes import terrain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plain_points import plain_step
+from plain_points import plain_step, yields_of
 from point_scenes import block_of, march_to, points_on, sorted_points
 
 from mpmgis.effects.fluid import Fluid
@@ -164,13 +164,14 @@ def test_the_limited_step_equals_the_plain_loop():
     place, velocity = frame.particles.position - corner, frame.particles.velocity.copy()
     n = len(place)
     nodes = np.zeros((20, *solver._ground.shape[:2], 4))
+    yields = yields_of(solver)
     state, stress, affine, count = np.zeros((n, 8)), np.zeros((n, 6)), np.zeros((n, 3, 3)), 0
     for values, k in zip(WATER.state_at_stress(*stress.T), range(8), strict=True):
         state[:, k] = values
     for _ in range(4):
         count += plain_step(
-            place, velocity, affine, frame.particles.mass, state, stress, nodes, solver._ground[..., :3], 1.0, 1e-3,
-            DENSITY, 9.81, 0.0, WATER, NoSoftening(), solver._settings.signal_speed,
+            place, velocity, affine, frame.particles.mass, state, stress, nodes, solver._ground[..., :3], yields, 1.0,
+            1e-3, DENSITY, 9.81, 0.0, WATER, NoSoftening(), solver._settings.signal_speed,
         )  # fmt: skip
     march_to(solver, 4e-3)
     now = sorted_points(solver)
