@@ -172,7 +172,7 @@ def make_plan(request, entries, terrain, products, pool, say):
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
-    peaks = solver_peaks(next((entry for entry in reversed(entries) if entry.header.dimension == 2), entries[-1]))
+    peaks = solver_peaks(entries[-1])
     if bounds is not None and peaks is not None:
         bounds = _with_peaks(bounds, peaks.bounds(request.min_depth), axes)
     cell_size = _cell_size(request, facts, terrain, say)
