@@ -130,7 +130,7 @@ def _larger(one, other):
     if not _reached(one):
         return one | {name: other[name] for name in (*PEAK_NAMES, TRANSFORM)}
     begins = np.stack([np.zeros(2, int), np.rint(_offset(other, one)).astype(int)])
-    ends = begins + [one["thickness"].shape, other["thickness"].shape]
+    ends = begins + np.array([one["thickness"].shape, other["thickness"].shape])
     first, shape = begins.min(axis=0), ends.max(axis=0) - begins.min(axis=0)
     merged = dict(one)
     for name in PEAK_NAMES:

@@ -20,10 +20,10 @@ LONE_ROUNDING = 1e-5
 @jit_inline
 def _is_lowest(slots, place, up):
     """Is no block touched under the one `up` levels above the lowest at `place` of the window?"""
-    for below in range(up):
-        if slots[place + below] >= 0:
-            return False
-    return True
+    below = up - 1
+    while below >= 0 and slots[place + below] < 0:
+        below -= 1
+    return below < 0
 
 
 @jit_borrowing
@@ -51,7 +51,7 @@ def _mirror_image(index, cells):
     """
     west, east = GHOSTS, GHOSTS + cells
     times, image = 1.0, -1
-    if index == west or index == east:
+    if index in (west, east):
         times = 2.0
     elif index == west + 1:
         image = west - 1
@@ -129,9 +129,7 @@ def accumulate_point_peaks(
                         continue
                     folded = mass
                     if wall:
-                        folded = _folded_mass(
-                            mass, nodes, slots, j, i, west, south, width, height, depth, nx, ny
-                        )
+                        folded = _folded_mass(mass, nodes, slots, j, i, west, south, width, height, depth, nx, ny)
                     thickness = folded * per_mass
                     peaks[j, i, THICKNESS] = max(peaks[j, i, THICKNESS], thickness)
                     if thickness < arrival_thickness or mass * per_mass <= lone:

@@ -398,8 +398,8 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest, inside,
-    zone_values, barriers, until, after, max_steps, settings, effects, watched,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
+    inside, zone_values, barriers, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 

@@ -428,7 +428,9 @@ class ColumnSolver(ParticleStore):
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
-        if (peaks and not fits(self._peaks, state)) or any(state[name].shape != shape for name, shape in shapes.items()):
+        if (peaks and not fits(self._peaks, state)) or any(
+            state[name].shape != shape for name, shape in shapes.items()
+        ):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         self._require_room(len(rows))
         self._wet &= np.uint8(255 - kernel.REACHED)

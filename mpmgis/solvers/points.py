@@ -98,6 +98,8 @@ def _level_under(bed, dx):
     if abs(levels - np.rint(levels)) <= LEVEL_ROUNDING * max(1.0, abs(levels)):
         return bed
     return float(np.floor(levels) * dx)
+
+
 def exceeded_by(share, values, mass):
     """The least of `values` [n] that at most a `share` [1] of the `mass` [n] exceeds; 0 without any."""
     n, count = len(values), int(2.0 * share * len(values)) + 1
