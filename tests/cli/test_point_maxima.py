@@ -14,26 +14,26 @@ from mpmgis.io.frames import read_frame
 from mpmgis.peaks import PEAK_NAMES, lattices_of
 from mpmgis.products.solver_maxima import SolverPeaks
 
-END = 4
+END = 7
 BANDS = ("h_max", "t_max", "Ut_max", "p_max", "t_arrival")
-STAGES = '[[stage]]\nsolver = "columns"\nuntil = {time = 2}\n[[stage]]\nsolver = "points"\n'
+STAGES = '[[stage]]\nsolver = "columns"\nuntil = {time = 3}\n[[stage]]\nsolver = "points"\n'
 
 
 def scene(interval, maxima="true", **more):
     """The block slides for END seconds."""
-    return slide(4.0, END, interval, **more) + f"maxima = {maxima}\n"
+    return slide(4.0, END, interval, friction='law = "Coulomb"\nmu = 0.1', **more) + f"maxima = {maxima}\n"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Runs of one scene: 2 frames with maxima, 2 without, and 41 without; and two of stages."""
+    """Runs of one scene: 2 frames with maxima, 2 without, and 71 without; and two of stages."""
     folder = write_block_site(tmp_path_factory.mktemp("maxima"))
     head = {"head": "", "more": "particles_per_cell = 4"}
     scenes = {
         "few": scene(END), "off": scene(END, "false"), "dense": scene(0.1, "false"),
         "single": scene(END, more='precision = "float32"'),
-        "staged": scene(2, **head) + STAGES,
-        "finer": scene(2, **head) + STAGES.replace('solver = "columns"', 'solver = "columns"\ncell_size = 6'),
+        "staged": scene(3, **head) + STAGES,
+        "finer": scene(3, **head) + STAGES.replace('solver = "columns"', 'solver = "columns"\ncell_size = 6'),
     }  # fmt: skip
     for name, text in scenes.items():
         assert run(folder, text, "-q", "-o", str(folder / name)) == 0
@@ -65,7 +65,7 @@ def missed(values, reference, name):
 
 
 @pytest.mark.parametrize("cell_size", ["10", "4", "7"])
-def test_two_frames_with_solver_maxima_show_what_forty_frames_show(site, capsys, cell_size):
+def test_two_frames_with_solver_maxima_show_what_seventy_frames_show(site, capsys, cell_size):
     """In cells of the DTM's size, the solver's and another; two frames alone miss the middle of the path."""
     few, tags, said = exported(site, "few", capsys, "--cs-e", cell_size)
     off, off_tags, _ = exported(site, "off", capsys, "--cs-e", cell_size)
@@ -73,7 +73,7 @@ def test_two_frames_with_solver_maxima_show_what_forty_frames_show(site, capsys,
     assert tags["maxima"] == "solver, every step" and tags["maxima_solver"].split(", ") == list(BANDS)
     assert off_tags["maxima"] == "frames"
     assert any("of points, h_max and t_max take in the thickness from mass" in line for line in said)
-    for name, most in (("Ut_max", 0.06), ("p_max", 0.12), ("h_max", 0.35)):
+    for name, most in (("Ut_max", 0.05), ("p_max", 0.04), ("h_max", 0.15)):
         assert missed(few, dense, name) < most < missed(off, dense, name), name
     core = np.nan_to_num(dense["h_max"]) > 3.0
     assert np.isfinite(few["Ut_max"])[core].mean() > 0.99 > 0.95 > np.isfinite(off["Ut_max"])[core].mean()
@@ -100,7 +100,7 @@ def test_single_precision_keeps_the_same_peaks(site):
 
 def test_stages_of_one_cell_size_have_one_lattice_that_holds_both(site):
     """Peaks of the columns' stage are in every later frame, and grow with those of the points."""
-    first, at_switch, end = (read_frame(site / "staged" / f"frame_{k:06d}.h5").maxima for k in range(3))
+    first, at_switch, end = (read_frame(site / "staged" / f"frame_{k:06d}.h5").maxima for k in (0, 1, 3))
     assert [len(lattices_of(kept)) for kept in (first, at_switch, end)] == [1, 1, 1]
     peaks = [SolverPeaks.of(kept, 0.0) for kept in (at_switch, end)]
     row, column = (round((getattr(peaks[0], a) - getattr(peaks[1], a)) / 4.0) for a in ("south", "west"))
@@ -110,8 +110,8 @@ def test_stages_of_one_cell_size_have_one_lattice_that_holds_both(site):
         assert (getattr(peaks[1], name)[part] >= getattr(peaks[0], name)).all(), name
     arrived = peaks[0].arrival_time >= 0
     np.testing.assert_array_equal(peaks[1].arrival_time[part][arrived], peaks[0].arrival_time[arrived])
-    later = peaks[1].arrival_time[peaks[1].arrival_time > 2.0]
-    assert len(later) > 20 and peaks[1].speed.max() > 1.3 * peaks[0].speed.max()
+    later = peaks[1].arrival_time[peaks[1].arrival_time > 3.0]
+    assert len(later) > 100
 
 
 def test_stages_of_other_cells_keep_a_lattice_each_and_export_as_one(site, capsys):
@@ -123,7 +123,7 @@ def test_stages_of_other_cells_keep_a_lattice_each_and_export_as_one(site, capsy
     assert tags["maxima_solver"].split(", ") == list(BANDS)
     both = np.isfinite(one["Ut_max"]) & np.isfinite(two["Ut_max"])
     assert both.sum() > 0.85 * np.isfinite(one["Ut_max"]).sum()
-    assert np.abs(one["Ut_max"] - two["Ut_max"])[both].mean() < 0.06 * np.nanmax(one["Ut_max"])
+    assert np.abs(one["Ut_max"] - two["Ut_max"])[both].mean() < 0.1 * np.nanmax(one["Ut_max"])
     upper = SolverPeaks.of(read_frame(site / "finer" / "frame_000000.h5").maxima, 0.0)
     assert upper is None  # nothing has moved yet
 
@@ -136,7 +136,7 @@ def test_the_record_the_report_and_info_tell_of_them(site, capsys):
     assert told["arrival_thickness"] == 0.05
     assert json.loads((site / "off" / "run.json").read_text())["maxima"] == {}
     capsys.readouterr()
-    assert main(["info", str(site / "finer" / "frame_000002.h5"), "--json"]) == 0
+    assert main(["info", str(site / "finer" / "frame_000003.h5"), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     facts = facts[0] if isinstance(facts, list) else facts
     assert facts["thickness_so_far"] == told["thickness"] and facts["speed_so_far"] == told["speed"]
@@ -146,9 +146,9 @@ def test_the_record_the_report_and_info_tell_of_them(site, capsys):
 
 
 def test_points_in_a_window_and_columns_beside_it_have_peaks_together(site):
-    write_shapes(site / "box.geojson", [shapely.box(170, 100, 390, 300)])
+    write_shapes(site / "box.geojson", [shapely.box(140, 100, 390, 300)])
     beside = STAGES.replace('solver = "points"', 'solver = "points"\nwindow = "box.geojson"\noutside = "columns"')
-    text = scene(2, head="", more="particles_per_cell = 4") + beside
+    text = scene(3, head="", more="particles_per_cell = 4") + beside
     assert run(site, text, "-q", "-o", str(site / "beside")) == 0
     peaks, whole = (SolverPeaks.of(last(site / name).maxima, END) for name in ("beside", "staged"))
     assert peaks.others == () and peaks.spacing == 4.0
