@@ -11,6 +11,8 @@ from ..errors import FormatError, InputError, one_line
 from ..fields import PARTICLE
 from ..geo.georeference import crs_of_text
 from ..particles import Frame, Particles
+from ..peaks import PEAK_NAMES as MAXIMA
+from ..peaks import lattices_of
 from .atomic import whole_file
 from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
 from .hdf5_file import written
@@ -24,7 +26,6 @@ _LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # what quotients of two of them bea
 _LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
 _IDENTITY = ("id", "parent")
 PLACES = ("position", "area")  # all that is asked of particles where only their places matter
-MAXIMA = ("thickness", "speed", "pressure", "arrival_time")  # at the solver's nodes, row 0 in the south
 
 
 def write_frame(path, frame, before=None):
@@ -180,6 +181,12 @@ def read_maxima(path):
 
 
 def _require_maxima(path, kept):
+    for lattice in lattices_of(kept):
+        _require_lattice(path, lattice)
+    return kept
+
+
+def _require_lattice(path, kept):
     missing = [name for name in (*MAXIMA, "transform") if name not in kept]
     if missing:
         raise FormatError(f"{path}: its maxima lack {missing[0]!r}, wanted {', '.join(MAXIMA)} and transform")
@@ -196,7 +203,6 @@ def _require_maxima(path, kept):
     threshold = np.asarray(kept.get("arrival_thickness", 0.0))
     if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
         raise FormatError(f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, wanted a number of metres")
-    return kept
 
 
 def _read(path, file, with_state, with_particles, density, memory, names):

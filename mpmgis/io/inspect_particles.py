@@ -15,6 +15,7 @@ import pyproj
 
 from ..errors import FormatError, InputError, one_line
 from ..geo.georeference import name_of
+from ..peaks import largest_peaks
 from .foreign.meaning import foreign_particles, named_columns, series_place, times_of, untold
 from .frame_digest import check_content
 from .frame_list import foreign_frames
@@ -44,7 +45,7 @@ def frame_facts(path):
         facts["column_area"] = [float(particles.area.min()), float(particles.area.max())]
     facts |= {"dem": frame.dem, "digest": frame.digest, "arrays": list(particles.arrays())}
     kept = read_maxima(path)
-    facts |= {fact: float(kept[name].max()) for name, fact in PEAKS.items() if kept}
+    facts |= {fact: largest_peaks(kept)[name] for name, fact in PEAKS.items() if kept}
     with h5py.File(path, "r") as file:
         facts["version"] = str(file.attrs.get("version", ""))
         facts["groups"] = sorted(set(file) - {"particles"})

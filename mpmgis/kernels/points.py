@@ -60,6 +60,7 @@ from .point_nodes import (
     hold_nodes,
     move_nodes,
 )
+from .point_peaks import COLUMN_SUMS, LONE_SHARE, accumulate_point_peaks
 from .point_rows import (
     AXX,
     AXY,
@@ -131,6 +132,7 @@ __all__ = [  # what the solver needs beside its own
     "LAYER",
     "LEFT_BLOCK",
     "LEFT_ENTRIES",
+    "LONE_SHARE",
     "MASS",
     "MOST_YIELD",
     "POINT_BARRIER_ENTRIES",
@@ -228,6 +230,9 @@ class Settings(NamedTuple):
     leak_stop: float  # share of the mass under the ground in one step
     wall: bool
     holes: bool  # the terrain has cells without elevation
+    keep_peaks: bool
+    arrival_thickness: float  # of peaks of speed and pressure, and of arrivals [m]
+    lone_thickness: float  # that a single point makes at a node at most [m]
 
 
 @jit
@@ -398,8 +403,8 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, ground, lowest, inside,
-    zone_values, barriers, yields, until, after, max_steps, settings, effects, watched,
+    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
+    inside, zone_values, barriers, yields, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
 
@@ -415,6 +420,7 @@ def advance(
     node_report = np.zeros((CHUNKS, NODE_REPORT))
     barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
     bounds = np.zeros(CHUNKS + 1, np.int64)
+    column_sums = np.zeros((CHUNKS, COLUMN_SUMS))
     histogram = np.zeros((SORT_PIECES, 16), np.int32)
     slot, touched_slot, block = np.zeros(16, np.int32), np.zeros(16, np.int32), np.zeros(16, np.int32)
     start = np.zeros(17, np.int64)
@@ -508,6 +514,13 @@ def advance(
             clear_contact(touched, n_touched, column_mass)
         if opens:
             clear_contact(touched, n_touched, flow)
+        if settings.keep_peaks:
+            accumulate_point_peaks(
+                peaks, column_sums, nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH],
+                width, window[BLOCKS_NORTH] - window[BLOCKS_SOUTH] + 2, depth, lowest, ground.nodes, dx,
+                settings.density, end, settings.arrival_thickness, settings.lone_thickness, settings.wall,
+                settings.cells_x, settings.cells_y,
+            )  # fmt: skip
         collect_nodes(node_report, clock)
         if effects.barrier.barrier_active():
             collect_point_barriers(barrier_report, barrier_sums, dt)

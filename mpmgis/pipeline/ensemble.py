@@ -343,10 +343,9 @@ class _Study:
 
 
 def _with_peaks(scene, min_depth):
-    """The scene's tables, in which columns keep the peaks of every step as far as a run can."""
+    """The scene's tables, in which solvers keep the peaks of every step."""
     tables = scene.as_tables()
-    if scene.solver == "columns" and not scene.stage:
-        tables["output"] = {"arrival_thickness": min_depth} | tables["output"] | {"maxima": True}
+    tables["output"] = {"arrival_thickness": min_depth} | tables["output"] | {"maxima": True}
     return tables
 
 

@@ -155,7 +155,7 @@ class _Peaks(Sequence):
         for frame in super().__iter__():
             values = average_frame(frame, self.averaging)
             self.maxima.absorb(values.index, values.values, values.time, values.least)
-            last = frame if frame.dimension == 2 else last
+            last = frame if frame.maxima else last
             yield frame
         peaks = None if last is None else SolverPeaks.of(last.maxima, last.time)
         if peaks is not None:

@@ -172,7 +172,7 @@ def make_plan(request, entries, terrain, products, pool, say):
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         say(f"--standoff auto: {bed.standoff:.3g} m")
-    peaks = solver_peaks(next((entry for entry in reversed(entries) if entry.header.dimension == 2), entries[-1]))
+    peaks = solver_peaks(entries[-1])
     if bounds is not None and peaks is not None:
         bounds = _with_peaks(bounds, peaks.bounds(request.min_depth), axes)
     cell_size = _cell_size(request, facts, terrain, say)
@@ -361,6 +361,8 @@ def _word_on_peaks(plan, crossing):
     bands = peaks.bands(plan.averaging.min_depth)
     word = f"maxima: {', '.join(bands)} take in the solver's own peaks, of every step up to t = {peaks.time:g} s"
     others = [name for name in SOLVER_BANDS if name not in bands]
+    if any(entry.header.dimension == 3 for entry in plan.entries):
+        word += "; of points, h_max and t_max take in the thickness from mass, as t_vol, and the frames' own h and t"
     if not others:
         word += f"; {', '.join(name for name in bands if name not in WITHOUT_THRESHOLD)} are of flow over "
         word += f"{peaks.arrival_thickness:g} m"

@@ -142,8 +142,8 @@ def tell_of_columns(request, entries, say):
 
 
 def solver_peaks(entry):
-    """What the solver kept of every step up to a frame of columns (SolverPeaks); None where it kept nothing."""
-    return SolverPeaks.of(entry.read_maxima() if entry.header.dimension == 2 else {}, entry.time)
+    """What the solver kept of every step up to a frame (SolverPeaks); None where it kept nothing."""
+    return SolverPeaks.of(entry.read_maxima(), entry.time)
 
 
 def release_file(entries):

@@ -288,6 +288,8 @@ def _point_numerics(scene, grid, start):
         density=start.frame.header["density"],
         clearance=scene.numerics.clearance,
         precision=scene.numerics.precision,
+        maxima=scene.output.maxima,
+        arrival_thickness=scene.output.arrival_thickness or PointNumerics.arrival_thickness,
         stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
     )
 

@@ -15,7 +15,7 @@ from ..io.run_folder import SCENE_FILE, read_record, versions
 from ..io.runout_files import write_runout_plot
 from ..products.comparison import footprint, high_percentile, peak
 from ..products.report_content import Lines, Picture, Source, Table, figure_rows, section
-from ..products.run_account import account, extreme_lines, resolution_words, volume_words
+from ..products.run_account import account, extreme_lines, peak_lines, resolution_words, volume_words
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .export_inputs import release_outlines
 from .opened_results import exported_peaks, open_flow, read_peaks
@@ -211,7 +211,7 @@ def _balances(record, flow):
     try:
         mass = record.get("mass")
         of_stages = [] if mass is None else extreme_lines(record["extremes"])
-        return Lines((*account(balances, solver, mass), *of_stages))
+        return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
     except (KeyError, TypeError, ValueError) as error:  # another version knew other balances
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))

@@ -13,6 +13,7 @@ from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..kernels.jit import set_threads
 from ..machine import available_memory
+from ..peaks import largest_peaks
 from ..products.run_account import extremes
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
@@ -222,9 +223,9 @@ def march_into(folder, sequence, resumed, pace=None):
             predicted_seconds=None if pace is None else pace.seconds, scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in sequence.stage_now(0).decisions],
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
-            extremes=extremes(sequence.balances()), events=prepared.events.record(), troubles=sequence.troubles,
-            taken_in=sequence.taken_in, nodata=_record_of_nodata(prepared),
-            **_record_of_stages(sequence),
+            extremes=extremes(sequence.balances()), maxima=largest_peaks(sequence.maxima()),
+            events=prepared.events.record(), troubles=sequence.troubles, taken_in=sequence.taken_in,
+            nodata=_record_of_nodata(prepared), **_record_of_stages(sequence),
         )  # fmt: skip
         return wall
 

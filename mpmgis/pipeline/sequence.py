@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FormatError, InputError
+from ..peaks import together
 from ..products.run_account import resolution_words, stood_still, volume_words
 from ..scene.points import stiffness_in_hindsight
 from ..solvers.coupled import parts_of
@@ -60,6 +61,7 @@ class Sequence:
     def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
+        self._peaks_before = {}  # of the stages that are over, as frames have them
         self.checks = self._resolution(prepared.stages[0], prepared.seen)
         self.solver = prepared.stages[0].watch(prepared.solver())
         self._resumed, self._march = False, None
@@ -150,7 +152,12 @@ class Sequence:
             "calm_since": self._end.calm_since, "checks": self.checks,
         }  # fmt: skip
         state = frame.state | {STATE: np.frombuffer(json.dumps(told).encode(), np.uint8)}
-        return replace(frame, step=self.steps, state=state)
+        maxima = together(frame.maxima, self._peaks_before)
+        return replace(frame, step=self.steps, maxima=maxima, state=state)
+
+    def maxima(self):
+        """Running peaks of all stages so far, as a frame has them."""
+        return together(self.solver.maxima(), self._peaks_before)
 
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state.
@@ -170,6 +177,7 @@ class Sequence:
         self.number, self.past, self.checks = told["number"], told["past"], told.get("checks", {})
         self._end = self._stage_end()
         self._end.calm_since = told["calm_since"]
+        self._peaks_before = frame.maxima if self.number else {}
         if self.number:
             self._wake_events()
             self.solver = self._solver_of(frame)
@@ -227,6 +235,7 @@ class Sequence:
             "balances": solver.balances(), "switch": switched.account.as_numbers(),
             "taken_in": self._taken_in_now(),
         } | self.checks)  # fmt: skip
+        self._peaks_before = self.maxima()
         self._say(f"{where}: {why}")
         for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
             self._say(f"  {line}")

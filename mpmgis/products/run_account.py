@@ -91,6 +91,18 @@ def extreme_lines(found):
     ]
 
 
+def peak_lines(found):
+    """Lines of text about the largest peaks that the solvers kept (`mpmgis.peaks.largest_peaks`); none of none."""
+    if not found:
+        return []
+    areas = ", ".join(f"{one['area']:.4g} m2 in cells of {one['cell_size']:g} m" for one in found["reached"])
+    return [
+        f"peaks of every step, at the solver's nodes: thickness {found['thickness']:.2f} m, and of flow over "
+        f"{found['arrival_thickness']:g} m speed {found['speed']:.1f} m/s, pressure {found['pressure'] / 1e3:.4g} kPa; "
+        f"it reached {areas}"
+    ]
+
+
 def _place(at, time):
     return f"at E {at[0]:.1f} N {at[1]:.1f}, t = {time:.1f} s"
 

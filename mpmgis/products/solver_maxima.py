@@ -15,11 +15,12 @@ Where the flow never was as deep as `min_depth`, nor as the solver's arrival thi
 solver's splines, and the cell has no value.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
+from ..peaks import PEAK_NAMES, TRANSFORM, lattices_of
 from .maxima import ARRIVAL, ARRIVAL_THICKNESS, least_depth
 from .node_fields import Lattice, nodes_to_cells
 
@@ -46,6 +47,8 @@ class SolverPeaks:
         Map position of the first node.
     spacing : float [m]
     arrival_thickness : float [m]
+    others : tuple of SolverPeaks
+        On other lattices, of stages with cells of another size.
     """
 
     time: float
@@ -57,6 +60,7 @@ class SolverPeaks:
     south: float
     spacing: float
     arrival_thickness: float = ARRIVAL_THICKNESS
+    others: tuple = ()
 
     @classmethod
     def of(cls, kept, time):
@@ -64,12 +68,16 @@ class SolverPeaks:
 
         Its `transform` maps corners of cells around the nodes: (spacing, 0, west, 0, spacing, south).
         """
-        if not kept or not (kept["thickness"] > 0).any():
-            return None
-        spacing, west, south = (float(kept["transform"][k]) for k in (0, 2, 5))
+        lattices = [lattice for lattice in lattices_of(kept) if (lattice["thickness"] > 0).any()]
+        found = [cls._of_lattice(lattice, float(time)) for lattice in lattices]
+        return replace(found[0], others=tuple(found[1:])) if found else None
+
+    @classmethod
+    def _of_lattice(cls, kept, time):
+        spacing, west, south = (float(kept[TRANSFORM][k]) for k in (0, 2, 5))
         return cls(
-            float(time),
-            *(kept[name] for name in ("thickness", "speed", "pressure", "arrival_time")),
+            time,
+            *(kept[name] for name in PEAK_NAMES),
             west + 0.5 * spacing,
             south + 0.5 * spacing,
             spacing,
@@ -83,6 +91,13 @@ class SolverPeaks:
 
     def bounds(self, min_depth):
         """(west, south, east, north) [m] of what the flow reached, to the next dry node; None where that is nothing."""
+        found = [lattice._own_bounds(min_depth) for lattice in (self, *self.others)]
+        found = np.array([bounds for bounds in found if bounds is not None])
+        if not len(found):
+            return None
+        return (*found[:, :2].min(axis=0).tolist(), *found[:, 2:].max(axis=0).tolist())
+
+    def _own_bounds(self, min_depth):
         row, column = np.nonzero(self.thickness >= self._least(min_depth))
         if not len(row):
             return None
@@ -98,7 +113,7 @@ class SolverPeaks:
         return least_depth(min_depth, self.arrival_thickness)
 
     def on(self, grid, bed, min_depth):
-        """Yield the peaks of the cells of `grid` that the flow reached, some rows of it at a time.
+        """Yield the peaks of the cells of `grid` that the flow reached, some rows of it and one lattice at a time.
 
         Parameters
         ----------
@@ -115,6 +130,10 @@ class SolverPeaks:
             Flat index of cells, ascending; by product `h`, `t`, `t_vol`, and where `min_depth` is the solver's
             `arrival_thickness` also `Ut`, `p` and `t_arrival`.
         """
+        for lattice in (self, *self.others):
+            yield from lattice._own_on(grid, bed, min_depth)
+
+    def _own_on(self, grid, bed, min_depth):
         row, column = np.nonzero(self.thickness > 0)
         if not len(row):
             return

@@ -94,11 +94,6 @@ def _check_tables(scene, where):
         raise SceneError(f"{where} [release]: window cuts points at the start; a [[stage]] has a window of its own")
     if "points" not in solvers:
         return
-    if scene.output.maxima:
-        raise SceneError(
-            f"{where} [output]: maxima are running peaks of columns alone, and a [[stage]] is of points; take it out, "
-            "the export has maxima over the frames"
-        )
     bed = scene.entrainment
     beds = solvers.count("columns") + sum(stage.outside == "columns" for stage in scene.stage)
     if bed is not None and bed.use != "off" and (bed.lower_bed or beds > 1):

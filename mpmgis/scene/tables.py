@@ -319,10 +319,10 @@ class OutputTable:
 
     end_time: float = _key("longest simulated time [s]", low=0.0, above=True, example=120.0)
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
-    maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool, solver="columns")
+    maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool)
     arrival_thickness: float | None = _key(
         "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05", None,
-        low=0.0, high=1000.0, above=True, example=0.05, solver="columns",
+        low=0.0, high=1000.0, above=True, example=0.05,
     )  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
                                      None, kind=bool, example=True)  # fmt: skip

@@ -12,6 +12,7 @@ from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
+from ..peaks import PEAK_STATE, fits, maxima_of, no_peaks, peaks_state, restore_peaks
 from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid
@@ -117,8 +118,7 @@ class ColumnSolver(ParticleStore):
         shape = grid.bed.shape
         self._nodes = np.zeros((*shape, 4))
         self._wet = np.zeros(shape, np.uint8)
-        self._peaks = np.zeros((*shape, 4)) if numerics.maxima else np.zeros((1, 1, 4))
-        self._peaks[..., 3] = -1.0
+        self._peaks = no_peaks(shape, numerics.maxima)
         self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
         self._left = self._no_mass_left(grid)
         self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
@@ -394,7 +394,7 @@ class ColumnSolver(ParticleStore):
         rows, _, _ = self._alive()
         arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
-            arrays |= self._peaks_state()
+            arrays |= peaks_state(self._peaks)
         arrays |= self._watch_state()
         reached = np.packbits(self._wet & kernel.REACHED, axis=1)
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
@@ -410,11 +410,6 @@ class ColumnSolver(ParticleStore):
                 arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
         return arrays
 
-    def _peaks_state(self):
-        """The running peaks of the nodes that the flow has been at, which are few of a terrain's."""
-        nodes = np.flatnonzero((self._peaks[..., 0] > 0.0) | (self._peaks[..., 3] >= 0.0))
-        return {"peaks": self._peaks.reshape(-1, 4)[nodes], "peak_nodes": nodes}
-
     def restore(self, frame):
         """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
 
@@ -426,17 +421,16 @@ class ColumnSolver(ParticleStore):
         self._restore_watch(frame)
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
-        peaks = {"peaks", "peak_nodes"} if self.numerics.maxima else set()
+        peaks = set(PEAK_STATE) if self.numerics.maxima else set()
         if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
-        if peaks:
-            shapes["peaks"] = len(state["peak_nodes"]), 4
-        beyond = peaks and np.any(state["peak_nodes"] >= self._peaks[..., 0].size)
-        if beyond or any(state[name].shape != shape for name, shape in shapes.items()):
+        if (peaks and not fits(self._peaks, state)) or any(
+            state[name].shape != shape for name, shape in shapes.items()
+        ):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         self._require_room(len(rows))
         self._wet &= np.uint8(255 - kernel.REACHED)
@@ -446,8 +440,7 @@ class ColumnSolver(ParticleStore):
             array[:] = state[name]
         self._restore_left(state)
         if self.numerics.maxima:
-            self._peaks[..., :3], self._peaks[..., 3] = 0.0, -1.0
-            self._peaks.reshape(-1, 4)[state["peak_nodes"]] = state["peaks"]
+            restore_peaks(self._peaks, state)
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
         kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
 
@@ -476,15 +469,8 @@ class ColumnSolver(ParticleStore):
         """
         if not self.numerics.maxima:
             return {}
-        dx = self.grid.cell_size
-        inner = self._peaks[1:-1, 1:-1]
-        j, i = np.nonzero(inner[..., 0] > 0)
-        window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
-        names = ("thickness", "speed", "pressure", "arrival_time")
-        peaks = {name: inner[(*window, k)].astype(np.float32) for k, name in enumerate(names)}
-        west, south = self.grid.x0 + (window[1].start - 0.5) * dx, self.grid.y0 + (window[0].start - 0.5) * dx
-        peaks["transform"] = np.array([dx, 0.0, west, 0.0, dx, south])
-        return peaks | {"arrival_thickness": float(self.numerics.arrival_thickness)}
+        grid, inner = self.grid, self._peaks[1:-1, 1:-1]
+        return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.

@@ -11,6 +11,7 @@ from ..errors import FormatError
 from ..kernels import columns as column_kernel
 from ..kernels import points as point_kernel
 from ..particles import Particles
+from ..peaks import together
 from .flow import Flow
 
 EXCHANGE_SECONDS = 0.1  # simulated time between two looks for columns that have come into the window
@@ -174,9 +175,13 @@ class CoupledSolver:
         state |= {f"{PREFIX}ids": columns.particles.id, f"{PREFIX}origin": np.asarray(columns.origin)}
         state[f"{PREFIX}started"] = np.frombuffer(json.dumps(self.started()).encode(), np.uint8)
         if not len(columns.particles):
-            return replace(points, state=state)
+            return replace(points, maxima=self.maxima(), state=state)
         shown = self.as_points(columns)[0]
-        return replace(points, particles=_together(points, shown), state=state)
+        return replace(points, particles=_together(points, shown), maxima=self.maxima(), state=state)
+
+    def maxima(self):
+        """Running peaks of both, as a frame has them."""
+        return together(self.points_solver.maxima(), self.columns_solver.maxima())
 
     def parts(self):
         """(Frame of the points, Frame of the columns) now."""

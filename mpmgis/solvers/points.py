@@ -14,6 +14,7 @@ from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
+from ..peaks import fits, maxima_of, no_peaks, peaks_state, restore_peaks
 from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
@@ -61,7 +62,8 @@ class PointNumerics:
     `cfl` counts up to what a point on its own bears, see `courant_number`.
     `clearance` [cells] is the height above the ground up to which a node on a fold of it (a cliff, a kink) touches it.
     `time_step` fixes the step [s] (None: by the Courant number). `stop_at_rest` is for a march to obey. `precision`
-    is that of points and grid; sums, time and what is booked are float64 in any case.
+    is that of points and grid; sums, time and what is booked are float64 in any case. `maxima`: running peaks are kept,
+    of flow at least `arrival_thickness` [m] thick.
     """
 
     cell_size: float
@@ -73,6 +75,8 @@ class PointNumerics:
     time_step: float | None = None
     stop_at_rest: bool = False
     precision: str = "float64"
+    maxima: bool = False
+    arrival_thickness: float = 0.05
 
 
 def courant_number(material, numerics):
@@ -152,6 +156,7 @@ class PointSolver(ParticleStore):
         self.walls = tuple(walls)
         self._barriers = self._barrier_nodes() if self.walls else NO_PLACES
         self._barrier_sums = np.zeros((len(self.walls), kernel.POINT_BARRIER_SUMS + 1))
+        self._peaks = no_peaks(self._ground.shape[:2], numerics.maxima)
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
         self._press_ground(frame, stress)
@@ -322,6 +327,14 @@ class PointSolver(ParticleStore):
         """Share of the mass under the ground in one step at which a run stops itself: never that of a single point."""
         return max(LEAK_STOP, LEAK_POINTS * self._heaviest / max(self.mass_start, 1e-300))
 
+    def _lone_thickness(self):
+        """Largest thickness [m] that a single point makes at a node."""
+        return float(kernel.LONE_SHARE * self._heaviest / (self.numerics.density * self.numerics.cell_size**2))
+
+    def _with_heaviest(self):
+        """Settings that depend on the heaviest point, anew."""
+        self._settings = self._settings._replace(leak_stop=self._leak_stop(), lone_thickness=self._lone_thickness())
+
     def _made_settings(self):
         numerics, material, dx = self.numerics, self.effects.material, self.numerics.cell_size
         viscosity = float(material.viscosity())
@@ -340,6 +353,9 @@ class PointSolver(ParticleStore):
             leak_stop=self._leak_stop(),
             wall=numerics.edges == "wall",
             holes=not self.grid.inside.all(),
+            keep_peaks=bool(numerics.maxima),
+            arrival_thickness=float(numerics.arrival_thickness),
+            lone_thickness=self._lone_thickness(),
         )
 
     def _make_impulses(self, until, after):
@@ -406,7 +422,7 @@ class PointSolver(ParticleStore):
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
-            self._barrier_sums, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
+            self._barrier_sums, self._peaks, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
             self._barriers, self._yields, float(until), float(after), int(max_steps), self._settings, self._effects,
             self._watched,
         )  # fmt: skip
@@ -452,8 +468,18 @@ class PointSolver(ParticleStore):
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
             start, particles=Particles(position, velocity, mass, volume, id=ids), time=self.time, step=self.step,
-            dimension=3, solver="points", header=header, maxima={}, state=self.state(),
+            dimension=3, solver="points", header=header, maxima=self.maxima(), state=self.state(),
         )  # fmt: skip
+
+    def maxima(self):
+        """Running peaks at the node columns that the flow reached, as a frame has them; empty where not asked for."""
+        numerics, grid = self.numerics, self.grid
+        if not numerics.maxima:
+            return {}
+        ny, nx = grid.inside.shape
+        first = kernel.GHOSTS
+        inner = self._peaks[first : first + ny + 1, first : first + nx + 1]
+        return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, numerics.arrival_thickness)
 
     def _volumes(self, rows, mass):
         """float64[n] [m3]: what each point fills; pulled apart without end, in the air alone, the cells of its stencil.
@@ -470,6 +496,7 @@ class PointSolver(ParticleStore):
         begun = {"stress": self._stress, "affine": self._affine}  # until the first step has made impulses of them
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
         state |= self._left_state() | self._watch_state() | self._yield_state()
+        state |= peaks_state(self._peaks) if self.numerics.maxima else {}
         state |= {name: array.copy() for name, array in self._changing().items()}
         return state | {"counts": self._counts_of_rows()}
 
@@ -529,11 +556,15 @@ class PointSolver(ParticleStore):
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         if any(state[name].shape != array.shape for name, array in self._changing().items()):
             raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
+        if self.numerics.maxima and not fits(self._peaks, state):
+            raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]
         self._restore_left(state)
         self._restore_yields(state)
+        if self.numerics.maxima:
+            restore_peaks(self._peaks, state)
         self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
         kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
@@ -577,7 +608,7 @@ class PointSolver(ParticleStore):
             clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1] = new._clock[kernel.DEEPEST : kernel.DEEPEST_TIME + 1]
         self.mass_start += new.mass_start
         self._heaviest = max(self._heaviest, new._heaviest)
-        self._settings = self._settings._replace(leak_stop=self._leak_stop())
+        self._with_heaviest()
         self.energy_start = tuple(a + b for a, b in zip(self.energy_start, new.energy_start, strict=True))
         self._energy_whole += new._energy_whole
         self._momentum_start = self._momentum_start + new._momentum_start
@@ -605,7 +636,7 @@ class PointSolver(ParticleStore):
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
         self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
         self._heaviest = started.get("heaviest", self._heaviest)  # of points that may have left since
-        self._settings = self._settings._replace(leak_stop=self._leak_stop())
+        self._with_heaviest()
 
     def flow(self):
         """The Flow now; as deep as what each cell holds would stand in it."""

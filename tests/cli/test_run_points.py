@@ -16,7 +16,7 @@ from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.pipeline.prepare import prepare
 
-SCENE = slide(4.0, 3, 0.5)
+SCENE = slide(4.0, 3, 0.5) + "maxima = true\n"
 ZONES = '[[zones]]\nsource = "ice.geojson"\nmu = 0.1\n'
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 20\nname = "dam"\n'
 SOFTENING = "[softening]\nresidual_friction_angle = 20\n"

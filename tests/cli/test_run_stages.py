@@ -29,7 +29,7 @@ from mpmgis.io.frames import read_frame
 from mpmgis.pipeline.prepare import prepare
 from mpmgis.pipeline.sequence import Sequence
 
-SCENE = slide(5.0, 5, 1, head="", more="particles_per_cell = 4")
+SCENE = slide(5.0, 5, 1, head="", more="particles_per_cell = 4") + "maxima = true\n"
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 6\nname = "dam"\n'
 AREAS = '[[secondary_release]]\nsource = "{}.geojson"\nthickness = 1.0\nthickness_mode = "vertical"\n'
 BEFORE = '[[stage]]\nsolver = "columns"\nuntil = {reach = "barrier"}\n'

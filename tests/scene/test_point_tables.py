@@ -59,7 +59,7 @@ def test_text_of_a_solver_names_no_key_of_the_other():
     points, columns = scene_text(scene()), scene_text(scene(solver="columns", material=None))
     for key in ("points_per_cell", "stiffness"):
         assert key in points and key not in columns
-    for key in ("particles_per_cell", "form", "clamp", "maxima"):
+    for key in ("particles_per_cell", "form", "clamp"):
         assert key in columns and key not in points
 
 
@@ -106,7 +106,6 @@ REFUSED = {
     "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "wanted float64, float32"),
     "float32 of columns": (
         {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "belongs to solver = 'points'"),
-    "peaks": ({"output": {"end_time": 5, "frame_interval": 1, "maxima": True}}, "maxima belongs to solver = 'columns'"),
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
         {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness belongs to"),

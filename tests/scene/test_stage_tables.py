@@ -113,7 +113,6 @@ REFUSED = {
         {"hydrograph": {"source": "i.shp", "file": "h.csv"}, "stage": stages(POINTS, COLUMNS)}, "first [[stage]]"),
     "window of the release": (
         {"release": {"particles": "a.h5", "window": "b.gpkg"}}, "a [[stage]] has a window of its own"),
-    "peaks": ({"output": {"end_time": 50, "frame_interval": 1, "maxima": True}}, "maxima are running peaks of columns"),
     "a lowered bed": (
         {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3,
                          "lower_bed": True}}, "take lower_bed out"),

@@ -1,0 +1,149 @@
+"""Running peaks that a solver keeps of its flow in every step: at the nodes of its lattice, and as a frame has them.
+
+A frame holds them as a flat dictionary: `thickness` [m, vertical], `speed` [m s-1], `pressure` [Pa], `arrival_time` [s,
+-1: never], float32[rows, columns] with row 0 in the south, their `transform` (spacing, 0, west, 0, spacing, south), and
+the `arrival_thickness` [m] that all but the thickness are of. Where stages of a run have cells of different size, the
+peaks of the other lattices follow under `other1_thickness`, ..., `other1_transform`, `other2_...`.
+"""
+
+import re
+
+import numpy as np
+
+PEAK_NAMES = ("thickness", "speed", "pressure", "arrival_time")
+THICKNESS, SPEED, PRESSURE, ARRIVAL, PEAK_ENTRIES = range(5)
+PEAK_STATE = ("peaks", "peak_nodes")  # of a frame's state
+TRANSFORM, THRESHOLD = "transform", "arrival_thickness"
+_ALIGNED = 1e-6  # of a spacing, by which the nodes of two lattices may miss each other
+_OTHER = re.compile(r"other(\d+)_")
+
+
+def no_peaks(shape, kept=True):
+    """float64[*shape, PEAK_ENTRIES] of nodes that no flow has been at; of one node where none are `kept`."""
+    peaks = np.zeros((*(shape if kept else (1, 1)), PEAK_ENTRIES))
+    peaks[..., ARRIVAL] = -1.0
+    return peaks
+
+
+def peaks_state(peaks):
+    """What a restart needs: the peaks of the nodes that the flow has been at, which are few of a terrain's."""
+    nodes = np.flatnonzero((peaks[..., THICKNESS] > 0.0) | (peaks[..., ARRIVAL] >= 0.0))
+    return dict(zip(PEAK_STATE, (peaks.reshape(-1, PEAK_ENTRIES)[nodes], nodes), strict=True))
+
+
+def fits(peaks, state):
+    """Whether `state` has what `peaks_state` gives of an array like `peaks`."""
+    if not set(PEAK_STATE) <= set(state):
+        return False
+    values, nodes = (state[name] for name in PEAK_STATE)
+    return values.shape == (len(nodes), PEAK_ENTRIES) and not np.any(nodes >= peaks[..., THICKNESS].size)
+
+
+def restore_peaks(peaks, state):
+    """Set `peaks` to what `peaks_state` gave."""
+    peaks[:] = 0.0
+    peaks[..., ARRIVAL] = -1.0
+    peaks.reshape(-1, PEAK_ENTRIES)[state["peak_nodes"]] = state["peaks"]
+
+
+def maxima_of(peaks, west, south, spacing, arrival_thickness):
+    """`peaks` float64[rows, columns, PEAK_ENTRIES] as a frame has them, cut to the nodes that the flow reached.
+
+    `west`, `south` [m] are the map position of the first node, `spacing` [m] is that of the nodes.
+    """
+    j, i = np.nonzero(peaks[..., THICKNESS] > 0)
+    window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
+    kept = {name: peaks[(*window, k)].astype(np.float32) for k, name in enumerate(PEAK_NAMES)}
+    corner = west + (window[1].start - 0.5) * spacing, south + (window[0].start - 0.5) * spacing
+    kept[TRANSFORM] = np.array([spacing, 0.0, corner[0], 0.0, spacing, corner[1]])
+    return kept | {THRESHOLD: float(arrival_thickness)}
+
+
+def lattices_of(kept):
+    """The peaks of each lattice in the dictionary `kept`, each a dictionary of its own; nothing where it is empty."""
+    if not kept:
+        return []
+    numbers = sorted({int(found.group(1)) for name in kept if (found := _OTHER.match(name))})
+    common = {name: value for name, value in kept.items() if not _OTHER.match(name)}
+    sets = [common]
+    for number in numbers:
+        prefix = f"other{number}_"
+        own = {name.removeprefix(prefix): value for name, value in kept.items() if name.startswith(prefix)}
+        sets.append(({THRESHOLD: common[THRESHOLD]} if THRESHOLD in common else {}) | own)
+    return sets
+
+
+def together(now, *others):
+    """The peaks of several flows, or of one at several times, as one dictionary: the largest, the earliest arrival.
+
+    Lattices whose nodes meet become one; that of `now` stands first.
+    """
+    lattices = []
+    for one in (lattice for kept in (now, *others) for lattice in lattices_of(kept)):
+        at = next((k for k, other in enumerate(lattices) if _meet(one, other)), None)
+        if at is None:
+            lattices.append(one)
+        else:
+            lattices[at] = _larger(lattices[at], one)
+    if not lattices:
+        return {}
+    first, rest = lattices[0], [lattice for lattice in lattices[1:] if _reached(lattice)]
+    rest.sort(key=lambda lattice: float(lattice[TRANSFORM][0]))
+    for number, lattice in enumerate(rest, 1):
+        first = first | {f"other{number}_{name}": lattice[name] for name in (*PEAK_NAMES, TRANSFORM)}
+    return first
+
+
+def largest_peaks(kept):
+    """The largest `thickness`, `speed` and `pressure` of all lattices in `kept`, and the `area` [m2] that the flow
+    reached in each of them by their `cell_size` [m], as plain numbers; empty where none are kept."""
+    lattices = lattices_of(kept)
+    if not lattices:
+        return {}
+    found = {name: max(float(lattice[name].max()) for lattice in lattices) for name in PEAK_NAMES[:ARRIVAL]}
+    reached = [(float(lattice[TRANSFORM][0]), int((lattice["arrival_time"] >= 0).sum())) for lattice in lattices]
+    found["reached"] = [{"cell_size": spacing, "area": count * spacing**2} for spacing, count in reached]
+    return found | ({THRESHOLD: float(kept[THRESHOLD])} if THRESHOLD in kept else {})
+
+
+def _reached(lattice):
+    return bool((lattice["thickness"] > 0).any())
+
+
+def _offset(one, other):
+    """float64[2]: how many nodes `one` begins north and east of `other`."""
+    a, b = np.asarray(one[TRANSFORM], float), np.asarray(other[TRANSFORM], float)
+    return (a[[5, 2]] - b[[5, 2]]) / a[0]
+
+
+def _meet(one, other):
+    if float(one[TRANSFORM][0]) != float(other[TRANSFORM][0]):
+        return False
+    offset = _offset(one, other)
+    return bool((np.abs(offset - np.rint(offset)) <= _ALIGNED * (1.0 + np.abs(offset))).all())
+
+
+def _larger(one, other):
+    """The larger values of two lattices whose nodes meet, on the smallest window that holds what both reached."""
+    if not _reached(other):
+        return one
+    if not _reached(one):
+        return one | {name: other[name] for name in (*PEAK_NAMES, TRANSFORM)}
+    begins = np.stack([np.zeros(2, int), np.rint(_offset(other, one)).astype(int)])
+    ends = begins + np.array([one["thickness"].shape, other["thickness"].shape])
+    first, shape = begins.min(axis=0), ends.max(axis=0) - begins.min(axis=0)
+    merged = dict(one)
+    for name in PEAK_NAMES:
+        values = np.full(shape, np.inf if name == "arrival_time" else 0.0, np.float32)
+        for lattice, begin, end in zip((one, other), begins - first, ends - first, strict=True):
+            part = values[begin[0] : end[0], begin[1] : end[1]]
+            if name == "arrival_time":
+                np.minimum(part, np.where(lattice[name] >= 0, lattice[name], np.inf), out=part)
+            else:
+                np.maximum(part, lattice[name], out=part)
+        merged[name] = np.where(np.isinf(values), np.float32(-1.0), values)
+    transforms = [np.asarray(lattice[TRANSFORM], float) for lattice in (one, other)]
+    merged[TRANSFORM] = transforms[0].copy()
+    for k, axis in ((5, 0), (2, 1)):
+        merged[TRANSFORM][k] = transforms[0 if first[axis] == 0 else 1][k]
+    return merged
