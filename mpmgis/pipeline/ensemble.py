@@ -14,7 +14,8 @@ from ..errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..io.ensemble_maps import EnsembleMaps, write_maps
-from ..kernels.jit import set_threads, source_digest
+from ..kernels.cache_folder import source_digest
+from ..kernels.jit import set_threads
 from ..machine import available_memory
 from ..scene.tables import meant, read_toml
 from ..solvers.cost import MEMORY_SHARE
