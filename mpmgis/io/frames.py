@@ -12,7 +12,7 @@ from ..fields import PARTICLE
 from ..geo.georeference import crs_of_text
 from ..particles import Frame, Particles
 from .atomic import whole_file
-from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
+from .frame_digest import CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .hdf5_file import written
 
 FORMAT = "mpmgis-frame"
@@ -65,6 +65,8 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
             if isinstance(values, np.ndarray):
                 digest.add(f"maxima/{name}", values)
         content = file.attrs[CONTENT] = digest.hexdigest()
+        if frame.state:
+            file.attrs[STATE] = state_digest(content, frame.state)
         if before is not None:
             file.attrs[RESULT] = result_after(before, content)
     return content
@@ -120,7 +122,7 @@ def drop_state(path):
         if "state" not in source:
             return
         with whole_file(path) as part, written(part) as target:
-            target.attrs.update(source.attrs)
+            target.attrs.update({name: value for name, value in source.attrs.items() if name != STATE})
             for name in source:
                 if name != "state":
                     source.copy(name, target)

@@ -19,7 +19,8 @@ from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
 from .left_places import left_places
-from .particle_store import LEFT_STATE, ParticleStore, named_sums
+from .particle_store import ParticleStore, named_sums
+from .restart_checks import LEFT_STATE, require_point_state
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
@@ -489,6 +490,7 @@ class PointSolver(ParticleStore):
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         if any(state[name].shape != array.shape for name, array in self._changing().items()):
             raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
+        require_point_state(frame, self, self._changing(), self._rows)
         self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]
