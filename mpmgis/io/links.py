@@ -107,6 +107,24 @@ def remove(path):
             os.unlink(path)
 
 
+def within(folder, inputs):
+    """The first of the paths `inputs` that is, by whatever name, in `folder` or deeper; None where none is."""
+    if not is_folder(folder):
+        return None
+    known = {}
+    for given in inputs:
+        with suppress(OSError):
+            found = os.stat(given)
+            known.setdefault((found.st_dev, found.st_ino), given)
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                found = os.stat(os.path.join(place, name))
+                if (found.st_dev, found.st_ino) in known:
+                    return known[found.st_dev, found.st_ino]
+    return None
+
+
 def one_of(path, inputs):
     """The first of the paths `inputs` that is the same file as `path`, by whatever name; None where none is."""
     try:
