@@ -137,10 +137,17 @@ class RunFolder:
                 if not self._resumed:
                     self._refuse_filled()
                     self._refuse_foreign()
+                self._sweep()
                 yield
         finally:
             self._drop_stage()
             self._remove_if_empty()
+
+    def _sweep(self):
+        """Remove what processes that are over left half done."""
+        for path in self._entries(*LEFT_OVER):
+            if is_left_over(path.name.rpartition(".part")[2]):
+                remove(path)
 
     def require(self):
         """Raise OutputError if the folder that is held was removed, moved or replaced."""
@@ -201,12 +208,9 @@ class RunFolder:
     def open(self, anew=True):
         """Ready the folder, which is held, for a run that begins `anew` or goes on.
 
-        What a kill left half done goes. The files of an earlier run stay until a new one has its first frame.
+        The files of an earlier run stay until a new one has its first frame.
         """
         try:
-            for path in self._entries(*LEFT_OVER):
-                if is_left_over(path.name.rpartition(".part")[2]):
-                    remove(path)
             if anew and next(self._entries(*FILES), None):
                 stage = self.path / f".{Path(RECORD_FILE).stem}.part{new_token()}"
                 stage.mkdir()

@@ -72,6 +72,7 @@ class StateCheck:
         names = {kernel.CURRENT: "the half in use", kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
         for place, wanted in ((kernel.CURRENT, 0), (kernel.ROWS, alive), (kernel.ALIVE, alive)):
             self.require(counts[place] == wanted, f"{names[place]} in counts is {counts[place]}, wanted {wanted}")
+        self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
         self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
         self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)
         self.require(self._state["clock"][kernel.TIME] == self._time, "its clock tells another time")
@@ -101,11 +102,13 @@ def require_column_state(frame, solver, changing):
     for name, column in (("mass [kg]", kernel.MASS), ("area [m2]", kernel.AREA)):
         check.within(f"the {name} of a column", rows[:, column], np.nextafter(0.0, 1.0), np.finfo(float).max)
     _require_window(check, kernel, rows, size, state["counts"], ((nx + 2) // kernel.BLOCK, (ny + 2) // kernel.BLOCK))
+    nodes = (ny + 3) * (nx + 3)
+    check.within("the number of wet nodes", state["counts"][kernel.WET], 0, nodes)
     check.array("reached", np.uint8, (ny + 3, (nx + 3 + 7) // 8))
     check.left(solver.left_sums)
     if solver.numerics.maxima:
-        nodes = check.places("peak_nodes", (ny + 3) * (nx + 3))
-        check.array("peaks", np.float64, (len(nodes), 4))
+        peaks = check.places("peak_nodes", nodes)
+        check.array("peaks", np.float64, (len(peaks), 4))
 
 
 def _require_window(check, kernel, rows, size, counts, last):
