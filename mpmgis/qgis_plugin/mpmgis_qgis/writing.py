@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import secrets
 import shutil
 from contextlib import contextmanager
 
@@ -47,7 +49,9 @@ def copy_whole(source, path):
 
 @contextmanager
 def _beside(path):
-    part = f"{path}.part{os.getpid()}"
+    if os.path.islink(path):
+        raise OSError(errno.ELOOP, "is a link, and links are not followed where something is written", path)
+    part = f"{path}.part{secrets.token_hex(8)}"  # a name that nobody has put a link under
     try:
         yield part
         os.replace(part, path)
