@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import secrets
 import shutil
 from contextlib import contextmanager
 
@@ -50,8 +48,8 @@ def copy_whole(source, path):
 @contextmanager
 def _beside(path):
     if os.path.islink(path):
-        raise OSError(errno.ELOOP, "is a link, and links are not followed where something is written", path)
-    part = f"{path}.part{secrets.token_hex(8)}"  # a name that nobody has put a link under
+        raise OSError(f"{path} is a link, and links are not followed where something is written")
+    part = f"{path}.part{os.urandom(8).hex()}"  # a name that nobody has put a link under
     try:
         yield part
         os.replace(part, path)
