@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from mpmgis.errors import InputError, UnphysicalError
+from mpmgis.pipeline import cluster
 from mpmgis.pipeline.workers import started
 
 
@@ -114,3 +115,17 @@ def test_workers_end_with_a_parent_that_is_killed():
     child.wait()
     child.stdout.close()
     assert psutil.wait_procs([worker], timeout=60)[1] == []
+
+
+def test_a_users_own_dask_cluster_is_asked_in_the_same_way():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=50
+    ) as there, cluster.connected(there.scheduler_address) as client:  # fmt: skip
+        workers = cluster.DaskWorkers(client)
+        workers.warm(square, SimpleNamespace(number=1))
+        assert {piece.number: answer for piece, answer in workers.worked(square, pieces(5))} == {
+            k: k * k for k in range(5)
+        }
+        with pytest.raises(UnphysicalError, match="piece 0"):
+            list(workers.worked(unphysical, pieces(1)))
