@@ -56,7 +56,6 @@ class RunFolder:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, wanted a folder for the run; give another -o")
         self._overwrite, self._resumed, self._hold, self._stage = overwrite, False, None, None
-        self._keeps_scene = False
         self._refuse_filled()
         self._refuse_foreign()
         self.frames, self.result = 0, ""
@@ -92,8 +91,6 @@ class RunFolder:
     def spare(self, inputs):
         """Refuse a folder in which one of the `inputs` (iterable of Path), by any name, would be replaced or removed.
 
-        A run that goes on from the resolved scene in its own folder leaves that file as it is.
-
         Raises
         ------
         OutputError
@@ -102,9 +99,7 @@ class RunFolder:
         inputs = list(inputs) if entries else []
         for entry in entries:
             given = one_of(entry, inputs)
-            if given is not None and self._resumed and entry.name == SCENE_FILE:
-                self._keeps_scene = True
-            elif given is not None:
+            if given is not None:
                 name = entry if given == entry else f"{entry}, which is {given},"
                 raise OutputError(f"{name} is what the run is made from and would be replaced; give another -o")
 
@@ -233,9 +228,8 @@ class RunFolder:
         stage = self._stage
         try:
             os.replace(stage / RECORD_FILE, self.path / RECORD_FILE)
-            kept = (RECORD_FILE, SCENE_FILE) if self._keeps_scene else (RECORD_FILE,)
             for path in sorted(self._entries(*FILES), reverse=True):
-                if path.name not in kept:
+                if path.name != RECORD_FILE:
                     path.unlink()
             for path in sorted(stage.iterdir(), key=lambda path: path.match(FRAME_PATTERN)):
                 os.replace(path, self.path / path.name)
@@ -251,8 +245,6 @@ class RunFolder:
 
     def write_scene(self, text):
         """The resolved scene, as TOML text."""
-        if self._keeps_scene:
-            return
         with whole_file(self.place / SCENE_FILE) as part:
             part.write_text(text, encoding="utf-8")
 
