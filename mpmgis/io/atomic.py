@@ -1,21 +1,28 @@
 """Files that appear whole or not at all, and never on top of another one unasked."""
 
 import errno
+import hashlib
 import os
 import re
-import shutil
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import MpmgisError, OutputError
+from .links import is_folder, real_place, refuse_link, remove, status
+from .writer import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] where so little does not fit, the disk is full
+_LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] beside which a token and what libraries add fit into 255
 MARK = ".mpmgis"  # in every folder that `whole_folder` made
 
 
 def refuse_existing(path, overwrite):
-    """Raise OutputError if `path` exists (a folder: and is not empty) and `overwrite` was not asked for."""
+    """Raise OutputError if `path` exists (a folder: and is not empty) and `overwrite` was not asked for.
+
+    A link there is refused in any case, and so is a pipe or a device.
+    """
     path = Path(path)
+    refuse_link(path)
     if overwrite or not path.exists():
         return
     if path.is_dir() and not any(path.iterdir()):
@@ -28,17 +35,19 @@ def whole_file(path):
     """Gives a temporary path beside `path` to write to; it takes the final name when the block ends well.
 
     On any error the temporary file is removed and nothing appears. The suffix is kept, because libraries look at it.
-    What a process that was killed left of the same file goes too.
+    What a process that was killed left of the same file goes too. A link at `path` is refused.
     """
     path = Path(path)
+    refuse_link(path)
     _sweep(path, path.stem, path.suffix)
-    part = path.with_name(f".{path.stem}.part{os.getpid()}{path.suffix}")
+    part = _beside(path, path.stem, "part", path.suffix)
     new_parents = _missing_parents(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield part
-        with open(part, "rb") as handle:
+        with open(part, "r+b") as handle:  # Windows flushes only what is open for writing
             os.fsync(handle.fileno())
+        refuse_link(path)
         os.replace(part, path)
     except BaseException as error:
         cause = _cause(part, error)
@@ -56,15 +65,14 @@ def whole_folder(path, overwrite=False):
     cannot cost anybody their documents; the old folder goes when the new one is in its place, not before. What a
     process that was killed left goes too; an old folder that it had put aside comes back first.
     """
-    shown, path = path, Path(os.path.abspath(path))
+    shown, path = path, real_place(path)
+    refuse_link(shown)
     _sweep(path, path.name)
     refuse_existing(shown, overwrite)
     _refuse_foreign(shown, path)
-    part = path.with_name(f".{path.name}.part{os.getpid()}")
-    old = path.with_name(f".{path.name}.old{os.getpid()}")
+    part, old = _beside(path, path.name, "part"), _beside(path, path.name, "old")
     new_parents = _missing_parents(path)
     try:
-        shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
         (part / MARK).touch()
         yield part
@@ -79,33 +87,44 @@ def whole_folder(path, overwrite=False):
         if cause is not None:
             raise output_error(shown, cause) from error
         raise
-    shutil.rmtree(old, ignore_errors=True)
+    remove(old)
+
+
+def _beside(path, stem, kind, suffix=""):
+    """A new temporary name of that `kind` ("part", "old") beside `path`, which tells who gave it."""
+    stem, suffix = _short(stem, suffix)
+    return path.with_name(f".{stem}.{kind}{new_token()}{suffix}")
+
+
+def _short(stem, suffix):
+    """`stem` and `suffix` as they are, or where a temporary name would be longer than a name may be, a digest."""
+    if len(os.fsencode(stem + suffix)) <= _LONGEST_NAME:
+        return stem, suffix
+    suffix = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
+    return hashlib.sha256(os.fsencode(stem)).hexdigest()[:16], suffix
 
 
 def _sweep(path, stem, suffix=""):
-    """Remove what processes that are no more left half done of `path`; bring back what they had put aside."""
-    if os.name != "posix":  # elsewhere a process cannot be asked whether it is alive
-        return
-    left = re.compile(rf"\.{re.escape(stem)}\.(part|old)(\d+){re.escape(suffix)}(-\w+)?")  # and SQLite's journal
+    """Remove what processes that are no more left half done of `path`; bring back what they had put aside.
+
+    What a process on another machine or in another container may still be writing stays (`io.writer`).
+    """
+    stem, suffix = _short(stem, suffix)
+    left = re.compile(rf"\.{re.escape(stem)}\.(part|old)({PATTERN}){re.escape(suffix)}(-\w+)?")  # and SQLite's journal
     with suppress(OSError):
         for name in os.listdir(path.parent):
             found = left.fullmatch(name)
-            if found is None or _is_alive(int(found[2])):
+            if found is None or not is_left_over(found[2]):
                 continue
             if found[1] == "old":
                 _restore(path.parent / name, path)
-            _remove(path.parent / name)
+            remove(path.parent / name)
 
 
-def _is_alive(number):
-    """Whether the process of that number runs on this machine; this one itself counts as over with what it left."""
-    try:
-        os.kill(number, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        return True
-    return number != os.getpid()
+def is_left_over(token):
+    """Whether the process that gave a temporary file this `token` is over; this one counts as over."""
+    writer = written_by(token)
+    return writer is not None and (writer == this_process() or writer.is_over())
 
 
 def _refuse_foreign(shown, path):
@@ -116,13 +135,13 @@ def _refuse_foreign(shown, path):
         raise OutputError(f"{shown} is a file, wanted a folder; give another -o")
     if Path.cwd().is_relative_to(path):
         raise OutputError(f"{shown} holds the folder you are in and cannot be replaced; give -o a folder of its own")
-    if any(path.iterdir()) and not (path / MARK).exists():
+    if any(path.iterdir()) and status(path / MARK) is None:
         raise OutputError(f"{shown} was not written by mpmgis, --overwrite will not remove it; give another -o")
 
 
 def _restore(old, path):
     """Put the old folder back where it was, if the new one did not get there."""
-    if old.exists() and not path.exists():
+    if is_folder(old) and status(path) is None:
         os.replace(old, path)
 
 
@@ -146,7 +165,7 @@ def _cause(part, error):
         return error
     probe = part.with_name(f"{part.name}.probe")
     try:
-        with open(probe, "wb", buffering=0) as handle:
+        with open(probe, "xb", buffering=0) as handle:
             rest = bytes(_PROBE_SIZE)
             while rest:
                 rest = rest[handle.write(rest) :]
@@ -164,10 +183,7 @@ def _missing_parents(path):
 
 def _remove(part, *new_parents):
     """Remove the temporary `part`, and the folders made for it that are empty."""
-    if part.is_dir():
-        shutil.rmtree(part, ignore_errors=True)
-    with suppress(OSError):
-        part.unlink(missing_ok=True)
+    remove(part)
     for parent in new_parents:
         with suppress(OSError):
             parent.rmdir()

@@ -1,8 +1,8 @@
 """The folder of an ensemble: its plan, what each member left, and windows of all members' rasters."""
 
 import json
-import shutil
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..scene.text import toml_value
 from .atomic import output_error, refuse_existing, whole_file
 from .csv_table import write_records
 from .geotiff import BLOCK
+from .links import one_of, refuse_links, remove, within
 from .lock import LOCK_FILE, sole_writer
 from .run_folder import versions
 
@@ -35,11 +36,13 @@ class EnsembleFolder:
     Raises
     ------
     OutputError
-        It holds something else, or another ensemble and no `overwrite`.
+        It holds something else, or another ensemble and no `overwrite`; it is a link, or one of its own names is,
+        or anything among its members.
     """
 
     def __init__(self, path, digest, overwrite=False):
         self.path, self.digest = Path(path), digest
+        self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, wanted a folder; give another -o")
         record = read_ensemble_record(self.path)
@@ -50,6 +53,26 @@ class EnsembleFolder:
                 f"{self.path} holds an ensemble of another plan or scene; give another -o, or --overwrite to replace "
                 "it (members that are in both are kept)"
             )
+
+    def _refuse_links(self):
+        refuse_links(self.path, (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS))
+        refuse_links(self.members)
+
+    def spare(self, inputs):
+        """Refuse a folder in which one of the `inputs` (iterable of Path), by any name, would be replaced or removed.
+
+        Raises
+        ------
+        OutputError
+        """
+        if not self.path.is_dir():
+            return
+        inputs = list(inputs)
+        given = within(self.members, inputs) or within(self.maps, inputs)
+        for name in (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE):
+            given = given or one_of(self.path / name, inputs)
+        if given is not None:
+            raise OutputError(f"{self.path} holds {given}, which this is made from; give another -o")
 
     def _refuse_filled(self):
         if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
@@ -71,8 +94,9 @@ class EnsembleFolder:
         """The folder of the products."""
         return self.path / MAPS
 
-    def open(self):
-        """Make the folder and hold it; gives what lets it go again.
+    @contextmanager
+    def held(self):
+        """Make the folder and hold it for this block.
 
         Raises
         ------
@@ -83,7 +107,9 @@ class EnsembleFolder:
             self.members.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise output_error(self.path, error) from error
-        return sole_writer(self.path)
+        with sole_writer(self.path):
+            self._refuse_links()
+            yield
 
     def keep_members(self, digests):
         """Remove what all other members left."""
@@ -91,10 +117,7 @@ class EnsembleFolder:
         for entry in self.members.iterdir():
             if entry.name.split(".")[0].removesuffix("_max") in kept:
                 continue
-            if entry.is_dir():
-                shutil.rmtree(entry)
-            else:
-                entry.unlink()
+            remove(entry)
 
     def write_plan(self, tables, note):
         """The plan as a TOML file that --plan takes."""

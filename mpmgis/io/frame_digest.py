@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import FormatError, one_line
 
-CONTENT, RESULT = "content_sha256", "result_sha256"  # attributes of a frame
+CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
 DIGESTED = ("particles", "maxima")  # groups; the state of a restart is dropped later
 AS_WRITTEN = "as written"
 
@@ -33,6 +33,16 @@ class ContentDigest:
         return hashlib.sha256("\n".join([self._head, *lines]).encode()).hexdigest()
 
 
+def state_digest(content, state):
+    """Digest of the `state` of a restart, a dictionary, in a frame of the digest `content`."""
+    digest = hashlib.sha256(content.encode())
+    for name, values in sorted(state.items()):
+        values = np.ascontiguousarray(values)
+        digest.update(f"\n{name} {values.dtype.str} {values.shape} ".encode())
+        digest.update(values.view(np.uint8).reshape(-1) if values.size else b"")
+    return digest.hexdigest()
+
+
 def result_after(before, content):
     """Digest of a result that grew by a frame of the digest `content`; `before` is '' at its first frame."""
     return hashlib.sha256(f"{before} {content}".encode()).hexdigest()
@@ -40,9 +50,13 @@ def result_after(before, content):
 
 def stored(path):
     """(content, result) as the frame at `path` was written with; '' for what it does not say."""
+    return _stored(path, CONTENT, RESULT)
+
+
+def _stored(path, *names):
     try:
         with h5py.File(path, "r") as file:
-            return tuple(str(file.attrs.get(name, "")) for name in (CONTENT, RESULT))
+            return tuple(str(file.attrs.get(name, "")) for name in names)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
         raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
@@ -66,6 +80,45 @@ def check_content(path):
     if not content:
         return None
     return AS_WRITTEN if content_of(path) == content else "changed since it was written"
+
+
+def require_restartable(path, before):
+    """Whether the frame at `path` holds the state of a restart; then nothing in it was changed since it was written.
+
+    Parameters
+    ----------
+    path : Path
+    before : Path
+        The frame before it in the run; its result is held against that of `path`, where it is there.
+
+    Raises
+    ------
+    FormatError
+        It was changed, is of another result, or holds a state of which it tells no digest.
+    """
+    content, result, state = _stored(path, CONTENT, RESULT, STATE)
+    kept = state_of(path)
+    if not kept:
+        return False
+    cure = "remove it to go on from the frame before, or start with --overwrite"
+    if not (content and state):
+        raise FormatError(f"{path} tells no digest of what a restart needs, an older mpmgis wrote it; {cure}")
+    if content_of(path) != content or state_digest(content, kept) != state:
+        raise FormatError(f"{path} was changed since it was written, a run cannot go on from it; {cure}")
+    last = stored(before)[1] if before.is_file() else ""
+    if result and last and result_after(last, content) != result:
+        raise FormatError(f"{path} does not follow {before.name}, one of them is of another run; {cure}")
+    return True
+
+
+def state_of(path):
+    """The state of a restart in the frame at `path`, by name; {} where it has none."""
+    try:
+        with h5py.File(path, "r") as file:
+            group = file.get("state", {})
+            return {name: values[()] for name, values in group.items()} | dict(getattr(group, "attrs", {}))
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
 def check_result(paths, recorded):

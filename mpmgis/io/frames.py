@@ -14,7 +14,7 @@ from ..particles import Frame, Particles
 from ..peaks import PEAK_NAMES as MAXIMA
 from ..peaks import lattices_of
 from .atomic import whole_file
-from .frame_digest import CONTENT, RESULT, ContentDigest, result_after
+from .frame_digest import CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .hdf5_file import written
 
 FORMAT = "mpmgis-frame"
@@ -66,6 +66,8 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
             if isinstance(values, np.ndarray):
                 digest.add(f"maxima/{name}", values)
         content = file.attrs[CONTENT] = digest.hexdigest()
+        if frame.state:
+            file.attrs[STATE] = state_digest(content, frame.state)
         if before is not None:
             file.attrs[RESULT] = result_after(before, content)
     return content
@@ -121,7 +123,7 @@ def drop_state(path):
         if "state" not in source:
             return
         with whole_file(path) as part, written(part) as target:
-            target.attrs.update(source.attrs)
+            target.attrs.update({name: value for name, value in source.attrs.items() if name != STATE})
             for name in source:
                 if name != "state":
                     source.copy(name, target)

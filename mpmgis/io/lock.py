@@ -2,19 +2,24 @@
 
 import errno
 import os
+import re
 import socket
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import OutputError
+from .links import open_own, status
+from .writer import PATTERN, new_token, written_by
 
 try:
     import fcntl
-except ImportError:  # Windows has no such locks: nothing is held there
+except ImportError:  # Windows has no such locks: there the file itself is the lock
     fcntl = None
 
 LOCK_FILE = ".lock"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)  # of file systems without
+_HOLDER = re.compile(rf"process \d+( on [^,]*)?(, ({PATTERN}))?", re.DOTALL)  # of this version, and of those before
+_LONGEST = 1000  # [bytes] that are read of the file
 
 
 @contextmanager
@@ -22,12 +27,13 @@ def sole_writer(folder):
     """Hold `folder`, which is there, for this block; gives a Hold.
 
     The lock is that of the system on the file LOCK_FILE and not the file: what a killed process leaves holds nobody
-    up, and no process number can be mistaken for that of another one. The file names its holder, for messages.
+    up, and no process number can be mistaken for that of another one. Where the system has no locks, the file holds
+    the folder as long as the process that it names may be alive (`io.writer`).
 
     Raises
     ------
     OutputError
-        Another process, or another run of this one, holds it.
+        Another process, or another run of this one, holds it; LOCK_FILE is a link or something else of the user's.
     """
     hold = Hold(Path(folder))
     try:
@@ -43,14 +49,17 @@ class Hold:
         self.folder, self._path = folder, folder / LOCK_FILE
         self._handle = self._locked()
         os.ftruncate(self._handle, 0)
-        os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}".encode())
+        os.lseek(self._handle, 0, os.SEEK_SET)
+        os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}, {new_token()}".encode())
 
     def _locked(self):
         """Descriptor of the lock's file, locked; tried again if its holder let go and removed it meanwhile."""
         while True:
-            handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            handle = open_own(self._path)
             try:
-                self._lock(handle)
+                holder = os.read(handle, _LONGEST).decode("utf-8", "replace")
+                self._require_own(holder)
+                self._lock(handle, holder)
                 if self._is(handle):
                     return handle
             except BaseException:
@@ -58,26 +67,38 @@ class Hold:
                 raise
             os.close(handle)
 
-    def _lock(self, handle):
+    def _require_own(self, holder):
+        """Refuse a file of that name that is somebody's and not a lock of this program."""
+        if holder and _HOLDER.fullmatch(holder) is None:
+            raise OutputError(f"{self._path} was not written by mpmgis; move it away, or give another -o")
+
+    def _lock(self, handle, holder):
         if fcntl is None:
-            return
+            return self._lock_by_name(holder)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            holder = os.read(handle, 200).decode("utf-8", "replace") or "another process"
-            raise OutputError(
-                f"{self.folder} is being written by {holder}; wait for it to end, or give another -o"
-            ) from error
+            raise self._held(holder, "wait for it to end") from error
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
+            self._lock_by_name(holder)
+
+    def _lock_by_name(self, holder):
+        """Where the system has no locks: the file is one as long as the process that it names may be alive."""
+        found = _HOLDER.fullmatch(holder)
+        if found is not None and found[3] is not None and not written_by(found[3]).is_over():
+            raise self._held(holder, f"wait for it to end, remove {self._path} if it has ended")
+
+    def _held(self, holder, cure):
+        """The error that tells who holds the folder."""
+        who = holder.partition(",")[0] or "another process"
+        return OutputError(f"{self.folder} is being written by {who}; {cure}, or give another -o")
 
     def _is(self, handle):
         """True where the lock's name still means the file that is open as `handle`."""
-        try:
-            return os.path.samestat(os.stat(self._path), os.fstat(handle))
-        except FileNotFoundError:
-            return False
+        found = status(self._path)
+        return found is not None and os.path.samestat(found, os.fstat(handle))
 
     def require(self):
         """Raise OutputError if the folder was removed, moved or replaced since."""
@@ -88,5 +109,6 @@ class Hold:
         """Remove the file, while it is still held, and let go."""
         if self._is(self._handle):
             with suppress(OSError):
+                os.ftruncate(self._handle, 0)  # it names nobody, also where an open file cannot be removed
                 self._path.unlink()
         os.close(self._handle)

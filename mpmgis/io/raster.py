@@ -165,6 +165,12 @@ def read_raster(path, band=None, may_be_empty=False):
         return _values(source, path, band, may_be_empty), grid_of(source, path)
 
 
+def raster_files(path):
+    """Paths of all files that GDAL reads for the raster at `path`: sources of a virtual one, masks, world files."""
+    with open_raster(path) as source:
+        return [Path(name) for name in source.files]
+
+
 def grid_of(source, path):
     """Grid of an open raster; its crs is the horizontal one, None where the file has none."""
     return Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)

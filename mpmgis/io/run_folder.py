@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -11,11 +12,13 @@ import rasterio
 
 from .. import __version__
 from ..errors import FormatError, OutputError, one_line
-from .atomic import output_error, refuse_existing, whole_file
-from .frame_digest import result_after, stored
+from .atomic import is_left_over, output_error, refuse_existing, whole_file
+from .frame_digest import require_restartable, result_after, stored
 from .frames import drop_state, read_frame, set_digest, write_frame
+from .links import one_of, refuse_links, remove, status
 from .lock import LOCK_FILE, sole_writer
 from .raster import file_sha256
+from .writer import new_token
 
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
@@ -26,6 +29,7 @@ BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
 LEFT_OVER = tuple(f".{Path(name).stem}.part[0-9]*" for name in FILES)  # files that never got their names, for a kill
+_FORMAT = "mpmgis-run"
 
 
 class RunFolder:
@@ -34,8 +38,9 @@ class RunFolder:
     Parameters
     ----------
     path : str or Path
-        Made if it is not there; refused if it holds anything, unless `overwrite`, which removes the files of an
-        earlier run and nothing else.
+        Made if it is not there; refused if it holds anything, unless `overwrite`, which replaces the files of an
+        earlier run and nothing else, once the first frame of the new one is whole. Refused if it is a link, or if a
+        link has one of the names that a run gives to files.
 
     Attributes
     ----------
@@ -47,10 +52,12 @@ class RunFolder:
 
     def __init__(self, path, overwrite=False):
         self.path = Path(path)
+        self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, wanted a folder for the run; give another -o")
-        self._overwrite, self._resumed, self._hold = overwrite, False, None
+        self._overwrite, self._resumed, self._hold, self._stage = overwrite, False, None, None
         self._refuse_filled()
+        self._refuse_foreign()
         self.frames, self.result = 0, ""
 
     @classmethod
@@ -64,6 +71,41 @@ class RunFolder:
             folder = cls(path)
         folder._resumed = True
         return folder
+
+    @property
+    def place(self):
+        """The folder that files are written to now: a hidden one in `path` as long as an earlier run stands there."""
+        return self._stage or self.path
+
+    def _refuse_links(self):
+        refuse_links(self.path, (LOCK_FILE, *FILES, *LEFT_OVER))
+
+    def _refuse_foreign(self):
+        """Refuse to replace files of these names that no run wrote."""
+        if self.path.is_dir() and next(self._entries(*FILES), None) and not _is_of_a_run(self.path / RECORD_FILE):
+            raise OutputError(
+                f"{self.path} holds {next(self._entries(*FILES)).name} but no {RECORD_FILE} of a run, --overwrite will "
+                "not remove it; give another -o"
+            )
+
+    def spare(self, inputs):
+        """Refuse a folder in which one of the `inputs` (iterable of Path), by any name, would be replaced or removed.
+
+        Raises
+        ------
+        OutputError
+        """
+        entries = list(self._entries(*FILES, LOCK_FILE)) if self.path.is_dir() else []
+        inputs = list(inputs) if entries else []
+        for entry in entries:
+            given = one_of(entry, inputs)
+            if given is not None:
+                name = entry if given == entry else f"{entry}, which is {given},"
+                raise OutputError(f"{name} is what the run is made from and would be replaced; give another -o")
+
+    def _entries(self, *patterns):
+        """What there is in the folder by one of the `patterns`, links and what has only its name as well."""
+        return (path for path in sorted(self.path.iterdir()) if any(path.match(pattern) for pattern in patterns))
 
     def _refuse_filled(self):
         """Refuse a folder with anything in it but what a killed run left before its first file, unless overwritten."""
@@ -91,11 +133,21 @@ class RunFolder:
                     self._hold = block.enter_context(sole_writer(self.path))
                 except OSError as error:
                     raise output_error(self.path, error) from error
+                self._refuse_links()
                 if not self._resumed:
                     self._refuse_filled()
+                    self._refuse_foreign()
+                self._sweep()
                 yield
         finally:
+            self._drop_stage()
             self._remove_if_empty()
+
+    def _sweep(self):
+        """Remove what processes that are over left half done."""
+        for path in self._entries(*LEFT_OVER):
+            if is_left_over(path.name.rpartition(".part")[2]):
+                remove(path)
 
     def require(self):
         """Raise OutputError if the folder that is held was removed, moved or replaced."""
@@ -111,22 +163,31 @@ class RunFolder:
         """
         return read_record(self.path, "start again with --overwrite")
 
-    def last_frame(self):
+    def last_frame(self, digest):
         """The newest whole frame with its state, None where there is none; `frames` then counts up to it.
 
-        Newer frames without state, which no run leaves, are not trusted: they are written again.
+        Newer frames without state, which no run leaves, are not trusted: they are written again. `digest` is that of
+        the scene.
         """
-        for number, frame in self.restartable():
+        for number, frame in self.restartable(digest):
             self._go_on_after(number)
             return frame
         return None
 
-    def restartable(self):
-        """(number, Frame) of each whole frame that has its state, the newest first."""
+    def restartable(self, *digests):
+        """(number, Frame) of each whole frame of a scene of `digests` that has its state, the newest first.
+
+        Raises
+        ------
+        FormatError
+            A frame that holds a state and is not what was written.
+        """
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
-            frame = read_frame(path)
-            if frame.state:
-                yield int(path.stem.rpartition("_")[2]), frame
+            if read_frame(path, with_state=False, with_particles=False).digest not in digests:
+                continue  # of the run that was here before
+            number = int(path.stem.rpartition("_")[2])
+            if require_restartable(path, self._frame_path(number - 1)):
+                yield number, read_frame(path)
 
     def go_back_to(self, number, digest):
         """Remove the frames after `number`; those that stay belong to the run of another scene, of this `digest`."""
@@ -144,29 +205,52 @@ class RunFolder:
         self.frames = number + 1
         self.result = stored(self._frame_path(number))[1] or None
 
-    def open(self):
-        """Clear the folder, which is held, of an earlier run's files, or of what a kill left half done."""
+    def open(self, anew=True):
+        """Ready the folder, which is held, for a run that begins `anew` or goes on.
+
+        The files of an earlier run stay until a new one has its first frame.
+        """
         try:
-            if self._overwrite:
-                self._remove(*FILES)
-            self._remove(*LEFT_OVER)
-            self._drop_older_state()
+            if anew and next(self._entries(*FILES), None):
+                stage = self.path / f".{Path(RECORD_FILE).stem}.part{new_token()}"
+                stage.mkdir()
+                self._stage = stage
+            if not anew:
+                self._drop_older_state()
         except OSError as error:
             raise output_error(self.path, error) from error
 
-    def _remove(self, *patterns):
-        for pattern in patterns:
-            for old in self.path.glob(pattern):
-                old.unlink()
+    def _take_over(self):
+        """The files of the earlier run go, those that were written aside take their names; the record comes first.
+
+        Whenever this is cut short, the record and the frames that are there tell whose they are.
+        """
+        stage = self._stage
+        try:
+            os.replace(stage / RECORD_FILE, self.path / RECORD_FILE)
+            for path in sorted(self._entries(*FILES), reverse=True):
+                if path.name != RECORD_FILE:
+                    path.unlink()
+            for path in sorted(stage.iterdir(), key=lambda path: path.match(FRAME_PATTERN)):
+                os.replace(path, self.path / path.name)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+        self._drop_stage()
+
+    def _drop_stage(self):
+        """Remove what was written aside, if anything is left of it."""
+        if self._stage is not None:
+            remove(self._stage)
+            self._stage = None
 
     def write_scene(self, text):
         """The resolved scene, as TOML text."""
-        with whole_file(self.path / SCENE_FILE) as part:
+        with whole_file(self.place / SCENE_FILE) as part:
             part.write_text(text, encoding="utf-8")
 
     def write_terrain(self, terrain):
         """The terrain in the frame's words: float64 GeoTIFF with the source's transform; answers its digest."""
-        path = self.path / TERRAIN_FILE
+        path = self.place / TERRAIN_FILE
         rows, columns = terrain.elevation.shape
         profile = {
             "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float64",
@@ -186,6 +270,8 @@ class RunFolder:
         self.frames += 1
         if self.result is not None:
             self.result = result_after(self.result, content)
+        if self._stage is not None:
+            self._take_over()
         self._drop_older_state()
 
     def _drop_older_state(self):
@@ -195,20 +281,33 @@ class RunFolder:
             drop_state(older)
 
     def _frame_path(self, number):
-        return self.path / f"frame_{number:06d}.h5"
+        return self.place / f"frame_{number:06d}.h5"
 
     def write_record(self, **record):
         """`run.json`: versions, effects and why, balances, timings, the state of the run, its result's digest."""
-        whole = {"format": "mpmgis-run", "format_version": 1, "versions": versions(), **record}
+        whole = {"format": _FORMAT, "format_version": 1, "versions": versions(), **record}
         if record.get("state") != "running":
             whole["result_digest"] = self.result
-        with whole_file(self.path / RECORD_FILE) as part:
+        with whole_file(self.place / RECORD_FILE) as part:
             part.write_text(json.dumps(whole, indent=1, allow_nan=False, default=float) + "\n", encoding="utf-8")
+        if self._stage is not None and record.get("state") == "finished":  # a run without any frame
+            self._take_over()
 
     def _remove_if_empty(self):
         """Leave nothing behind where nothing was written."""
         with contextlib.suppress(OSError):
             self.path.rmdir()
+
+
+def _is_of_a_run(file):
+    """Whether a run wrote the record `file`; one that cannot be read is taken as damaged."""
+    if status(file) is None:
+        return False
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return True
+    return isinstance(record, dict) and record.get("format") == _FORMAT
 
 
 def read_record(folder, cure="remove it"):
@@ -224,7 +323,7 @@ def read_record(folder, cure="remove it"):
         return {}
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {cure}") from error
     if not isinstance(record, dict):
         return {}

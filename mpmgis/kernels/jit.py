@@ -1,50 +1,14 @@
 """The door to the compiler: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
 
-The cache folder is named by a hash of the package's sources, because numba does not see that a law in another file
-was edited. A user's own laws are in that hash too: the index of a folder names the classes of all its kernels, and
-could not be read by a run without them. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1 to run every kernel as
-plain Python.
+Where compiled kernels are kept, `kernels.cache_folder` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
+to run every kernel as plain Python.
 """
 
-import hashlib
 import os
-import tempfile
 from pathlib import Path
 from types import FunctionType
-from uuid import uuid4
 
-PACKAGE = Path(__file__).resolve().parent.parent
-
-
-def source_digest():
-    """Hex digest of all sources that a kernel may be compiled from."""
-    digest = hashlib.sha256()
-    for folder in ("effects", "kernels"):
-        for path in sorted((PACKAGE / folder).glob("*.py")):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def cache_folder(own_laws=()):
-    """The writable folder for compiled kernels; the system's temporary folder where no home can be written.
-
-    `own_laws` are digests of the files with users' own laws that this process has loaded.
-    """
-    root = os.environ.get("MPMGIS_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    root = Path(root) if root else Path.home() / ".cache"
-    name = source_digest()
-    if own_laws:
-        name += "-own-" + hashlib.sha256(" ".join(sorted(own_laws)).encode()).hexdigest()[:16]
-    folder = root / "mpmgis" / name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError(folder)
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"mpmgis-{os.getuid() if hasattr(os, 'getuid') else 0}" / name
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
+from .cache_folder import cache_folder, choose, given_cache_folder
 
 # Threads that wait spin for some tens of microseconds and then sleep. Asleep at once, 25 600 columns take 0.83 ms a
 # step on 2 threads instead of 0.23, for waking takes a tenth of a millisecond; spinning without end, they take 7.4 ms
@@ -55,28 +19,17 @@ os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 # step of 500 columns took some 80 ms with TBB; two plain runs side by side take 0.8 ms, with OpenMP 0.3 (measured
 # 2026-11-22).
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
-_CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # beside numba's own variable, so that a child knows that no user gave that one
-
-
-def given_cache_folder():
-    """The folder that the user gave numba; None where there is none, or only what a parent process chose for itself."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    return None if given == os.environ.get(_CHOSEN) else given
-
-
-def _choose_cache_folder(folder):
-    """Let numba keep compiled kernels in `folder`: by the environment too, which it may read again at any time."""
-    os.environ["NUMBA_CACHE_DIR"] = os.environ[_CHOSEN] = str(folder)
-
 
 GIVEN_CACHE_DIR = given_cache_folder()
 if GIVEN_CACHE_DIR is None:
-    _choose_cache_folder(cache_folder())
+    choose(cache_folder())
 
 import numba  # noqa: E402  (the cache folder must be known before numba is imported)
 import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.extending import overload, overload_method, register_jitable  # noqa: E402
+
+from .kept_code import keep_checked  # noqa: E402
 
 # It may have been imported already, by whoever imports us.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
@@ -107,32 +60,20 @@ def include_own_laws(sha256):
     folder = cache_folder(_own_laws)
     if GIVEN_CACHE_DIR is not None:
         folder = Path(GIVEN_CACHE_DIR) / folder.name
-        folder.mkdir(parents=True, exist_ok=True)
-    _choose_cache_folder(folder)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    choose(folder)
     numba.config.CACHE_DIR = str(folder)
     for kernel in _kernels:
         kernel.enable_caching()
-        _write_apart(kernel)
+        keep_checked(kernel)
 
 
 def _kept(kernel):
     """`kernel`, remembered if it has a cache (it has none where NUMBA_DISABLE_JIT leaves it plain)."""
     if hasattr(kernel, "enable_caching"):
         _kernels.append(kernel)
-        _write_apart(kernel)
+        keep_checked(kernel)
     return kernel
-
-
-def _write_apart(kernel):
-    """Let every compiled form of `kernel` have a file of a name that no other process can take.
-
-    Numba numbers these files by the index as it last read it. Of two processes that compile for other laws at a time
-    both then took the same number, and one law's code stood under the other's name for good: in 3 of 12 starts of 8
-    processes (numba 0.68, measured 2026-11-22). Now the worst is an entry that is lost and compiled again.
-    """
-    files = kernel._cache._cache_file
-    stem = files._index_name.removesuffix(".nbi")
-    files._data_name = lambda number: f"{stem}.{uuid4().hex[:16]}.nbc"
 
 
 def jit(function):

@@ -1,18 +1,16 @@
-"""Where work is spread over processes: the Dask cluster at an address, or one on the cores of this machine."""
+"""Work spread over the Dask cluster at an address, which the user has started; `workers` are those of this machine.
+
+Whoever reaches the port of a Dask scheduler can have it run any code: on a network or a machine with other users it
+belongs behind TLS (`tls://` addresses, certificates in Dask's own configuration).
+"""
 
 import logging
 import os
-import signal
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
 from ..errors import InputError, one_line
-
-KEPT_BYTES = 1 << 30  # of freed memory that a worker keeps
-LARGEST_KEPT = 32 << 20  # bytes of one array, above which the system has it back at once
-RETRIES = 2  # of a piece of work whose worker died, before it is given up
-START_SECONDS = 120.0  # for the workers of this machine to be there
-POLL_SECONDS = 0.2  # between two looks at progress and Ctrl+C
+from .workers import POLL_SECONDS, RETRIES
 
 
 def cores():
@@ -42,96 +40,71 @@ def connected(address):
         yield client
 
 
-@contextmanager
-def started(workers):
-    """A Dask client of `workers` processes of one thread each on this machine, which end with the block.
+class DaskWorkers:
+    """The workers of the Dask `client`, asked as those of this machine are (`workers.Workers`)."""
 
-    A process that dies is replaced. What it worked on fails, and `worked` runs it again.
-    """
-    import dask
-    from distributed import Client, LocalCluster
+    def __init__(self, client):
+        self._client = client
 
-    _hush()
-    settings = {
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.worker.memory.terminate": False,
-        # Dask has workers give freed memory back at once, to take it anew page by page: efficiency 0.76, without 0.89
-        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": KEPT_BYTES,
-        "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": LARGEST_KEPT,
-        "distributed.worker.profile.enabled": False,  # a look at every stack a hundred times a second
-    }
-    with dask.config.set(settings):
-        cluster = LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", memory_limit=0,
-            silence_logs=logging.CRITICAL, worker_dashboard_address=None,
-        )  # fmt: skip
+    def warm(self, function, *arguments):
+        """Let every worker call `function(*arguments)`, all at the same time: what it does first takes longer.
+
+        What goes wrong with that is left to the work that follows, which tells it in its own words.
+        """
+        futures = [
+            self._client.submit(function, *arguments, workers=[address], pure=False)
+            for address in self._client.nthreads()
+        ]
+        for future in futures:
+            with suppress(Exception):
+                future.result()
+
+    def worked(self, function, pieces, look=lambda: None, died=lambda piece, again: None):
+        """Yield (piece, `function(piece)`) as they are done, in whatever order; None for one that no worker survived.
+
+        As many pieces are handed out as there are threads, so that a worker that dies costs no other piece. `look()` is
+        called a few times a second, `died(piece, again)` when a worker has died over a piece, with whether that is
+        tried again.
+
+        Raises
+        ------
+        InputError
+            The cluster went away, or cannot run this program.
+        """
+        from distributed import CancelledError, KilledWorker
+
+        waiting, deaths, running, done = list(reversed(pieces)), {}, {}, SimpleQueue()
         try:
-            with Client(cluster, set_as_default=False) as client:
-                client.register_plugin(_deaf_to_ctrl_c(), name="deaf to Ctrl+C")
-                client.wait_for_workers(workers, timeout=START_SECONDS)
-                yield client
+            while waiting or running:
+                while waiting and len(running) < max(1, sum(self._client.nthreads().values())):
+                    piece = waiting.pop()
+                    future = self._client.submit(function, piece, pure=False)
+                    running[future.key] = future, piece
+                    future.add_done_callback(done.put)
+                look()
+                for future in _arrived(done):
+                    _, piece = running.pop(future.key)
+                    try:
+                        yield piece, future.result()
+                    except KilledWorker:
+                        number = deaths[piece.number] = deaths.get(piece.number, 0) + 1
+                        died(piece, number <= RETRIES)
+                        if number <= RETRIES:
+                            waiting.append(piece)
+                        else:
+                            yield piece, None
+                    except CancelledError as error:
+                        raise _gone(error) from error
+                    except (ImportError, AttributeError) as error:
+                        raise InputError(
+                            f"the workers cannot run this program ({one_line(error)[:100]}); install the same version "
+                            "of mpmgis there"
+                        ) from error
+        except OSError as error:
+            raise _gone(error) from error
         finally:
-            with suppress(TimeoutError):
-                cluster.close(timeout=10)
-
-
-def warm(client, function, *arguments):
-    """Let every worker call `function(*arguments)`, all at the same time: what it does first takes longer than later.
-
-    What goes wrong with that is left to the work that follows, which tells it in its own words.
-    """
-    futures = [client.submit(function, *arguments, workers=[address], pure=False) for address in client.nthreads()]
-    for future in futures:
-        with suppress(Exception):
-            future.result()
-
-
-def worked(client, function, pieces, look=lambda: None, died=lambda piece, again: None):
-    """Yield (piece, `function(piece)`) as they are done, in whatever order; None for one that no worker survived.
-
-    As many pieces are handed out as there are threads, so that a worker that dies costs no other piece. `look()` is
-    called a few times a second, `died(piece, again)` when a worker has died over a piece, with whether that is tried
-    again.
-
-    Raises
-    ------
-    InputError
-        The cluster went away, or cannot run this program.
-    """
-    from distributed import CancelledError, KilledWorker
-
-    waiting, deaths, running, done = list(reversed(pieces)), {}, {}, SimpleQueue()
-    try:
-        while waiting or running:
-            while waiting and len(running) < max(1, sum(client.nthreads().values())):
-                piece = waiting.pop()
-                future = client.submit(function, piece, pure=False)
-                running[future.key] = future, piece
-                future.add_done_callback(done.put)
-            look()
-            for future in _arrived(done):
-                _, piece = running.pop(future.key)
-                try:
-                    yield piece, future.result()
-                except KilledWorker:
-                    number = deaths[piece.number] = deaths.get(piece.number, 0) + 1
-                    died(piece, number <= RETRIES)
-                    if number <= RETRIES:
-                        waiting.append(piece)
-                    else:
-                        yield piece, None
-                except CancelledError as error:
-                    raise _gone(error) from error
-                except (ImportError, AttributeError) as error:
-                    raise InputError(
-                        f"the workers cannot run this program ({one_line(error)[:100]}); install the same version of "
-                        "mpmgis there"
-                    ) from error
-    except OSError as error:
-        raise _gone(error) from error
-    finally:
-        with suppress(Exception):  # the cluster may be gone
-            client.cancel([future for future, _ in running.values()])
+            with suppress(Exception):  # the cluster may be gone
+                self._client.cancel([future for future, _ in running.values()])
 
 
 def _gone(error):
@@ -153,15 +126,3 @@ def _hush():
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == distributed.__name__]
     for name in ("tornado", *names):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-
-
-def _deaf_to_ctrl_c():
-    """A plugin that lets workers go on when the terminal sends Ctrl+C to all: the program that started them decides."""
-    from distributed import WorkerPlugin
-
-    class DeafToCtrlC(WorkerPlugin):
-        def setup(self, worker):
-            with suppress(ValueError):  # not in the main thread: nothing is sent there
-                signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return DeafToCtrlC()

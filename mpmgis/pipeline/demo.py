@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..io.atomic import refuse_existing, whole_folder
+from ..io.links import refuse_link
 from ..io.picture import write_picture
 from ..io.raster import read_raster, read_terrain
 from ..io.sample import SITE, sample_folder
@@ -32,6 +33,8 @@ def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=
     """
     output = Path(output)
     refuse_existing(output, overwrite)
+    for name in ("site", SITE, f"{SITE}_gis", f"{SITE}.png"):
+        refuse_link(output / name)
     with whole_folder(output / "site", overwrite) as site:
         for file in sample_folder().iterdir():
             if file.is_file():

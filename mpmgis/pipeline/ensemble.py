@@ -14,7 +14,8 @@ from ..errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..io.ensemble_maps import EnsembleMaps, write_maps
-from ..kernels.jit import set_threads, source_digest
+from ..kernels.cache_folder import source_digest
+from ..kernels.jit import set_threads
 from ..machine import available_memory
 from ..scene.tables import meant, read_toml
 from ..solvers.cost import MEMORY_SHARE
@@ -22,11 +23,14 @@ from ..studies.knobs import COST_POWER
 from ..studies.plan import Plan, with_values
 from ..studies.statistics import MEMBER_BANDS, Products, exceedances
 from ..studies.variation import variation
-from .cluster import connected, cores, started, warm, worked
+from . import cluster
+from .cluster import cores
 from .ensemble_member import FIGURES, MemberTask, run_member, warm_worker, warmed
 from .foresight import duration, foreseen
+from .inputs import input_files
 from .prepare import scene_to_prepare
 from .run import ASK_SECONDS
+from .workers import started
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 LEFT_OUT = ("unphysical", "refused", "lost")
@@ -120,7 +124,8 @@ def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, l
     before = sum(task.digest in records for task in tasks)
     if before:
         say(f"{before} of {len(tasks)} members are done already")
-    with folder.open():
+    folder.spare(study.input_files())
+    with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
         folder.write_plan(ensemble_tables, f"the plan of {Path(request.scene).name}, for mpmgis ensemble --plan")
         folder.write_record(state="running", plan=ensemble_tables, scene=study.tables)
@@ -282,6 +287,11 @@ class _Study:
             request.keep == "frames",
         )  # fmt: skip
 
+    def input_files(self):
+        """Yield the path of every file that a member reads."""
+        for _, prepared in self.groups.values():
+            yield from input_files(self.request.scene, prepared.scene, self.request.law)
+
     @property
     def first(self):
         """(MemberTask, Prepared) that stand for all: the terrain and the grid are the same for every member."""
@@ -383,14 +393,11 @@ def _run(request, study, tasks, workers, records, say, look):
         look(len(records), total, sum(record["status"] in LEFT_OUT for record in records.values()))
 
     with ExitStack() as stack:
-        if request.dask is not None:
-            client = stack.enter_context(connected(request.dask))
-        else:
-            client = stack.enter_context(started(workers)) if workers > 1 else None
-        if client is not None:
-            warm(client, warm_worker, [task for task, _ in study.groups.values()])
+        pool = _pool(stack, request.dask, workers)
+        if pool is not None:
+            pool.warm(warm_worker, [task for task, _ in study.groups.values()])
         ready = time.perf_counter()
-        for task, record in _done(client, tasks, looked, say):
+        for task, record in _done(pool, tasks, looked, say):
             records[task.digest] = record or {"status": "lost", "reason": "its worker died each time"}
             looked()
             if record is not None and record["status"] != "finished":
@@ -398,16 +405,23 @@ def _run(request, study, tasks, workers, records, say, look):
         return ready - began, time.perf_counter() - ready
 
 
-def _done(client, tasks, look, say):
-    """Yield (task, record) as they are done: by the workers of `client`, or without one in this process."""
-    if client is None:
+def _pool(stack, dask, workers):
+    """Who runs members, until the ExitStack `stack` ends: a Dask cluster, processes, or None for this process alone."""
+    if dask is not None:
+        return cluster.DaskWorkers(stack.enter_context(cluster.connected(dask)))
+    return stack.enter_context(started(workers)) if workers > 1 else None
+
+
+def _done(pool, tasks, look, say):
+    """Yield (task, record) as they are done: by the workers of `pool`, or without one in this process."""
+    if pool is None:
         yield from ((task, run_member(task, look)) for task in tasks)
         return
 
     def died(task, again):
         say(f"the worker of member {task.number} died; {'it is run again' if again else 'given up after 3 times'}")
 
-    yield from worked(client, run_member, tasks, look, died)
+    yield from pool.worked(run_member, tasks, look, died)
 
 
 def _require_enough(statuses, records, total, tolerate, table, say):

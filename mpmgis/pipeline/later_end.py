@@ -42,10 +42,10 @@ def go_on(folder, sequence, earlier):
     """
     prepared = sequence.prepared
     _require_same_effects(earlier, prepared)
-    for number, frame in folder.restartable():
+    for number, frame in folder.restartable(earlier.digest, prepared.digest):
         if _is_shared(frame, earlier, prepared):
-            folder.go_back_to(number, prepared.digest)
             sequence.restore(replace(frame, digest=prepared.digest))
+            folder.go_back_to(number, prepared.digest)
             return frame
     end = earlier.scene.output.end_time
     raise InputError(

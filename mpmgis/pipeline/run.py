@@ -22,6 +22,7 @@ from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS
 from .foresight import OwnPace, at_most, foreseen, need, prediction
+from .inputs import input_files
 from .later_end import earlier_run, go_on, goes_on
 from .prepare import prepare
 from .rehearsal import rehearse
@@ -106,6 +107,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, say, laws)
+    folder.spare(input_files(scene, prepared.scene, laws))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     ahead = require_affordable(prepared, used, confirm, say)
     if not ahead.rehearsed:
@@ -122,7 +124,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
         start = _restored(folder, sequence, say) if resume else ANEW
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
-        folder.open()
+        folder.open(anew=start == ANEW)
         try:
             return march_into(folder, sequence, start == RESUMED, pace)
         except KeyboardInterrupt:
@@ -147,7 +149,7 @@ def _restored(folder, sequence, say):
         return ANEW
     if record.get("digest") != digest:
         return _restored_earlier(folder, sequence, record, say)
-    frame = folder.last_frame()
+    frame = folder.last_frame(digest)
     if frame is None:
         return ANEW
     sequence.restore(frame)
@@ -170,7 +172,7 @@ def _restored_earlier(folder, sequence, record, say):
         )
     before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
     if not goes_on(record):
-        last = folder.last_frame()
+        last = folder.last_frame(earlier.digest)
         if last is not None:
             sequence.restore(last)
         say(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s changes nothing")
@@ -285,12 +287,13 @@ class _BarrierTables:
         stage = self._sequence.stage_now(number)
         name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
         names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
-        return BarrierTable(self._folder.path / name, names, sums, resumed) if names else None
+        return BarrierTable(self._folder.place / name, names, sums, resumed) if names else None
 
     def add(self, frame):
         """The rows of a `frame` that is about to be written; a stage that is over has a last one of its end."""
         if self._sequence.number != self._number:
             if self._table is not None:
+                self._table.path = self._folder.place / self._table.path.name
                 over = self._sequence.past[-1]
                 taken = over["balances"]["barriers"].values()
                 self._table.add(over["time"], np.array([[one[name] for name in self._table.sums] for one in taken]))
@@ -298,6 +301,7 @@ class _BarrierTables:
         if self._table is None and "barriers" in frame.state:  # barriers that the flow has come to since
             self._table = self._opened(None)
         if self._table is not None:
+            self._table.path = self._folder.place / self._table.path.name  # the earlier run may have gone
             self._table.add(frame.time, frame.state["barriers"])
 
 

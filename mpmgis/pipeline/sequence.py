@@ -1,11 +1,12 @@
 """The stages of a run, one after the other: frames of one solver after those of the other, what each switch kept."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from ..errors import FormatError, InputError
+from ..errors import FormatError, InputError, one_line
 from ..peaks import together
 from ..products.run_account import resolution_words, stood_still, volume_words
 from ..scene.points import stiffness_in_hindsight
@@ -19,12 +20,40 @@ def _told_by(frame):
     """What a `frame` with state holds of the stages so far."""
     if STATE not in frame.state:
         raise FormatError(f"the frame at t = {frame.time:g} s tells no stage; start with --overwrite")
-    return json.loads(bytes(frame.state[STATE]))
+    try:
+        told = json.loads(bytes(frame.state[STATE]))
+        return told if isinstance(told, dict) else {}
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FormatError(
+            f"the frame at t = {frame.time:g} s tells no stage ({one_line(error)[:60]}); start with --overwrite"
+        ) from error
+
+
+def _stage_of(told, stages):
+    """(number, past, checks) of what a frame holds of the stages so far, of a run with that many `stages`.
+
+    Raises
+    ------
+    ValueError
+        It cannot be that.
+    """
+    number, past, checks = told["number"], told["past"], told.get("checks", {})
+    if type(number) is not int or not 0 <= number < stages or not isinstance(past, list) or len(past) != number:
+        raise ValueError(f"stage {number} of {stages}")
+    for stage in past:
+        if not (isinstance(stage["balances"], dict) and isinstance(stage["switch"], dict)):
+            raise ValueError("a stage that is over has no balances")
+        if type(stage["steps"]) is not int or not math.isfinite(stage["time"]):
+            raise ValueError("a stage that is over has no steps or time")
+    if not isinstance(checks, dict) or not math.isfinite(told["calm_since"]):
+        raise ValueError("no checks of the stage")
+    return number, past, checks
 
 
 def stage_number(frame):
     """Number, from 0, of the stage that a `frame` with the state of a restart was written in."""
-    return _told_by(frame)["number"]
+    number = _told_by(frame).get("number")
+    return number if isinstance(number, int) else 0
 
 
 class Sequence:
@@ -166,15 +195,25 @@ class Sequence:
         ------
         FormatError
         """
-        if len(self.prepared.stages) > 1:
-            self._restore_stage(frame)
-        self.solver.restore(frame)
-        self.prepared.events.restore(frame)
+        try:
+            if not 0.0 <= frame.time <= self.prepared.scene.output.end_time:
+                raise FormatError(
+                    f"a frame of t = {frame.time:g} s is beyond the end of the run; start with --overwrite"
+                )
+            if len(self.prepared.stages) > 1:
+                self._restore_stage(frame)
+            self.solver.restore(frame)
+            self.prepared.events.restore(frame)
+        except (KeyError, ValueError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+            raise FormatError(
+                f"the frame at t = {frame.time:g} s holds no state that a run goes on from ({one_line(error)[:80]}); "
+                "start with --overwrite"
+            ) from error
         self._resumed = True
 
     def _restore_stage(self, frame):
         told = _told_by(frame)
-        self.number, self.past, self.checks = told["number"], told["past"], told.get("checks", {})
+        self.number, self.past, self.checks = _stage_of(told, len(self.prepared.stages))
         self._end = self._stage_end()
         self._end.calm_since = told["calm_since"]
         self._peaks_before = frame.maxima if self.number else {}

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, SceneError
+from ..errors import InputError, OutputError, SceneError
 from ..geo.grid import Grid
 from ..io.atomic import whole_folder
 from ..io.by_place import read_placed_raster
 from ..io.csv_table import write_records
+from ..io.links import within
 from ..io.study_files import read_beside, write_plot
 from ..products.bed import Bed
 from ..products.comparison import nearest
@@ -21,6 +22,7 @@ from ..studies.knobs import crossed, knobs_of, one_at_a_time, reference
 from ..studies.report import Row, Study
 from ..studies.states import State, StudyCells, centre_of, outcomes
 from .foresight import predicted_cost, tried
+from .inputs import input_files
 from .prepare import prepare, prepare_scene
 from .rehearsal import rehearse
 from .run import use_threads
@@ -80,7 +82,7 @@ def study(request, *, confirm=lambda question: True, say=lambda text: None, watc
     _require_possible(request)
     output = Path(request.output or Path(request.scene).parent / "study")
     with whole_folder(output, request.overwrite) as part:
-        found = _study(request, confirm, say, watch)
+        found = _study(request, output, confirm, say, watch)
         write_records(part / TABLE_FILE, *found.study.records())
         write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
         write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
@@ -100,8 +102,11 @@ def _require_possible(request):
         raise InputError("--exact needs no finer run; leave --refinement out")
 
 
-def _study(request, confirm, say, watch):
+def _study(request, output, confirm, say, watch):
     base = prepare(request.scene, say, request.law)
+    given = within(output, input_files(request.scene, base.scene, request.law))
+    if given is not None:
+        raise OutputError(f"{output} holds {given}, which this is made from, and would be replaced; give another -o")
     scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None

@@ -17,8 +17,9 @@ from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid
 from .left_places import left_places
-from .particle_store import LEFT_STATE, ParticleStore, named_sums
+from .particle_store import ParticleStore, named_sums
 from .places import Places
+from .restart_checks import LEFT_STATE, require_column_state
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
@@ -432,6 +433,7 @@ class ColumnSolver(ParticleStore):
             state[name].shape != shape for name, shape in shapes.items()
         ):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        require_column_state(frame, self, changing)
         self._require_room(len(rows))
         self._wet &= np.uint8(255 - kernel.REACHED)
         self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids

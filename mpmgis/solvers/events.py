@@ -8,6 +8,9 @@ from ..errors import FormatError, SceneError
 from ..geo.inflow import BATCH_SHARE, batch_times, clearing_time
 from ..particles import Frame, Particles
 from .places import MAX_AREAS
+from .restart_checks import StateCheck
+
+LARGEST_REASON = 100  # for which a march ends (`marched.STOPPED_AT_REST`)
 
 # Columns of an inlet take turns by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
 # dither): batches of one layer each are as even as they can be, and eight of them fill the lattice once.
@@ -283,6 +286,12 @@ class Events:
         state = np.asarray(frame.state.get("events", ()))
         if state.shape != (1 + len(self.inlets) + len(self.secondary),):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        check, inlets = StateCheck(frame.time, frame.state), len(self.inlets)
+        check.array("events", np.int64, state.shape)
+        check.within("the reason to end", state[0], 0, LARGEST_REASON)
+        for inlet, count in zip(self.inlets, state[1 : 1 + inlets], strict=True):
+            check.within("the number of batches that have come in", count, 0, len(inlet.times))
+        check.within("whether an area is released", state[1 + inlets :], 0, 1)
         return state
 
     def restore(self, frame):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..errors import FormatError
+from .restart_checks import LEFT_STATE, StateCheck
 from .watch import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
 
-LEFT_STATE = ("left_blocks", "left_sums")  # of a frame's state: where mass left the terrain
 NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
@@ -86,6 +86,9 @@ class ParticleStore:
         state = np.asarray(frame.state.get(STATE, np.zeros(0)))
         if state.shape != self._watch.state.shape:
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        check = StateCheck(frame.time, frame.state)
+        check.array(STATE, np.float64, state.shape)
+        check.require(np.isin(state[:, TAKEN], (0.0, 1.0)).all(), f"{STATE} tells more than whether")
         if not np.array_equal(state, self._watch.state):
             self._watch.state[:] = state
             self._march_with_taken_in()
@@ -106,6 +109,16 @@ class ParticleStore:
         """Sums of what leaves the terrain by blocks of the cells of `grid`, see `kernels.left_cells`."""
         rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
         return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
+
+    @property
+    def peaks(self):
+        """float64[rows, columns, PEAK_ENTRIES]: running peaks at the nodes."""
+        return self._peaks
+
+    @property
+    def left_sums(self):
+        """float64[ways, block rows, block columns, entries]: what left the terrain, see `kernels.left_cells`."""
+        return self._left
 
     def _left_state(self):
         """Where mass left, of the few blocks where any did."""

@@ -14,13 +14,14 @@ from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
-from ..peaks import fits, maxima_of, no_peaks, peaks_state, restore_peaks
+from ..peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from .energy_look import EnergyLook, least_kinetic
 from .flow import Flow
 from .grid import ColumnGrid, bed_at_nodes
 from .ground_folds import folded_ground
 from .left_places import left_places
-from .particle_store import LEFT_STATE, ParticleStore, named_sums
+from .particle_store import ParticleStore, named_sums
+from .restart_checks import LEFT_STATE, YIELD_STATE, require_point_state
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
@@ -37,7 +38,6 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "yielding": kernel.PLASTIC_LOSS,
     "affine_limit": kernel.LIMIT_LOSS,
 }
-YIELD_STATE = ("yield_columns", "yields")  # of a frame's state: where the ground yields, and by how much [m]
 CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
     "lifted_onto_ground": kernel.LIFTED_TOTAL,
     "stretch_held": kernel.STRETCH_TOTAL,
@@ -500,6 +500,11 @@ class PointSolver(ParticleStore):
         state |= {name: array.copy() for name, array in self._changing().items()}
         return state | {"counts": self._counts_of_rows()}
 
+    @property
+    def yields(self):
+        """float64[2, rows, columns, YIELD_ENTRIES]: yield of the ground under node columns, of two steps."""
+        return self._yields
+
     def _press_ground(self, frame, stress):
         """Ground under points that start with `stress` is in equilibrium too: it yields as under their weight.
 
@@ -556,8 +561,7 @@ class PointSolver(ParticleStore):
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         if any(state[name].shape != array.shape for name, array in self._changing().items()):
             raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
-        if self.numerics.maxima and not fits(self._peaks, state):
-            raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
+        require_point_state(frame, self, self._changing(), self._rows)
         self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]

@@ -17,7 +17,7 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 from mpmgis.cli.main import main
 from mpmgis.errors import UnphysicalError
 from mpmgis.io import ensemble_folder
-from mpmgis.pipeline import cluster, ensemble_member
+from mpmgis.pipeline import ensemble_member, workers
 from mpmgis.pipeline.ensemble import EnsembleRequest, ensemble
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 15")
@@ -219,7 +219,7 @@ def worker_processes():
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "spawn_main" in " ".join(process.cmdline()):
+            if "mpmgis.pipeline.workers" in " ".join(process.cmdline()):
                 found.append(process.pid)
     return found
 
@@ -241,17 +241,18 @@ def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_
     assert digests(tmp_path / "ensemble") == digests(done)
 
 
-def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
-    def work(piece):  # a local function travels as it is
-        if piece.number == 2:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return 10 * piece.number
+def deadly(piece):
+    """Work of which the third piece kills who does it."""
+    if piece.number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * piece.number
 
+
+def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
     died, done = [], {}
-    with cluster.started(2) as client:
-        for piece, answer in cluster.worked(
-            client, work, [SimpleNamespace(number=k) for k in range(5)], died=lambda piece, again: died.append(again)
-        ):
+    with workers.started(2) as pool:
+        pieces = [SimpleNamespace(number=k) for k in range(5)]
+        for piece, answer in pool.worked(deadly, pieces, died=lambda piece, again: died.append(again)):
             done[piece.number] = answer
     assert done == {0: 0, 1: 10, 2: None, 3: 30, 4: 40}
     assert died == [True, True, False]

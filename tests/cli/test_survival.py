@@ -14,6 +14,8 @@ from kills import VERBS, arrays, require_whole
 from slope_site import CHILD, SCENE, contents, record, slide, write_block_site
 
 from mpmgis.cli.main import main
+from mpmgis.io import writer
+from mpmgis.io.writer import Writer
 
 POINTS = slide(8.0, 1.5, 0.25)
 SEED = 20261121
@@ -86,13 +88,17 @@ def test_nothing_is_lost_by_two_hundred_kills(tmp_path):
     assert "200 kills, 0 failures" in killed(tmp_path, 200, SEED + 1)
 
 
-@pytest.mark.parametrize("left", [[".lock"], [".run.part4711.json"], [".lock", ".run.part4711.json"], []])
+KILLED = f"{Writer(2**31 - 1, writer.host(), writer.boot(), 1)}-0123abcd"
+LEFT = [".run.part{0}.json", ".frame_000000.part{0}.h5"]
+
+
+@pytest.mark.parametrize("left", [[".lock"], LEFT, [".lock", *LEFT], []])
 def test_what_a_kill_leaves_before_the_first_file_is_an_empty_folder(site, sound, left):
     for option in ("--resume", "-q"):
         shutil.rmtree(site / "new", ignore_errors=True)
         (site / "new").mkdir()
         for name in left:
-            (site / "new" / name).write_text("process 4711")
+            (site / "new" / name.format(KILLED)).write_text("process 4711")
         assert main(["run", str(site / "columns.toml"), "-q", "-o", str(site / "new"), option]) == 0
         assert contents(site / "new") == contents(sound / "columns")
         assert not [path.name for path in (site / "new").iterdir() if path.name.startswith(".")]

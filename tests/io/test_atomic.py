@@ -8,8 +8,9 @@ import sys
 import pytest
 
 from mpmgis.errors import OutputError
-from mpmgis.io import atomic
+from mpmgis.io import atomic, writer
 from mpmgis.io.atomic import refuse_existing, whole_file, whole_folder
+from mpmgis.io.writer import Writer
 
 
 def everything(folder):
@@ -173,17 +174,26 @@ def test_the_folder_one_stands_in_is_never_replaced(tmp_path, monkeypatch, name)
 
 @pytest.fixture
 def dead():
-    """The number of a process that is no more."""
+    """The token of a process that is no more."""
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    return child.pid
+    return f"{Writer(child.pid, writer.host(), writer.boot(), 77)}-0123abcd"
+
+
+def alive(number=None, **other):
+    """The token of a process that runs (this one's parent), or of an `other` machine's."""
+    number = number or os.getppid()
+    known = Writer(number, writer.host(), writer.boot(), writer.started(number))
+    return f"{known._replace(**other)}-0123abcd"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a process cannot be asked whether it is alive")
 def test_what_a_killed_process_left_of_a_file_goes_with_the_next_one(tmp_path, dead):
     left = [f".a.part{dead}.gpkg", f".a.part{dead}.gpkg-journal"]
     others = [
-        f".a.part{os.getppid()}.gpkg",
+        f".a.part{alive()}.gpkg",
+        f".a.part{alive(4194303, host='0' * 8)}.gpkg",  # on another machine
+        ".a.part4711.gpkg",  # of a version that did not tell its machine
         f".b.part{dead}.gpkg",
         f".a.part{dead}.csv",
         f".a.part{dead}",

@@ -47,7 +47,9 @@ def copy_whole(source, path):
 
 @contextmanager
 def _beside(path):
-    part = f"{path}.part{os.getpid()}"
+    if os.path.islink(path):
+        raise OSError(f"{path} is a link, and links are not followed where something is written")
+    part = f"{path}.part{os.urandom(8).hex()}"  # a name that nobody has put a link under
     try:
         yield part
         os.replace(part, path)

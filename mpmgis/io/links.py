@@ -1,0 +1,138 @@
+"""No link is followed where something is written or removed: the one place that looks at what a name stands for.
+
+A folder that comes from somebody else may hold links, hard links, pipes and devices under the names that this program
+uses. All that writes or removes in an output folder asks here first.
+"""
+
+import errno
+import os
+import shutil
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from ..errors import OutputError
+
+_JUNCTIONS = (0xA000000C, 0xA0000003)  # reparse tags of Windows' symbolic links and mount points
+_CHECKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+
+
+def status(path):
+    """What the system knows of the name `path` itself, of a link and not of its target; None where nothing is there."""
+    try:
+        return os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def is_link(found):
+    """Whether a `status` is that of a link, or of a junction of Windows."""
+    if found is None:
+        return False
+    return stat.S_ISLNK(found.st_mode) or getattr(found, "st_reparse_tag", 0) in _JUNCTIONS
+
+
+def is_folder(path):
+    """Whether `path` is a folder, and no link to one."""
+    found = status(path)
+    return found is not None and stat.S_ISDIR(found.st_mode) and not is_link(found)
+
+
+def refuse_link(path):
+    """Raise OutputError where `path` is anything but a plain file, a folder or nothing.
+
+    Raises
+    ------
+    OutputError
+        A link, also one that leads nowhere; a pipe, a socket, a device.
+    """
+    found = status(path)
+    if found is None:
+        return
+    if is_link(found):
+        raise OutputError(
+            f"{path} is a link, and links are not followed where something is written; remove it, or give another -o"
+        )
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        raise OutputError(f"{path} is a pipe, a socket or a device, wanted a file; remove it, or give another -o")
+
+
+def refuse_links(folder, patterns=("*",)):
+    """As `refuse_link` for `folder` and all in it, hidden or not, whose names fit one of the `patterns`."""
+    folder = Path(folder)
+    refuse_link(folder)
+    if not is_folder(folder):
+        return
+    for entry in sorted(folder.iterdir()):
+        if any(entry.match(pattern) for pattern in patterns):
+            refuse_link(entry)
+
+
+def real_place(path):
+    """`path` with all links above its last name resolved; the last name itself may be a link."""
+    path = Path(path)
+    if path.name in ("", ".."):
+        return Path(os.path.realpath(path))
+    return Path(os.path.realpath(path.parent)) / path.name
+
+
+def open_own(path):
+    """Descriptor of the plain file `path` for reading and writing, made if it is not there.
+
+    Raises
+    ------
+    OutputError
+        A link, a folder, a pipe, a device, or a file that has other names too, whose content belongs elsewhere.
+    """
+    refuse_link(path)
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | _CHECKED, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+            raise OutputError(f"{path} is no plain file; remove it, or give another -o") from error
+        raise
+    found = os.fstat(handle)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(handle)
+        raise OutputError(f"{path} is no file of its own but another name of one; remove it, or give another -o")
+    return handle
+
+
+def remove(path):
+    """Remove what is at `path`: a file, a folder with all in it, or a link but not what it leads to."""
+    if is_folder(path):
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            os.unlink(path)
+
+
+def within(folder, inputs):
+    """The first of the paths `inputs` that is, by whatever name, in `folder` or deeper; None where none is."""
+    if not is_folder(folder):
+        return None
+    known = {}
+    for given in inputs:
+        with suppress(OSError):
+            found = os.stat(given)
+            known.setdefault((found.st_dev, found.st_ino), given)
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                found = os.stat(os.path.join(place, name))
+                if (found.st_dev, found.st_ino) in known:
+                    return known[found.st_dev, found.st_ino]
+    return None
+
+
+def one_of(path, inputs):
+    """The first of the paths `inputs` that is the same file as `path`, by whatever name; None where none is."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    for other in inputs:
+        with suppress(OSError):
+            if os.path.samestat(found, os.stat(other)):
+                return other
+    return None

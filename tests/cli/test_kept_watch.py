@@ -1,0 +1,223 @@
+"""Small things that hold results together: each test here fails if one line of the program goes."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+import rasterio
+from slope_site import COLUMNS, ROWS, SCENE, write_raster, write_site
+
+import mpmgis
+from mpmgis.cli.main import main
+from mpmgis.errors import GeoreferenceError
+from mpmgis.io.frame_list import list_frames
+from mpmgis.io.frames import read_frame
+from mpmgis.io.run_folder import RunFolder
+from mpmgis.pipeline.prepare import prepare
+from mpmgis.solvers.guard import Guard
+from mpmgis.solvers.identity import start_digest
+
+SHORT = SCENE.replace("end_time = 30", "end_time = 8").replace("frame_interval = 5", "frame_interval = 2")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = write_site(tmp_path_factory.mktemp("watch"))
+    (folder / "scene.toml").write_text(SHORT)
+    assert main(["run", str(folder / "scene.toml"), "-q"]) == 0
+    return folder
+
+
+@pytest.fixture
+def site(tmp_path):
+    folder = write_site(tmp_path)
+    (folder / "scene.toml").write_text(SHORT)
+    return folder
+
+
+# ---------------------------------------------------------------------------------------------------- frames and states
+
+
+def with_state(folder):
+    return [path.name for path in sorted(folder.glob("frame_*.h5")) if "state" in h5py.File(path)]
+
+
+def test_after_every_frame_the_newest_two_have_their_state(made, tmp_path):
+    """And so it is after a kill between a frame and the one whose state goes for it."""
+    frame = read_frame(sorted((made / "results").glob("frame_*.h5"))[-1])
+    folder = RunFolder(tmp_path / "new")
+    with folder.held():
+        folder.open()
+        for number in range(5):
+            folder.write_frame(replace(frame, time=float(number)))
+            assert with_state(folder.path) == [f"frame_{k:06d}.h5" for k in range(max(number - 1, 0), number + 1)]
+        folder.write_record(state="running")
+    (tmp_path / "new" / "frame_000002.h5").unlink()
+    killed = RunFolder.resumed(tmp_path / "new")
+    with killed.held():
+        killed.frames = 2
+        killed.write_frame(frame)  # a third one with a state, as a kill leaves it
+        killed.frames = 5
+        assert len(with_state(killed.path)) == 3
+        killed.open(anew=False)
+        assert with_state(killed.path) == ["frame_000003.h5", "frame_000004.h5"]
+
+
+# ---------------------------------------------------------------------------------------------- what a run starts from
+
+
+def digest_of(prepared, terrain):
+    return start_digest(terrain, prepared.frame, prepared.events, *(stage.all_places() for stage in prepared.stages))
+
+
+@pytest.mark.parametrize("place", [(0, 0), (ROWS - 1, COLUMNS - 1), (3, 70), (20, 12)])
+def test_any_elevation_is_part_of_what_a_run_starts_from(made, place):
+    """Far from the flow too, changed by as little as can be."""
+    prepared = prepare(made / "scene.toml")
+    heights = prepared.terrain.elevation.copy()
+    heights[place] = np.nextafter(heights[place], np.inf)
+    other = replace(prepared.terrain, elevation=heights)
+    assert digest_of(prepared, prepared.terrain) != digest_of(prepared, other)
+    assert digest_of(prepared, prepared.terrain) == digest_of(prepared, replace(prepared.terrain))
+
+
+@pytest.mark.parametrize("what", ["transform", "crs"])
+def test_where_the_terrain_lies_is_part_of_what_a_run_starts_from(made, what):
+    prepared = prepare(made / "scene.toml")
+    grid = prepared.terrain.grid
+    if what == "transform":
+        moved = replace(grid, transform=type(grid.transform).translation(0.001, 0.0) * grid.transform)
+    else:
+        moved = replace(grid, crs=type(grid.crs).from_epsg(32633))
+    assert digest_of(prepared, prepared.terrain) != digest_of(prepared, replace(prepared.terrain, grid=moved))
+
+
+def test_a_run_does_not_go_on_over_other_elevations(site, capsys):
+    assert main(["run", str(site / "scene.toml"), "-q"]) == 0
+    with rasterio.open(site / "dtm.tif", "r+") as target:
+        heights = target.read(1)
+        heights[-1, -1] += 1.0  # the flow does not come near
+        target.write(heights, 1)
+    capsys.readouterr()
+    assert main(["run", str(site / "scene.toml"), "-q", "--resume"]) == 2
+    assert "inputs that have changed since" in capsys.readouterr().err
+
+
+# -------------------------------------------------------------------------------------------------- the DTM of frames
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_frames_with_another_dtm_than_theirs_are_told_of(made, tmp_path, capsys, same):
+    dem = made / "results" / "terrain.tif"
+    if not same:
+        with rasterio.open(dem) as source:
+            heights = source.read(1)
+        heights[0, 0] += 1.0
+        dem = tmp_path / "other.tif"
+        write_raster(dem, heights)
+    words = ["export-raster", str(made / "results"), "--dem", str(dem), "-o", str(tmp_path / "gis"), "--no-qgis"]
+    assert main(words) == 0
+    assert ("is not the DTM that the frames were made on" in capsys.readouterr().err) == (not same)
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_columns_on_another_dtm_than_theirs_are_told_of(site, capsys, same):
+    seed = ["seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "-o", "columns.h5", "-q"]
+    assert main([*seed[:2], str(site / "dtm.tif"), seed[3], str(site / seed[4]), *seed[5:8], str(site / "columns.h5"),
+                 "-q"]) == 0  # fmt: skip
+    if not same:
+        with rasterio.open(site / "dtm.tif", "r+") as target:
+            heights = target.read(1)
+            heights[0, 0] += 1.0
+            target.write(heights, 1)
+    scene = SHORT.replace('source = "release.geojson"\nthickness = 2.0\ndensity = 1000', 'particles = "columns.h5"')
+    (site / "scene.toml").write_text(scene)
+    assert main(["run", str(site / "scene.toml")]) == 0
+    assert ("was made on another DTM file than" in capsys.readouterr().err) == (not same)
+
+
+# ------------------------------------------------------------------------------------------------------------------ CRS
+
+
+def in_another_crs(site, tmp_path):
+    """The DTM of the site, said to lie in the next zone."""
+    with rasterio.open(site / "dtm.tif") as source:
+        write_raster(tmp_path / "zone33.tif", source.read(1), crs="EPSG:32633")
+    return tmp_path / "zone33.tif"
+
+
+def test_an_export_over_a_dtm_in_another_crs_is_refused(made, tmp_path, capsys):
+    words = ["export-raster", str(made / "results"), "--dem", str(in_another_crs(made, tmp_path)), "--no-qgis"]
+    assert main([*words, "-o", str(tmp_path / "gis"), "-q"]) == 2
+    assert "give the DTM that the run used" in capsys.readouterr().err
+    assert not (tmp_path / "gis").exists()
+
+
+def test_datasets_over_a_dtm_in_another_crs_are_refused(made, tmp_path):
+    dem = in_another_crs(made, tmp_path)
+    frame = mpmgis.read_frame(sorted((made / "results").glob("frame_*.h5"))[-1])
+    with rasterio.open(dem) as source:
+        heights, transform, crs = source.read(1), source.transform, source.crs
+    pytest.importorskip("rioxarray")
+    xarray = pytest.importorskip("xarray")
+    rows, columns = heights.shape
+    x, y = transform.c + transform.a * (np.arange(columns) + 0.5), transform.f + transform.e * (np.arange(rows) + 0.5)
+    array = xarray.DataArray(heights, {"y": y, "x": x}, ("y", "x")).rio.write_crs(crs)
+    with pytest.raises(GeoreferenceError, match="but the DTM given is in"):
+        mpmgis.depth_average(frame, array)
+
+
+def test_frames_of_two_crss_are_not_one_run(made, tmp_path):
+    for number, path in enumerate(sorted((made / "results").glob("frame_*.h5"))[:2]):
+        copy = tmp_path / path.name
+        copy.write_bytes(path.read_bytes())
+        if number:
+            with h5py.File(copy, "r+") as file:
+                file.attrs["crs"] = rasterio.crs.CRS.from_epsg(32633).to_wkt()
+    with pytest.raises(GeoreferenceError, match="export one run at a time"):
+        list_frames([tmp_path])
+
+
+def test_columns_in_another_crs_than_the_terrain_are_refused(made, site, capsys):
+    path = site / "columns.h5"
+    path.write_bytes(sorted((made / "results").glob("frame_*.h5"))[0].read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["crs"] = rasterio.crs.CRS.from_epsg(32633).to_wkt()
+    scene = SHORT.replace('source = "release.geojson"\nthickness = 2.0\ndensity = 1000', 'particles = "columns.h5"')
+    (site / "scene.toml").write_text(scene)
+    assert main(["run", str(site / "scene.toml"), "-q"]) == 2
+    assert "seed on this terrain" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------------------------- the guard
+
+
+def test_going_back_takes_events_back_too():
+    """What has come in since the last good state comes in again, and areas set free since are watched again."""
+    done = []
+
+    class Told:
+        """Notes what it is asked to do."""
+
+        def __init__(self, name):
+            self.name = name
+
+        def __getattr__(self, asked):
+            return lambda *given: done.append((self.name, asked, given))
+
+    solver, events = Told("solver"), Told("events")
+    solver.step, solver.time = 7, 1.5
+    side = SimpleNamespace(look=lambda: None)
+    stage_end = SimpleNamespace(calm_since=3.0)
+    guard = Guard(solver, side, events, stage_end)
+    frame = SimpleNamespace(time=1.0, state={"events": 4}, particles=SimpleNamespace(id=(1, 2)))
+    guard.keep(frame)
+    stage_end.calm_since = 9.0
+    guard.go_back("too fast")
+    names = [(name, asked) for name, asked, _ in done]
+    assert names == [("solver", "restore"), ("events", "restore"), ("events", "arm"), ("solver", "share_step")]
+    kept = done[0][2][0]
+    assert done[1][2][0] is kept and kept.state == {"events": 4} and kept.time == 1.0
+    assert done[2][2][0] is solver and done[3][2] == (0.5,) and stage_end.calm_since == 3.0
