@@ -5,7 +5,6 @@ from math import sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
@@ -109,10 +108,10 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy
 
 
 @jit_inline
-def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
+def contact_impulse(u, v, w, give, nx, ny, nz, law):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
-    Coulomb friction bears at most mu times the normal impulse; `load` [s m-1] is that of the law's drag.
+    Coulomb friction bears at most mu times the normal impulse; drag came before (`point_layers`).
     """
     into = -(u * nx + v * ny + w * nz)
     if law.sticks():
@@ -123,15 +122,14 @@ def contact_impulse(u, v, w, give, nx, ny, nz, law, load):
     kept = 1.0
     if slip > 0.0:
         kept = law.kept_slip(slip, normal * give)
-        kept *= law.kept_by_drag(kept * slip, load)
     along = (kept - 1.0) / give
     return normal * nx + along * tx, normal * ny + along * ty, normal * nz + along * tz
 
 
 @jit_parallel
 def press_on_ground(
-    nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, column_mass,
-    report, dx, dt, density, gravity, contact, zones,
+    nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, report, dx,
+    contact, zones,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks.
 
@@ -165,8 +163,6 @@ def press_on_ground(
                 u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
                 if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
-                law, load = zones.local(contact, zone_values, jj, ii), 0.0
-                if contact.drag_active():
-                    load = density * gravity * dt * bed_under(column_mass, jj, ii, dx * dx / nz) * give
-                jx, jy, jz = contact_impulse(u, v, w, give, nx, ny, nz, law, load)
+                law = zones.local(contact, zone_values, jj, ii)
+                jx, jy, jz = contact_impulse(u, v, w, give, nx, ny, nz, law)
                 _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)

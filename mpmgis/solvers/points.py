@@ -35,6 +35,7 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "barriers": kernel.BARRIER_LOSS,
     "yielding": kernel.PLASTIC_LOSS,
     "affine_limit": kernel.LIMIT_LOSS,
+    "layers": kernel.LAYER_LOSS,
 }
 CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
     "lifted_onto_ground": kernel.LIFTED_TOTAL,
@@ -335,6 +336,7 @@ class PointSolver(ParticleStore):
             leak_stop=self._leak_stop(),
             wall=numerics.edges == "wall",
             holes=not self.grid.inside.all(),
+            slack=0.0 if getattr(material, "shear_modulus", 0.0) else 1.0,
         )
 
     def _make_impulses(self, until, after):
