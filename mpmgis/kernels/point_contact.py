@@ -30,6 +30,16 @@ def spline_at(foot, offset):
 
 
 @jit_inline
+def deals_with(level, first, below):
+    """Is the column, nearest to the ground at `level`, dealt with in the block of lowest level `first`?
+
+    That is the block of the node there. Where it is not touched (`below` -1), mass begins at the next node, in the
+    block above it.
+    """
+    return (level >= first and level < first + BLOCK) or (level == first - 1 and below < 0)
+
+
+@jit_inline
 def _node_of(below, own, above, level, first, column):
     """(block or -1, index of its entry) of the node at `level` of a block's node `column` (0 to 15).
 
@@ -157,7 +167,7 @@ def press_on_ground(
                 ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
                 height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
                 level, foot = foot_of(height, dx)
-                if level < first or level >= first + BLOCK or fold_at(ground.folds, jj, ii)[2] > 0:
+                if not deals_with(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
                     continue
                 heaviest = _heaviest(nodes, below, t, above, first, column, level)
                 u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)

@@ -15,7 +15,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST
-from .point_contact import LEAST_SHARE, foot_of, spline_at
+from .point_contact import LEAST_SHARE, deals_with, foot_of, spline_at
 from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
@@ -178,20 +178,19 @@ def couple_layers(
             row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
             first, base = block_level * BLOCK, lowest[row, block_column, 0]
             place = ((row - window_south) * width + block_column - window_west) * depth
+            below = slots[place + block_level - base - 1] if block_level > base else -1
             for column in range(BLOCK * BLOCK):
                 jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
                 ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
                 height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
                 level, foot = foot_of(height, dx)
-                if level < first or level >= first + BLOCK or fold_at(ground.folds, jj, ii)[2] > 0:
+                if not deals_with(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
                     continue
                 covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
                 if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
                     top = int(barriers[jj, ii, CREST] / dx) + GHOSTS
                 full = covered * density * dx * dx * dx
-                count = _take(
-                    nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers
-                )
+                count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
                 if count == 0 or covered <= 0.0 or not _touches(layers, count):
                     continue
                 law = zones.local(contact, zone_values, jj, ii)
