@@ -1,4 +1,4 @@
-"""Layers of a 3D flow with Voellmy's drag: drag on the mean of each node column, and what its layers bear of each other.
+"""Layers of a 3D flow with Voellmy's drag: drag on the mean of each node column, and stress between its layers.
 
 The law is that of `effects/layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
 acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb friction and turbulence. The
@@ -98,7 +98,7 @@ def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, 
 
 @jit_inline
 def _solve(layers, count):
-    """Tangential velocities after drag and links: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
+    """Tangential velocities after it all: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
     link = carry = x = y = z = 0.0
     for k in range(count):
         mass = layers[LAYER_MASS, k]

@@ -1,4 +1,6 @@
-"""Layers of a 3D flow with Voellmy's drag: the steady chute, its profile, what links keep and take (`effects/layers`)."""
+"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, what links keep and take (`effects/layers`)."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -86,7 +88,7 @@ def test_the_steady_profile_is_the_log_law_of_the_drag(shear):
     chute = Chute(17.0, 20.0, 0.15, 1.5, cell=0.25, long=12.0, wide=4, shear=shear)
     above, speed = chute.middle()
     bounds, fine = np.linspace(0.0, 1.0, 7), (np.arange(600) + 0.5) / 600
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+    for low, high in pairwise(bounds):
         got = speed[(above > low) & (above <= high)].mean() / speed.mean()
         exact = chute.profile(fine[(fine > low) & (fine <= high)]).mean()
         assert got == pytest.approx(exact, abs=0.12 if low == 0.0 else 0.07), low

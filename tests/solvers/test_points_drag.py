@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from exact_solutions import G
-from point_scenes import block_of, march_to, plane, points_on, sorted_points
+from point_scenes import block_of, march_to, plane, points_on
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.material import Elastic
