@@ -17,6 +17,7 @@ mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1
 
 _TAKERS = (  # of energy
     "ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding", "affine_limit",
+    "layers",
 )  # fmt: skip
 UNITS = {
     **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),

@@ -3,6 +3,8 @@
 from math import sqrt
 from typing import NamedTuple
 
+from .layers import chezy_number, relative_roughness
+
 
 def dry_slip(law, slip, pressed):
     """Share [1] that is left of the tangential speed `slip` [m s-1] when `pressed` [m s-1] goes into the ground."""
@@ -34,6 +36,14 @@ class CoulombContact(NamedTuple):
         """All is left."""
         return 1.0
 
+    def layer_friction(self):
+        """Layers of the flow are left to the material."""
+        return 0.0
+
+    def layer_roughness(self, gravity):
+        """No drag, no turbulence."""
+        return 1.0
+
     def placed(self, values, j, i):
         """The law with the parameters of a place, from the node array values[j, i, :]."""
         return CoulombContact(values[j, i, 0])
@@ -42,7 +52,8 @@ class CoulombContact(NamedTuple):
 class VoellmyContact(NamedTuple):
     """Dry friction and turbulent drag on the ground, tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
 
-    The same law as `effects/friction.Voellmy` of the depth-averaged solver. Drag acts on what touches the bed, pressed
+    The same law as `effects/friction.Voellmy` of the depth-averaged solver: u is the mean speed over the flow's depth,
+    and its layers hold together by mu p and turbulence (`effects/layers`). Drag acts on what touches the bed, pressed
     into it in this very step or not: a flow that swings on its own stiffness is not let off half of it.
 
     Parameters
@@ -51,7 +62,7 @@ class VoellmyContact(NamedTuple):
         Tangent of the bed friction angle.
     xi : float [m s-2]
         Turbulent coefficient; larger is more mobile. Snow 1000 to 3000, debris flows 100 to 500, rock avalanches 300
-        to 1500, from depth-averaged models, whose speed is a mean over depth; here it is that at the bed.
+        to 1500, from depth-averaged models.
     """
 
     mu: float
@@ -73,6 +84,14 @@ class VoellmyContact(NamedTuple):
         `load` [s m s-2 m-1] is rho g dt times the area of bed over the mass that it slows.
         """
         return 2.0 / (1.0 + sqrt(1.0 + 4.0 * load * slip / self.xi))
+
+    def layer_friction(self):
+        """mu [1], which layers of a flow without strength of its own bear as the bed does."""
+        return self.mu
+
+    def layer_roughness(self, gravity):
+        """Roughness of the bed over the flow's depth, z0 / h [1], whose log law has the drag of xi."""
+        return relative_roughness(chezy_number(self.xi, gravity))
 
     def placed(self, values, j, i):
         """The law with the parameters of a place, from the node array values[j, i, :]."""
@@ -98,6 +117,14 @@ class StickingContact(NamedTuple):
 
     def kept_by_drag(self, slip, load):
         """All is left."""
+        return 1.0
+
+    def layer_friction(self):
+        """Layers of the flow are left to the material."""
+        return 0.0
+
+    def layer_roughness(self, gravity):
+        """No drag, no turbulence."""
         return 1.0
 
     def placed(self, values, j, i):

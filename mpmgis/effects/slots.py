@@ -12,6 +12,7 @@ from .friction import Frictionless
 from .metric import SlopeMetric
 from .softening import NoSoftening
 from .still_water import NoStillWater
+from .transfer import WholeGradient
 from .viscosity import NoViscosity
 from .zones import NoZones
 
@@ -39,3 +40,4 @@ class PointEffects(NamedTuple):
     contact: Any = CoulombContact(0.0)
     zones: Any = NoZones()
     barrier: Any = NoBarrier()
+    transfer: Any = WholeGradient()

@@ -1,6 +1,6 @@
 """The methods that kernels call on laws, by slot. Kernels know these names, never a law."""
 
-from ..effects import hencky, softening
+from ..effects import hencky, layers, softening
 from .jit import law_function, law_method
 
 METHODS = (
@@ -39,7 +39,10 @@ METHODS = (
     "sticks",
     "drag_active",
     "kept_by_drag",
+    "layer_friction",
+    "layer_roughness",
     "kept_along",  # barriers of points
+    "only_turns",  # transfer of points
 )
 
 # of every point in every step, and so written into the kernels' loops
@@ -66,6 +69,7 @@ INLINED_FUNCTIONS = (
     softening.matched_cone,
 )
 FUNCTIONS = (hencky.rotation, hencky.turned, hencky.principal, hencky.assembled, hencky.principal_strain)
+FUNCTIONS += (layers.relative_roughness, layers.chezy_number, layers.turbulent_link)
 
 for _name in METHODS:
     law_method(_name)

@@ -5,7 +5,6 @@ from math import exp, sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
@@ -32,6 +31,16 @@ def spline_at(foot, offset):
     if offset == 0:
         return 0.75 - foot * foot
     return 0.5 * (0.5 + offset * foot) ** 2
+
+
+@jit_inline
+def deals_with(level, first, below):
+    """Is the column, nearest to the ground at `level`, dealt with in the block of lowest level `first`?
+
+    That is the block of the node there. Where it is not touched (`below` -1), mass begins at the next node, in the
+    block above it.
+    """
+    return (level >= first and level < first + BLOCK) or (level == first - 1 and below < 0)
 
 
 @jit_borrowing
@@ -152,11 +161,11 @@ def carried_yield(before, step, j, i, east, north):
 
 
 @jit_inline
-def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load):
+def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
     The flow moves `into` [m s-1] the ground, which answers with the impulse `normal` [N s]. Coulomb friction bears at
-    most mu times as much; `load` [s m-1] is that of the law's drag.
+    most mu times as much. Drag came before (`point_layers`).
     """
     if law.sticks():
         return -u / give, -v / give, -w / give
@@ -165,7 +174,6 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load):
     kept = 1.0
     if slip > 0.0:
         kept = law.kept_slip(slip, normal * give)
-        kept *= law.kept_by_drag(kept * slip, load)
     along = (kept - 1.0) / give
     return normal * nx + along * tx, normal * ny + along * ty, normal * nz + along * tz
 
@@ -173,7 +181,7 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load):
 @jit_parallel
 def press_on_ground(
     nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
-    column_mass, yields, step, report, dx, dt, density, signal_speed, gravity, contact, zones,
+    yields, step, report, dx, dt, signal_speed, contact, zones,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
@@ -210,15 +218,13 @@ def press_on_ground(
                 ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
                 height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
                 level, foot = foot_of(height, dx)
-                if level < first or level >= first + BLOCK or fold_at(ground.folds, jj, ii)[2] > 0:
+                if not deals_with(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
                     continue
                 heaviest = _heaviest(nodes, below, t, above, first, column, level)
                 u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
                 if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
-                law, load = zones.local(contact, zone_values, jj, ii), 0.0
-                if contact.drag_active():
-                    load = density * gravity * dt * bed_under(column_mass, jj, ii, dx * dx / nz) * give
+                law = zones.local(contact, zone_values, jj, ii)
                 into = -(u * nx + v * ny + w * nz)
                 normal = max(into, 0.0) / give
                 if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
@@ -226,5 +232,5 @@ def press_on_ground(
                     impedance = signal_speed * heaviest / (dx * nz)
                     normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
                     after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
-                jx, jy, jz = contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law, load)
+                jx, jy, jz = contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law)
                 _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)

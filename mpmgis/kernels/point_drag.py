@@ -1,10 +1,11 @@
 """Drag of the bed on a 3D flow: which mass of each node column it slows (design notes 4.7, Voellmy's term).
 
-The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows the nodes of it that touch the
-ground, whose summed mass is M_c. At a steep rim a column stands on less bed than that: splines carry a flow's mass a
-cell and a half beyond it, and three columns too many would drag at its two sides, whatever its width. A column with
-less than RIM of the mass of the heaviest beside it is taken to stand on the share of the bed that this tells, so that a
-steep side has an eighth of a column too much and a flow whose thickness changes by less than a fifth a cell none.
+The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows its mean speed (`point_layers`);
+on folds of the ground, the nodes that touch it, whose summed mass is M_c. At a steep rim a column stands on less bed
+than that: splines carry a flow's mass a cell and a half beyond it, and three columns too many would drag at its two
+sides, whatever its width. A column with less than RIM of the mass of the heaviest beside it is taken to stand on the
+share of the bed that this tells, so that a steep side has an eighth of a column too much and a flow whose thickness
+changes by less than a fifth a cell none.
 """
 
 from .block_order import CHUNKS

@@ -393,6 +393,24 @@ def _strain_far(scratch, count, turn, dt, material, softening, mine):
 
 
 @kernel_part
+def _keep_turning(scratch):
+    """Leave of the velocities' first moments the antisymmetric part."""
+    for q in range(BATCH):
+        xy, yx = get(scratch, L_XY, q), get(scratch, L_YX, q)
+        xz, zx = get(scratch, L_XZ, q), get(scratch, L_ZX, q)
+        yz, zy = get(scratch, L_YZ, q), get(scratch, L_ZY, q)
+        put(scratch, L_XX, q, 0.0)
+        put(scratch, L_YY, q, 0.0)
+        put(scratch, L_ZZ, q, 0.0)
+        put(scratch, L_XY, q, 0.5 * (xy - yx))
+        put(scratch, L_YX, q, 0.5 * (yx - xy))
+        put(scratch, L_XZ, q, 0.5 * (xz - zx))
+        put(scratch, L_ZX, q, 0.5 * (zx - xz))
+        put(scratch, L_YZ, q, 0.5 * (yz - zy))
+        put(scratch, L_ZY, q, 0.5 * (zy - yz))
+
+
+@kernel_part
 def _move(scratch, count, turn, step, push, carry):
     """Place, momentum and affine momentum after the step, into the lines of a row.
 
@@ -714,7 +732,7 @@ def _lines_of_group(group):
 def _advance_blocks(
     rows, keys, order, start, first_block, end_block, blocks, targets, nodes, tiles, ground, lowest, inside, mine,
     scratch, quads, integers, dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x, cells_y, material,
-    softening,
+    softening, transfer,
 ):  # fmt: skip
     """`grid_to_points` for the active blocks `first_block` to `end_block`."""
     row, real = rows.shape[1], scratch.dtype.type
@@ -737,6 +755,8 @@ def _advance_blocks(
             _turn_quads(scratch, quads, count)
             _strain(scratch, turn, time_step, material, softening)
             _strain_far(scratch, count, turn, time_step, material, softening, mine)
+            if transfer.only_turns():
+                _keep_turning(scratch)
             _move(scratch, count, turn, step, push, carry)
             _limit_thin(
                 scratch, quads, integers, count, tile, block, ground, dx, dense, still, carry, wall, west, south, east,
@@ -767,6 +787,7 @@ def _deepest(ground, block, dx):
 def grid_to_points(
     rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground, lowest, inside, report,
     dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x, cells_y, material, softening,
+    transfer,
 ):  # fmt: skip
     """Read the velocity field back, move the points, strain them and give them the stress of the next step.
 
@@ -786,7 +807,7 @@ def grid_to_points(
         _advance_blocks(
             rows, keys, order, start, bounds[c], bounds[c + 1], blocks, targets, nodes, tiles, ground, lowest, inside,
             mine, scratch, quads, integers, dx, dt, next_dt, density, signal_speed, gravity, wall, holes, cells_x,
-            cells_y, material, softening,
+            cells_y, material, softening, transfer,
         )  # fmt: skip
         for q in range(BATCH):
             mine[SHEAR_MAX] = max(mine[SHEAR_MAX], scratch[L_SHEAR_MOST + q])

@@ -46,6 +46,7 @@ from .point_blocks import WINDOW as BLOCKS_WINDOW
 from .point_contact import LAYER, MOST_YIELD, YIELD, YIELD_ENTRIES, YIELD_STEP, press_on_ground
 from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, GROUND_ENTRIES, Ground
+from .point_layers import couple_layers
 from .point_nodes import (
     BARRIER_WORK,
     FASTEST2,
@@ -53,6 +54,7 @@ from .point_nodes import (
     GROUND_X,
     GROUND_Y,
     GROUND_Z,
+    LAYER_WORK,
     NODE_REPORT,
     WALL_X,
     WALL_Y,
@@ -207,8 +209,9 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     LIMIT_LOSS,  # kinetic energy taken by the limit of affine velocities [J]
     SPEED_P999,  # largest speed at a look that 0.1 % of the mass exceeds [m s-1], and when it was [s]
     SPEED_P999_TIME,
+    LAYER_LOSS,  # energy that layers of a flow with drag lost to each other [J]
     CLOCK,
-) = range(44)
+) = range(45)
 # int64 counts; then the window of blocks
 CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -233,6 +236,7 @@ class Settings(NamedTuple):
     keep_peaks: bool
     arrival_thickness: float  # of peaks of speed and pressure, and of arrivals [m]
     lone_thickness: float  # that a single point makes at a node at most [m]
+    slack: float  # 1: layers bear mu p of each other, 0: the material does
 
 
 @jit
@@ -356,6 +360,7 @@ def collect_nodes(node_report, clock):
         clock[IMPULSE_WALL_Y] += mine[WALL_Y]
         clock[GROUND_LOSS] += mine[GROUND_WORK]
         clock[BARRIER_LOSS] += mine[BARRIER_WORK]
+        clock[LAYER_LOSS] += mine[LAYER_WORK]
     clock[FASTEST] = sqrt(fastest2)
 
 
@@ -500,10 +505,16 @@ def advance(
             nodes, tiles, sources, touched, n_touched, drags or opens, free, ground, barriers, node_report, dx, dt,
             gravity, settings.wall, settings.cells_x, settings.cells_y, effects.barrier.barrier_active(),
         )  # fmt: skip
+        if drags:
+            couple_layers(
+                nodes, touched, n_touched, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
+                lowest, ground, zone_values, barriers, column_mass, node_report, dx, dt, settings.density, gravity,
+                settings.slack, effects.contact, effects.zones, effects.barrier,
+            )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, free, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
-            lowest, ground, zone_values, column_mass, yields, counts[STEP] + 1, node_report, dx, dt, settings.density,
-            settings.signal_speed, gravity, effects.contact, effects.zones,
+            lowest, ground, zone_values, yields, counts[STEP] + 1, node_report, dx, dt, settings.signal_speed,
+            effects.contact, effects.zones,
         )  # fmt: skip
         hold_nodes(
             nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,
@@ -529,7 +540,7 @@ def advance(
         grid_to_points(
             rows, keys, order, start, bounds, blocks, targets, nodes, tiles, ground.nodes, lowest, inside, report,
             dx, dt, clock[STEP_NOW], settings.density, settings.signal_speed, gravity, settings.wall, settings.holes,
-            settings.cells_x, settings.cells_y, effects.material, effects.softening,
+            settings.cells_x, settings.cells_y, effects.material, effects.softening, effects.transfer,
         )  # fmt: skip
         counts[STEP] += 1
         clock[TIME] = end

@@ -306,7 +306,8 @@ def _of_points(b):
     lines += _lost_to_sight(out)
     takers = {
         "the bed": "ground", "barriers": "barriers", "yielding": "yielding",
-        "the limit of the affine velocity": "affine_limit", "blows, viscosity and the grid": "mixing",
+        "layers on each other": "layers", "the limit of the affine velocity": "affine_limit",
+        "blows, viscosity and the grid": "mixing",
     }  # fmt: skip
     lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")

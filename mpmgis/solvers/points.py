@@ -37,6 +37,7 @@ LOSSES = {  # what takes energy of a flow, and the clock's entry for it
     "barriers": kernel.BARRIER_LOSS,
     "yielding": kernel.PLASTIC_LOSS,
     "affine_limit": kernel.LIMIT_LOSS,
+    "layers": kernel.LAYER_LOSS,
 }
 CLIPS = {  # what holds a point's state within bounds, and the clock's count of the point-steps that it acted on
     "lifted_onto_ground": kernel.LIFTED_TOTAL,
@@ -356,6 +357,7 @@ class PointSolver(ParticleStore):
             keep_peaks=bool(numerics.maxima),
             arrival_thickness=float(numerics.arrival_thickness),
             lone_thickness=self._lone_thickness(),
+            slack=0.0 if getattr(material, "shear_modulus", 0.0) else 1.0,
         )
 
     def _make_impulses(self, until, after):

@@ -72,6 +72,7 @@ def plain_nanoseconds():
     options = {"fastmath": {"nsz"}, "error_model": "numpy"}
     for name in ("stencil", "covered", "carried", "yielding", "press", "hold", "limited"):
         setattr(plain_points, name, numba.njit(**options)(getattr(plain_points, name)))
+    plain_points.couple = numba.njit(lambda *_: None)  # of Voellmy's flows, which the scene has not
     step = numba.njit(**options)(plain_points.plain_step)
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles

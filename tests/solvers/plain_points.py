@@ -30,6 +30,71 @@ def covered(nodes, j, i):
     return min(nodes[:, j, i, 3].sum() / (5.0 / 6.0 * heaviest), 1.0)
 
 
+def roughness(xi, gravity):
+    """z0 / h of a bed whose log law has the depth mean sqrt(xi / g) times the shear velocity, by bisection."""
+    low, high, asked = -200.0, 20.0, 0.4 * np.sqrt(xi / gravity)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        r = np.exp(middle)
+        low, high = (middle, high) if (1.0 + r) * np.log(1.0 + 1.0 / r) - 1.0 > asked else (low, middle)
+    return np.exp(low)
+
+
+def column_of(nodes, j, i, level, foot, full):
+    """(levels, heights above the ground in cells, splines there) of the contiguous nodes of a column."""
+    levels = []
+    for k in range(level - 1, nodes.shape[0]):
+        mass = nodes[k, j, i, 3]
+        if mass <= 0.0 and (levels or k > level):
+            break
+        below = nodes[k - 1, j, i, 3]
+        if mass > 0.0:
+            if levels and k > level + 1 and below < 0.25 * full and mass > below:
+                break
+            levels.append(k)
+    offset = np.array(levels) - level
+    spline = {-1: 0.5 * (0.5 - foot) ** 2, 0: 0.75 - foot * foot, 1: 0.5 * (0.5 + foot) ** 2}
+    return levels, offset - foot, np.array([spline.get(k, 0.0) for k in offset])
+
+
+def couple(nodes, ground, dx, dt, density, gravity, mu, xi, slack):
+    """Voellmy's drag and the links between layers, of velocities at `nodes`, as one dense system for each column."""
+    rough, moved = roughness(xi, gravity), nodes.copy()
+    for j in range(1, nodes.shape[1] - 1):
+        for i in range(1, nodes.shape[2] - 1):
+            if nodes[:, j, i, 3].max() == 0.0:
+                continue
+            height, sx, sy = ground[j, i, 0], ground[j, i, 1], ground[j, i, 2]
+            nz = 1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
+            normal = np.array([-sx, -sy, 1.0]) * nz
+            place = height / dx + GHOSTS
+            level = int(place + 0.5)
+            share = covered(nodes, j, i)
+            at, above, spline = column_of(nodes, j, i, level, place - level, share * density * dx**3)
+            if not at:
+                continue
+            mass = nodes[at, j, i, 3]
+            if (spline * mass).sum() < LEAST_SHARE * mass[:4].max() or (spline * mass).sum() == 0.0:
+                continue
+            velocity = nodes[at, j, i, :3]
+            along = velocity - np.outer(velocity @ normal, normal)
+            bed, momentum = share * dx * dx / nz, mass @ along
+            speed = np.sqrt(momentum @ momentum) / mass.sum()
+            kept = 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * density * gravity * dt * bed / mass.sum() * speed / xi))
+            push = np.outer((kept - 1.0) * mass * spline / (mass * spline).sum(), momentum)
+            z = np.maximum(above, 0.5) * dx * nz + rough * mass.sum() / (density * bed)
+            slip = np.sqrt((np.diff(along, axis=0) ** 2).sum(axis=1))
+            turbulent = density * bed * 0.16 * slip / np.maximum(np.log(z[1:] / z[:-1]), 0.05) ** 2
+            dry = slack * mu * mass.sum() * gravity * nz / np.maximum(slip, 1e-3 * np.sqrt(gravity * dx))
+            link = dt * (mass.sum() - np.cumsum(mass)[:-1]) / mass.sum() * (turbulent + dry)
+            system = np.diag(mass)
+            for k, of in enumerate(link):
+                system[k : k + 2, k : k + 2] += of * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            after = np.linalg.solve(system, mass[:, None] * along + push)
+            moved[at, j, i, :3] += after - along
+    nodes[:] = moved
+
+
 def yields_of(solver):
     """float64[rows, columns] [m]: yield of the ground at the solver's start, -1 where nothing lies on it."""
     start = solver._yields[0]
@@ -63,7 +128,7 @@ def yielding(into, give, yielded, impedance, back, most, dt):
     return 0.0, yielded * np.exp(-dt / back)
 
 
-def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu, xi):
+def press(nodes, ground, yields, dx, dt, sound, mu):
     """Contact of all node columns with the ground, of velocities at `nodes`; `yields` [m], -1 where nothing was."""
     moved, before = nodes.copy(), yields.copy()
     yields[:] = -1.0
@@ -102,9 +167,6 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu, xi):
             kept = 1.0
             if slip > 0.0:
                 kept = max(0.0, 1.0 - mu * pressed * give / slip)
-                if xi > 0.0:
-                    load = density * gravity * dt * covered(nodes, j, i) * dx * dx * steep * give
-                    kept *= 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * load * kept * slip / xi))
             impulse = pressed * normal + (kept - 1.0) / give * along
             for k in range(3):
                 if near[k, 3] > 0.0:
@@ -197,7 +259,9 @@ def plain_step(
         if node[3] > 0.0:
             node[:3] /= node[3]
             node[2] -= dt * gravity
-    press(nodes, ground, yields, dx, dt, density, gravity, sound, mu, xi)
+    if xi > 0.0:
+        couple(nodes, ground, dx, dt, density, gravity, mu, xi, 0.0 if hasattr(material, "shear_modulus") else 1.0)
+    press(nodes, ground, yields, dx, dt, sound, mu)
     hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)

@@ -18,7 +18,9 @@ TAKERS = ("ground", "transfers", "steps", "material")
 
 @dataclass
 class PlainRun:
-    """Points of `solver` marched by `plain_step` on planes, with Coulomb's contact; `lost` [J] by taker.
+    """Points of `solver` marched by `plain_step` on planes, with Coulomb's or Voellmy's contact; `lost` [J] by taker.
+
+    What layers of a flow with drag lose to each other is in that of the ground.
 
     `material` is the work of the stress [J]: what the material stores and what its yielding takes. Points that leave
     the domain are taken out with their energy, `out` [J].
@@ -35,9 +37,9 @@ class PlainRun:
         corner = self.solver._corner_from((0.0, 0.0, 0.0))
         self.place, self.velocity = particles.position - corner, particles.velocity.copy()
         self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
-        self.state, self.stress = np.zeros((n, 8)), np.zeros((n, 6))
-        self.yields = yields_of(self.solver)
+        self.stress, self.yields = np.zeros((n, 6)), yields_of(self.solver)
         self.numerics, self.material = self.solver.numerics, self.solver.effects.material
+        self.state = np.column_stack(self.material.state_at_stress(*self.stress.T))
 
     def march(self, steps):
         for _ in range(steps):
@@ -59,7 +61,7 @@ class PlainRun:
             self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground,
             self.yields, dx, dt,
             numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
-            self.material.wave_speed(numerics.density),
+            self.material.wave_speed(numerics.density), getattr(self.solver.effects.contact, "xi", 0.0),
         )  # fmt: skip
         self._book(nodes.reshape(-1, 4), shares, free, impulse, before)
         self._let_out()

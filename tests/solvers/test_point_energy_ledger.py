@@ -7,29 +7,33 @@ from hypothesis import strategies as st
 from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic, MuI, drucker_prager
 
 CLOSES = 1e-3  # of the energy put in
 MATERIALS = {
     "elastic": Elastic(6.7e6, 4e6),
     "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
+    "fluid": Fluid(1e6, 10.0, 0.0),
     "granular": MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 0.01, 2500.0, 1.0),
 }
+SOLIDS = ("elastic", "frictional", "granular")
 SCENES = {
     "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
     "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
 }  # fmt: skip
 
 
-def both(material, degrees, mu, speed, lift, step, time=0.4):
+def both(material, degrees, mu, speed, lift, step, time=0.4, contact=None):
     """(solver, PlainRun) of a block that slides or falls on a plane, at the same time."""
     slope = np.radians(degrees)
     corner = (4.3, 5.2, 30.0 - 4.3 * np.tan(slope) + lift)
     velocity = (speed * np.cos(slope), 0.3 * speed, -speed * np.sin(slope))
     frame = block_of((2.0, 1.0, 1.0), 0.5, corner, velocity=velocity, turned=slope)
     terrain = plane(degrees, length=12.0, width=12.0, height=30.0, pixel=4.0)
-    solver = points_on(terrain, frame, 1.0, MATERIALS[material], CoulombContact(mu), time_step=step)
+    contact = contact or CoulombContact(mu)
+    solver = points_on(terrain, frame, 1.0, MATERIALS[material], contact, time_step=step)
     steps = round(time / step)
     solver.advance(steps * step)
     assert solver.step == steps
@@ -60,7 +64,7 @@ def closed(solver, plain):
     assert abs(residual(solver, plain)) <= CLOSES
 
 
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", SOLIDS)
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(**SCENES)
 def test_takers_explain_what_is_lost(material, **scene):
@@ -68,7 +72,7 @@ def test_takers_explain_what_is_lost(material, **scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", SOLIDS)
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(**SCENES)
 def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
@@ -84,3 +88,18 @@ def test_flow_over_an_edge_takes_its_energy_along():
 def test_the_residual_falls_with_the_time_step():
     coarse, fine = (abs(residual(*both("elastic", 20.0, 0.5, 8.0, 0.6, step))) for step in (4e-3, 5e-4))
     assert fine < 0.25 * coarse
+
+
+@pytest.mark.parametrize("material", ["elastic", "frictional", "fluid"])
+def test_drag_and_layers_take_what_the_plain_loop_measures(material):
+    """Bed and layers together, in a plain loop that solves each column as a dense system; layers only ever lose."""
+    solver, plain = both(material, 30.0, 0.2, 8.0, 0.0, 1e-3, 0.2, VoellmyContact(0.2, 100.0))
+    b, scale = solver.balances(), solver.balances()["energy_start"]
+    position = sorted_points(solver).position
+    np.testing.assert_allclose(position, plain.place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-10)
+    taken = b["energy_lost_to_ground"] + b["energy_lost_to_layers"]
+    assert taken > 0.02 * b["kinetic_energy"]
+    assert taken == pytest.approx(plain.lost["ground"], rel=0.01)
+    assert b["energy_lost_to_layers"] > 0.0
+    assert b["momentum_error_relative"] <= 1e-10
+    assert abs(residual(solver, plain)) <= CLOSES, (taken, scale)

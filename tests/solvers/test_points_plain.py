@@ -6,10 +6,12 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic, drucker_prager
 from mpmgis.effects.softening import NoSoftening
 
-MATERIALS = {"elastic": Elastic(6.7e6, 4e6), "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0)}
+MATERIALS = {"elastic": Elastic(6.7e6, 4e6), "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0),
+             "fluid": Fluid(1e6, 10.0, 0.0)}  # fmt: skip
 STEPS, DT, DX = 3, 2e-3, 1.0
 
 
@@ -19,6 +21,7 @@ def plain(solver, frame, material, mu, xi=0.0):
     n = len(place)
     velocity, affine = frame.particles.velocity.copy(), np.zeros((n, 3, 3))
     state, stress = np.zeros((n, 8)), np.zeros((n, 6))
+    state[:, 0] = 1.0 if isinstance(material, Fluid) else 0.0
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max() / DX) + 14, *ground.shape[:2], 4))
     sound, yields = material.wave_speed(1000.0), yields_of(solver)
@@ -36,8 +39,9 @@ def plain(solver, frame, material, mu, xi=0.0):
         (MATERIALS["elastic"], CoulombContact(0.3)),
         (MATERIALS["frictional"], CoulombContact(0.3)),
         (MATERIALS["elastic"], VoellmyContact(0.3, 40.0)),
+        (MATERIALS["fluid"], VoellmyContact(0.3, 400.0)),
     ],
-    ids=["elastic", "frictional", "drag"],
+    ids=["elastic", "frictional", "drag", "fluid"],
 )
 def test_steps_equal_the_plain_loop(material, contact):
     """Places and velocities to 1e-12 of themselves after three steps, on a slope with friction and with drag."""
