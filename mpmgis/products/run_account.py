@@ -117,15 +117,15 @@ def volume_words(numbers):
     """One sentence about a PointVolume `as_numbers`."""
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
-        f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest, "
-        f"room is missing for {100 * numbers['missing_share']:.3g} % of the volume"
+        f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
+        f", room is missing for {100 * numbers['missing_share']:.3g} % of the volume"
     )
     if numbers["kept"]:
         return f"{found}: kept"
     cells = f"{numbers['cells_over_depth']:.2g} cells over the depth"
     return (
-        f"{UNUSABLE}: {found}, at {cells}; do not use depths, deposits and loads of these points: take smaller cells (a "
-        f"3D run wants {FEWEST_CELLS:g} over the depth), or solver = 'columns'"
+        f"{UNUSABLE}: {found}, at {cells}; do not use depths, deposits and loads of these points: take smaller cells "
+        f"(a 3D run wants {FEWEST_CELLS:g} over the depth), or solver = 'columns'"
     )
 
 

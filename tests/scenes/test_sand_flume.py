@@ -1,4 +1,4 @@
-"""Dry sand down a flume onto a wall, through `mpmgis run`: what mechanics says of the force; no measured figure was found."""
+"""Dry sand down a flume onto a wall, through `mpmgis run`, held against mechanics: no measured force was found."""
 
 import numpy as np
 import pytest

@@ -62,7 +62,7 @@ def write_inputs(folder, size):
     chain.write_polygons(folder / "wall.geojson", [wall], None)
 
 
-def make(folder, size=Size(), **changed):
+def make(folder, size, **changed):
     """The run in `folder`; answers its record."""
     folder = chain.fresh(folder)
     write_inputs(folder, size)
@@ -101,7 +101,7 @@ def _mean(values):
 
 
 def front_error(found, size, since=0.75):
-    """Largest |Z / measured - 1| of the front against FRONT from t sqrt(g / H) = `since` on, without a shift in time."""
+    """Largest |Z / measured - 1| of the front against FRONT from t sqrt(g / H) = `since` on, no shift in time."""
     late = FRONT[:, 0] >= since
     time = FRONT[late, 0] * np.sqrt(size.depth / GRAVITY)
     return chain.relative(np.interp(time, found.time, found.front) / size.depth, FRONT[late, 1])
@@ -165,7 +165,7 @@ def figure(folder, size, png):
     front.plot(*MARTIN_MOYCE.T, "k+", label="Martin and Moyce (1952)")
     front.set(xlabel="t sqrt(g / H)", ylabel="front / H", xlim=(0.0, 1.8))
     front.legend(fontsize=8)
-    pressure.plot(found.time, smoothed(found.time, found.pressure[:, 0]), label="mean of 0.01 s, within 0.75 cells of 3 mm")
+    pressure.plot(found.time, smoothed(found.time, found.pressure[:, 0]), label="3 mm, mean of 0.01 s")
     pressure.axhline(IMPACT["peak"], color="black", lw=0.6, ls=":", label="median of the measured peaks")
     pressure.set(xlabel="t [s]", ylabel="pressure on the wall [Pa]")
     pressure.legend(fontsize=8)

@@ -56,7 +56,7 @@ def write_inputs(folder, size):
     write_frame(folder / "sand.h5", Frame(sand, dimension=3, time=0.0, header={"density": DENSITY}))
 
 
-def make(folder, size=Size(), **changed):
+def make(folder, size, **changed):
     """The run in `folder`; answers its record."""
     folder = chain.fresh(folder)
     write_inputs(folder, size)
