@@ -86,6 +86,12 @@ def tell(summary):
             talk.say(line)
     if summary.result_digest:
         talk.say(f"digest of the result: {summary.result_digest}")
+    _tell_cost(summary)
+    for line in summary.unusable:  # last of all, so that nobody misses it
+        talk.say(line)
+
+
+def _tell_cost(summary):
     if not summary.wall_seconds:
         return
     rate = summary.particle_steps_per_second / 1e6

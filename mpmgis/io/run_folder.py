@@ -23,7 +23,7 @@ from .writer import new_token
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
-_LISTS = ("effects", "stages", "troubles")  # of a record
+_LISTS = ("effects", "stages", "troubles", "unusable")  # of a record
 _TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things

@@ -14,7 +14,7 @@ from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunF
 from ..kernels.jit import set_threads
 from ..machine import available_memory
 from ..peaks import largest_peaks
-from ..products.run_account import extremes
+from ..products.run_account import extremes, unusable_lines
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..scene.tables import read_toml
@@ -52,6 +52,7 @@ class RunSummary:
     mass: dict | None = None  # where it is, of a run in several stages
     result_digest: str | None = None
     extremes: dict | None = None  # where and when it was thickest and fastest
+    unusable: tuple = ()  # lines on points that have lost their volume
 
 
 def use_threads(particles, asked=None):
@@ -206,6 +207,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
     return RunSummary(
         folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
         solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result, extremes(sequence.balances()),
+        tuple(unusable_lines(_record_of_stages(sequence))),
     )  # fmt: skip
 
 
@@ -227,7 +229,8 @@ def march_into(folder, sequence, resumed, pace=None):
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
             extremes=extremes(sequence.balances()), maxima=largest_peaks(sequence.maxima()),
             events=prepared.events.record(), troubles=sequence.troubles, taken_in=sequence.taken_in,
-            nodata=_record_of_nodata(prepared), **_record_of_stages(sequence),
+            nodata=_record_of_nodata(prepared), unusable=unusable_lines(_record_of_stages(sequence)),
+            **_record_of_stages(sequence),
         )  # fmt: skip
         return wall
 

@@ -19,6 +19,7 @@ CLEARANCE = 0.25  # [cells] that points may lie lower than a lattice on the grou
 HANGING_SHARE_OF_DEPTH, HANGING_CELLS = 0.5, (0.5, 1.5)
 FALLING = 0.1  # share of the speed of a free fall through that height, below which the column does not fall
 PACKED_SHARE, HANGING_SHARE = 0.05, 0.1  # of the mass, above which volume is lost; resolved flows have 0.02 at most
+MISSING_SHARE = 0.1  # of the volume, above which the room that the points take is too small for their mass
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class PointVolume:
         Of the points that have ground under them.
     packed_share, hanging_share : float [1]
         Of that mass: packed beyond PACKED times its density; in columns that hang off the bed and do not fall.
+    missing_share : float [1]
+        Of the volume of that mass: what does not fit into the height that its points take.
     cells_over_depth : float [1]
         Mean thickness of the flow over the cell size, weighted by mass.
     """
@@ -40,12 +43,14 @@ class PointVolume:
     mass: float
     packed_share: float
     hanging_share: float
+    missing_share: float
     cells_over_depth: float
 
     @property
     def kept(self):
-        """Whether both shares are within what a resolved flow has."""
-        return self.packed_share <= PACKED_SHARE and self.hanging_share <= HANGING_SHARE
+        """Whether all shares are within what a usable result has."""
+        hangs = self.hanging_share > HANGING_SHARE
+        return not hangs and self.packed_share <= PACKED_SHARE and self.missing_share <= MISSING_SHARE
 
     def as_numbers(self):
         """All of it as plain numbers for a record."""
@@ -57,7 +62,8 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
 
     In a square of the map of PACKED_CELLS cells the points that lie no higher than a point fill a height; where that is
     more than PACKED times the height at which the point lies, the point is packed. So a point in the air above a packed
-    layer hides nothing, and a thin layer counts as well as a deep one. What hangs is found in columns of single cells.
+    layer hides nothing, and a thin layer counts as well as a deep one. What is
+    missing in a square is the largest excess of volume over room. What hangs is found in columns of single cells.
 
     Parameters
     ----------
@@ -80,13 +86,16 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     particles, (x, y) = frame.particles, frame.map_xy()
     mass = np.asarray(particles.mass, float)[known]
     if not mass.size:
-        return PointVolume(frame.time, 0.0, 0.0, 0.0, 0.0)
+        return PointVolume(frame.time, 0.0, 0.0, 0.0, 0.0, 0.0)
     height, steep = height[known], np.hypot(1.0, np.nan_to_num(slope[known]))
     half = 0.5 * np.cbrt(np.asarray(particles.volume, float)[known])
     speed = np.sqrt((np.asarray(particles.velocity, float)[known] ** 2).sum(axis=1))
     room = np.maximum(height, 0.0) + half + CLEARANCE * cell_size * steep
     square = _columns(x[known], y[known], cell_size, PACKED_CELLS)
-    packed = _filled(square, height, mass / density) > PACKED * room * (PACKED_CELLS * cell_size) ** 2
+    filled, room = _filled(square, height, mass / density), room * (PACKED_CELLS * cell_size) ** 2
+    packed = filled > PACKED * room
+    missing = np.zeros(square.max() + 1)
+    np.maximum.at(missing, square, filled - room)
     column = _columns(x[known], y[known], cell_size, 1.0)
     of_column = np.bincount(column, mass)
     lowest = np.full(len(of_column), np.inf)
@@ -98,7 +107,7 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     hanging, whole = (lowest > allowed) & (typical < falls), mass.sum()
     return PointVolume(
         float(frame.time), float(whole), float(mass[packed].sum() / whole), float(of_column[hanging].sum() / whole),
-        float((of_column * thickness).sum() / whole / cell_size),
+        float(missing.sum() * density / whole), float((of_column * thickness).sum() / whole / cell_size),
     )  # fmt: skip
 
 

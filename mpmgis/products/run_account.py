@@ -6,6 +6,8 @@ from ..fields import GRAVITY
 from ..scene.points import FEWEST_CELLS
 from .point_volume import PACKED
 
+UNUSABLE = "unusable"  # first word about points that have lost their volume
+_KEPT = {"kept": True}
 AIRBORNE_SHARE = 0.05  # of the mass that would have left the ground, from which a depth-averaged run says so
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, from which it is said what that means
 SHOWN_SHARE = 1e-5  # of the mass that left at one place, from which the place is named
@@ -128,14 +130,25 @@ def volume_words(numbers):
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
         f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
+        f", room is missing for {100 * numbers['missing_share']:.3g} % of the volume"
     )
     if numbers["kept"]:
         return f"{found}: kept"
     cells = f"{numbers['cells_over_depth']:.2g} cells over the depth"
     return (
-        f"{found}: not kept, at {cells}; depths and deposits are wrong there, take smaller cells (a 3D run wants "
-        f"{FEWEST_CELLS:g} over the depth), or solver = 'columns'"
+        f"{UNUSABLE}: {found}, at {cells}; do not use depths, deposits and loads of these points: take smaller cells "
+        f"(a 3D run wants {FEWEST_CELLS:g} over the depth), or solver = 'columns'"
     )
+
+
+def unusable_lines(record):
+    """Lines of text about the stages of a run whose points have lost their volume; none of a usable result.
+
+    `record` is what `run.json` holds, or the part of it that has `volume`, or `stages` with theirs.
+    """
+    stages = record.get("stages") or [record]
+    lost = [(n, stage["volume"]) for n, stage in enumerate(stages, 1) if not stage.get("volume", _KEPT)["kept"]]
+    return [f"stage {n}: {volume_words(one)}" if len(stages) > 1 else volume_words(one) for n, one in lost]
 
 
 def account(balances, solver, mass=None):

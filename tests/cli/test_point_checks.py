@@ -79,6 +79,20 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     assert main(["report", *frames, "-q", "-o", str(tmp_path / "r")]) == 0
     report = (tmp_path / "r" / "report.html").read_text()
     assert "too coarse" in report[report.index("Warnings") :]
+    assert "runout of a free collapse depends on the cell size" in report
+
+
+def test_effects_say_that_runout_of_drucker_prager_depends_on_the_cells(site, capsys):
+    """The figures are those of tests/scenes/granular_column; other materials have no such line."""
+    (site / "scene.toml").write_text(slide(4.0, 1, 1))
+    assert main(["effects", str(site / "scene.toml"), "--json", "-q"]) == 0
+    told = {entry["effect"]: entry for entry in json.loads(capsys.readouterr().out)}
+    assert "depends on the cell size, by 30 % for each halving" in told["plasticity"]["reason"]
+    water = 'law = "Fluid"\nbulk_modulus = 4e6\nviscosity = 0\n['
+    fluid = re.sub(r'law = "DruckerPrager"(.|\n)*?\[', water, slide(4.0, 1, 1), count=1)
+    (site / "scene.toml").write_text(fluid)
+    assert main(["effects", str(site / "scene.toml"), "--json", "-q"]) == 0
+    assert "free collapse" not in capsys.readouterr().out
 
 
 def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, capsys):

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpmgis.particles import Frame, Particles
-from mpmgis.products.point_volume import HANGING_SHARE, PACKED_SHARE, point_volume
-from mpmgis.products.run_account import volume_words
+from mpmgis.products.point_volume import HANGING_SHARE, PACKED_SHARE, PointVolume, point_volume
+from mpmgis.products.run_account import unusable_lines, volume_words
 
 DENSITY, ALONG = 1500.0, 6  # [kg m-3]; cells along either side of a layer
 
@@ -89,5 +89,26 @@ def test_points_without_ground_are_left_out():
 def test_what_is_not_kept_is_said_with_the_cure():
     frame, height = layer(1.0)
     words = volume_words(found(frame, height + 3.0).as_numbers())
-    assert "hangs off the bed" in words and "smaller cells" in words and "not kept" in words
+    assert "hangs off the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
     assert volume_words(found(frame, height).as_numbers()).endswith(": kept")
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(3.0, 8.0), st.floats(0.01, 50.0))
+def test_a_layer_crushed_evenly_by_a_quarter_has_no_room_for_its_volume(cells, cell_size):
+    """No point of it is packed beyond 1.2 times its density where clearance is taken off, and yet volume is missing."""
+    frame, height = layer(cells, cell_size)
+    volume = found(frame, 0.75 * height, 0.0, cell_size)
+    assert volume.missing_share == pytest.approx(0.25 - 0.25 / cells, abs=0.1) and not volume.kept
+    assert found(frame, height, 0.0, cell_size).missing_share == 0.0
+
+
+@pytest.mark.parametrize("shares", [(0.06, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)])
+def test_each_loss_of_volume_makes_a_result_unusable_in_one_line(shares):
+    numbers = PointVolume(2.0, 1.0, *shares, 1.2).as_numbers()
+    (line,) = unusable_lines({"volume": numbers})
+    assert line.startswith("unusable: ") and "1.2 cells over the depth" in line and "\n" not in line
+    staged = unusable_lines({"stages": [{"solver": "columns"}, {"volume": numbers}]})
+    assert staged == [f"stage 2: {line}"]
+    assert unusable_lines({"volume": PointVolume(2.0, 1.0, 0.0, 0.0, 0.0, 1.2).as_numbers()}) == []
+    assert unusable_lines({"stages": [{"solver": "columns"}]}) == []
