@@ -1,11 +1,10 @@
 """`mpmgis info`: one screen about any file of the chain."""
 
 import json
-import sys
 from pathlib import Path
 
 from ..fields import BAND
-from . import answer, foreign_options
+from . import answer, foreign_options, talk
 from .values import positive
 
 EXAMPLE = """
@@ -86,7 +85,7 @@ def run(arguments):
         try:
             facts = inspect(path, terms)
         except MpmgisError as error:
-            print(f"mpmgis info: {one_line(error)}", file=sys.stderr)
+            talk.complain(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
         described.append(_as_json(facts) if arguments.json else "\n".join(screen(facts)))
@@ -108,7 +107,8 @@ def screen(facts):
     rows = list(_rows(facts.items(), _units(facts)))
     title = f"{facts['file']}: {facts['kind']}{size}"
     width = max((len(label) for label, _ in rows), default=0)
-    return [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
+    lines = [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
+    return [talk.harmless(line) for line in lines]
 
 
 def _units(facts, units=UNITS):

@@ -51,7 +51,7 @@ class OneLineParser(argparse.ArgumentParser):
     """A parser whose errors are one line and exit code 2."""
 
     def error(self, message):
-        print(f"{self.prog}: {one_line(message)}; see {self.prog} --help", file=sys.stderr)
+        talk.complain(f"{self.prog}: {one_line(message)}; see {self.prog} --help")
         raise SystemExit(2)
 
     def parse_known_args(self, args=None, namespace=None):
@@ -80,6 +80,7 @@ def command():
 def main(argv=None):
     """Run the command line; returns the exit code (0 done, 2 bad input, 3 unphysical, 130 or 143 interrupted)."""
     argv = list(sys.argv[1:] if argv is None else argv)
+    talk.use_any_terminal()
     parser = OneLineParser(
         prog="mpmgis",
         description=DESCRIPTION + "\n\n" + verbs_by_group(),
@@ -91,6 +92,9 @@ def main(argv=None):
         dest="verb", metavar="VERB", help="one of the above", required=True, parser_class=OneLineParser
     )
     asked = next((word for word in argv if word in VERBS), None)
+    if asked is None and argv and not argv[0].startswith("-"):
+        near = difflib.get_close_matches(argv[0], VERBS, 1)
+        parser.error(f"unknown verb {argv[0]!r}" + (f"; did you mean {near[0]}?" if near else ""))
     for verb, (module_name, line) in VERBS.items():
         if verb != asked:  # only the verb asked for is imported: the others need no more than their line of help
             verbs.add_parser(verb, add_help=False)
@@ -128,25 +132,23 @@ def _guarded(arguments):
         with ended_by_signals():
             return arguments.run(arguments) or 0
     except MpmgisError as error:
-        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        talk.complain(f"{name}: {one_line(error)}")
         return error.exit_code
     except KeyboardInterrupt as error:
-        print(f"{name}: interrupted", file=sys.stderr)
+        talk.complain(f"{name}: interrupted")
         return getattr(error, "exit_code", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except MemoryError:
-        print(f"{name}: not enough memory; use larger cells, fewer particles or a smaller DTM", file=sys.stderr)
+        talk.complain(f"{name}: not enough memory; use larger cells, fewer particles or a smaller DTM")
         return 2
     except OSError as error:
-        print(f"{name}: {one_line(error)}", file=sys.stderr)
+        talk.complain(f"{name}: {one_line(error)}")
         return 2
     except Exception as error:
         if talk.volume > 0:
             raise
-        print(
-            f"{name}: internal error, please report it: {type(error).__name__}: {one_line(error)} (-v shows where)",
-            file=sys.stderr,
-        )
+        kind = type(error).__name__
+        talk.complain(f"{name}: internal error, please report it: {kind}: {one_line(error)} (-v shows where)")
         return 1

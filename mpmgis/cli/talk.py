@@ -1,8 +1,27 @@
 """Talk goes to stderr, data to stdout; -v says more, -q says nothing but errors."""
 
+import re
 import sys
 
 volume = 0
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def use_any_terminal():
+    """Write what a terminal's encoding lacks as an escape (\\xf6) from now on, where it would end the program."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def harmless(text):
+    """`text` with its control characters, which names in files may have and a terminal obeys, as escapes."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found.group()):02x}", str(text))
+
+
+def complain(text):
+    """An error's line, also with -q."""
+    print(harmless(text), file=sys.stderr, flush=True)
 
 
 def add_arguments(parser):
@@ -21,10 +40,10 @@ def set_volume(arguments):
 def say(text):
     """A line for the user, unless -q."""
     if volume >= 0:
-        print(text, file=sys.stderr, flush=True)
+        print(harmless(text), file=sys.stderr, flush=True)
 
 
 def detail(text):
     """A line for the user who asked for -v."""
     if volume > 0:
-        print(text, file=sys.stderr, flush=True)
+        print(harmless(text), file=sys.stderr, flush=True)

@@ -4,6 +4,7 @@ import errno
 import hashlib
 import os
 import re
+import unicodedata
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -66,6 +67,7 @@ def whole_folder(path, overwrite=False):
     process that was killed left goes too; an old folder that it had put aside comes back first.
     """
     shown, path = path, real_place(path)
+    _refuse_control(path.name)
     refuse_link(shown)
     _sweep(path, path.name)
     refuse_existing(shown, overwrite)
@@ -88,6 +90,12 @@ def whole_folder(path, overwrite=False):
             raise output_error(shown, cause) from error
         raise
     remove(old)
+
+
+def _refuse_control(name):
+    """Refuse names of folders that no XML can hold: QGIS projects and databases name the folder that they lie in."""
+    if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in name):
+        raise OutputError(f"{name!r} holds control characters or bytes that are no text; give another name by -o")
 
 
 def _beside(path, stem, kind, suffix=""):

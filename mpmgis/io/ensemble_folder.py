@@ -149,7 +149,7 @@ def read_ensemble_record(folder):
         return None
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another folder") from error
     return record if isinstance(record, dict) else {}
 
@@ -175,7 +175,7 @@ def read_member(folder, digest, frames=False):
     record_file, raster, kept = member_files(folder, digest)
     try:
         record = json.loads(record_file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(record, dict) or record.get("status") not in FINAL or record.get("digest") != digest:
         return None

@@ -524,6 +524,7 @@ TABLES = {
     "output": OutputTable,
     "stage": StageTable,
 }
+MOST_DOTS = 100  # in a key
 LISTED = ("secondary_release", "zones", "barrier", "stage")  # tables that a scene may have several of, written [[name]]
 REQUIRED = ("terrain", "output")
 SOLVERS = ("columns", "points")
@@ -546,11 +547,20 @@ def read_toml(path):
         raise SceneError(f"{path} is no readable text file but a folder; name the file in it") from error
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path} is no readable text file ({one_line(error)[:80]})") from error
+    _require_short_keys(path, text)
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: TOML's own, and whole numbers of thousands of digits
         raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_cure(text, error)}") from error
     return tables
+
+
+def _require_short_keys(path, text):
+    """Refuse dotted keys of many parts: the parser's memory and time grow with the square of their number."""
+    for number, line in enumerate(text.splitlines(), 1):
+        dots = re.match(r"[\w\s.\[\"'-]*", line).group().count(".")
+        if dots > MOST_DOTS:
+            raise SceneError(f"{path}, line {number}: a key of {dots + 1} parts; a scene's keys have one or two")
 
 
 def _decoded(raw):

@@ -15,6 +15,7 @@ from .bed import bed_under, deposit_of, extended_elevation, steepness
 from .options import SeedOptions
 from .sources import column_sources
 
+THINNEST = 1e-9  # [m] mean thickness of a release
 _LARGEST_CLOSURE = 0.02  # design notes 1.3: beyond it the region is too coarse for its raster
 _SLAB = 1 << 20  # [columns]
 
@@ -58,6 +59,7 @@ def plan_seed(terrain, release, *, say=None, **options):
         require_on_terrain(part, terrain.grid)
     near = bed_under(release.parts, terrain)
     deposits = [deposit_of(part, release.thickness_mode, near) for part in release.parts]
+    _require_thickness(deposits)
     origin = float(math.floor(terrain.grid.bounds[0])), float(math.floor(terrain.grid.bounds[1]))
     bed = np.ascontiguousarray(extended_elevation(near))
     scenes = [PartScene(origin, bed, near.grid, d.raster.values, d.raster.grid) for d in deposits]
@@ -92,6 +94,15 @@ class _Closure:
     volume: float
     lightest: float
     heaviest: float
+
+
+def _require_thickness(deposits):
+    """Refuse a release whose mean thickness is below THINNEST: no unit of length makes one of a flow."""
+    mean = math.fsum(deposit.volume for deposit in deposits) / math.fsum(deposit.area for deposit in deposits)
+    if not mean >= THINNEST:
+        raise InputError(
+            f"release: its mean thickness is {mean:.3g} m, wanted at least {THINNEST:g} m; check the thickness's unit"
+        )
 
 
 def _close(sources, scenes, deposits, options):

@@ -296,6 +296,11 @@ def releases_that_overlap(k):
 # ------------------------------------------------------------------------------------------------------ the thickness
 
 
+@recipe("its mean thickness is")
+def thickness_of_next_to_nothing(k):
+    k.options = ["--thickness", "1e-300"]
+
+
 @recipe("has none of the columns thickness, d0, relth")
 def thickness_not_given(k):
     k.release = k.vector("n.gpkg", ring(), depth=[1.0])
