@@ -165,7 +165,7 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
     The flow moves `into` [m s-1] the ground, which answers with the impulse `normal` [N s]. Coulomb friction bears at
-    most mu times as much. Drag came before (`point_layers`).
+    most mu times the normal impulse. Drag came before (`point_layers`).
     """
     if law.sticks():
         return -u / give, -v / give, -w / give

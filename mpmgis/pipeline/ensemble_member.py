@@ -132,7 +132,7 @@ def _run(task, look):
     else:
         for _ in sequence:
             pass
-    maxima, grid = sequence.maxima, averaging.grid
+    maxima, grid = sequence.on_cells, averaging.grid
     tags = {"version": __version__, "digest": task.digest, "scene": prepared.digest, "min_depth": task.min_depth}
     with whole_file(raster) as part:
         write_rows(
@@ -148,24 +148,24 @@ class _Peaks(Sequence):
     def __init__(self, prepared, averaging, look):
         super().__init__(prepared, look)
         rows, columns = averaging.grid.shape
-        self.averaging, self.maxima = averaging, RunningMaxima(rows * columns, averaging.min_depth)
+        self.averaging, self.on_cells = averaging, RunningMaxima(rows * columns, averaging.min_depth)
 
     def __iter__(self):
         last = None
         for frame in super().__iter__():
             values = average_frame(frame, self.averaging)
-            self.maxima.absorb(values.index, values.values, values.time, values.least)
+            self.on_cells.absorb(values.index, values.values, values.time, values.least)
             last = frame if frame.maxima else last
             yield frame
         peaks = None if last is None else SolverPeaks.of(last.maxima, last.time)
         if peaks is not None:
             for index, values in peaks.on(self.averaging.grid, self.averaging.bed, self.averaging.min_depth):
-                self.maxima.absorb_peaks(index, values)
+                self.on_cells.absorb_peaks(index, values)
 
 
 def _figures(prepared, sequence, averaging):
     """What the table tells of a finished member; `extent` are the rows and columns with any peak, None without."""
-    maxima, grid = sequence.maxima, averaging.grid
+    maxima, grid = sequence.on_cells, averaging.grid
     depth, balances = maxima.values["h_max"], sequence.solver.balances()
     any_flow = np.flatnonzero(maxima.seen["h_max"])
     row, column = np.divmod(any_flow, grid.shape[1])

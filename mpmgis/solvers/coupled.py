@@ -203,12 +203,12 @@ class CoupledSolver:
         self.exchanged_mass, self.exchanged_columns = started["exchanged_mass"], started["exchanged_columns"]
         self.exchanged_energy = started["exchanged_energy"]
 
-    def restore(self, frame):
-        """Go on from a `frame` of this run that carries the state of both."""
+    def restore(self, frame, known=False):
+        """Go on from a `frame` of this run that carries the state of both; checked unless it is `known`."""
         own, state = _states(frame)
         ids = frame.particles.id[: len(own["rows"])]
-        self.points_solver.restore(_Kept(frame.time, own, _Ids(ids)))
-        self.columns_solver.restore(_Kept(frame.time, state, _Ids(np.asarray(state["ids"]))))
+        self.points_solver.restore(_Kept(frame.time, own, _Ids(ids)), known)
+        self.columns_solver.restore(_Kept(frame.time, state, _Ids(np.asarray(state["ids"]))), known)
         self.start_from(json.loads(bytes(state["started"])))
 
     def share_step(self, share):

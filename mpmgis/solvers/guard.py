@@ -64,7 +64,7 @@ class Guard:
                 f"t = {self._kept.time:.3f} s on did not help"
             )
         self._halvings += 1
-        solver.restore(self._kept)
+        solver.restore(self._kept, known=True)
         self._events.restore(self._kept)
         self._events.arm(solver)
         self._stage_end.calm_since = self._calm_since
