@@ -11,7 +11,7 @@ from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic, MuI, drucker_prager
 
-CLOSES = 1e-3  # of the energy put in
+CLOSES = 2.5  # [s-1] share of the energy put in that no taker explains, over the step: the swing of an elastic body
 MATERIALS = {
     "elastic": Elastic(6.7e6, 4e6),
     "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
@@ -60,8 +60,8 @@ def closed(solver, plain):
     assert min(plain.lost["ground"], plain.lost["transfers"], plain.lost["steps"]) >= -1e-12 * scale
     measured = plain.lost["transfers"] + plain.lost["steps"] + plain.affine_energy()
     mixed = b["energy_lost_to_mixing"] + b["energy_lost_to_affine_limit"]
-    assert mixed == pytest.approx(measured, abs=CLOSES * scale)
-    assert abs(residual(solver, plain)) <= CLOSES
+    assert mixed == pytest.approx(measured, abs=CLOSES * plain.step * scale)
+    assert abs(residual(solver, plain)) <= CLOSES * plain.step
 
 
 @pytest.mark.parametrize("material", SOLIDS)
@@ -102,4 +102,4 @@ def test_drag_and_layers_take_what_the_plain_loop_measures(material):
     assert taken == pytest.approx(plain.lost["ground"], rel=0.01)
     assert b["energy_lost_to_layers"] > 0.0
     assert b["momentum_error_relative"] <= 1e-10
-    assert abs(residual(solver, plain)) <= CLOSES, (taken, scale)
+    assert abs(residual(solver, plain)) <= CLOSES * plain.step, (taken, scale)
