@@ -36,9 +36,9 @@ def test_a_deposit_ends_where_it_is_one_grain_thick():
     assert 2.0 * sand.LENGTH < end <= 3.0 * sand.LENGTH
 
 
-@pytest.mark.parametrize(("aspect", "cells", "found"), [(1.0, 16, 1.16), (2.0, 8, 2.42), (4.0, 8, 4.30)])
+@pytest.mark.parametrize(("aspect", "cells", "found"), [(1.0, 16, 1.12), (2.0, 8, 2.31), (4.0, 8, 5.30)])
 def test_v15_a_plane_column_runs_out_as_measured(tmp_path, aspect, cells, found):
-    """99 % of the mass lie within 15 % of Lube et al. (2005): 0.96, 0.98, 0.90 times its runout."""
+    """99 % of the mass lie within 15 % of Lube et al. (2005): 0.94, 0.93, 1.11 times its runout."""
     deposit, column = collapsed(tmp_path, aspect, cells)
     assert deposit.mass99 == pytest.approx(found, rel=0.02)
     assert deposit.mass99 == pytest.approx(column.measured, rel=0.15)

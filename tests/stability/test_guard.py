@@ -117,7 +117,7 @@ class Recorder:
     def share_step(self, share):
         self.asked.append(share)
 
-    def restore(self, frame):
+    def restore(self, frame, known=False):
         self.asked.append(("back to", frame.time))
 
     def arm(self, solver):
