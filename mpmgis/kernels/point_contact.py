@@ -136,11 +136,28 @@ def yielding_impulse(into, give, yielded, impedance, back, most, dt):
 
 
 @jit_borrowing
-def carried_yield(before, step, j, i, east, north):
+def _mass_above(nodes, slots, place, up, depth, column):
+    """Mass [kg] of a node column from the block below the one at `place` + `up` of the window up to the first gap."""
+    mass = 0.0
+    for level in range(max(up - 1, 0), depth):
+        slot = slots[place + level]
+        if slot < 0:
+            if level >= up:
+                break
+            continue
+        for k in range(BLOCK):
+            mass += nodes[slot, (k * BLOCK * BLOCK + column) * 4 + NODE_MASS]
+    return mass
+
+
+@jit_borrowing
+def carried_yield(before, step, j, i, east, north, weighed):
     """Yield [m] under node column [j, i] that moved with the flow, by `east` and `north` [cells] in this step.
 
     `before` are the yields before this step, whose number is `step`. A column that the flow has just reached has the
-    mean of its neighbours', so that a front does not fall into the ground cell by cell.
+    mean of its neighbours', so that a front does not fall into the ground cell by cell. What comes along makes the
+    yield no larger than `weighed` [m], that under the column's weight: ground pressed by a deep flow would throw up
+    the thin front that it moves to.
     """
     if before[j, i, YIELD_STEP] != step:
         total = count = 0.0
@@ -148,7 +165,7 @@ def carried_yield(before, step, j, i, east, north):
             if before[jj, ii, YIELD_STEP] == step:
                 total += before[jj, ii, YIELD]
                 count += 1.0
-        return total / max(count, 1.0)
+        return min(total / max(count, 1.0), weighed)
     own = before[j, i, YIELD]
     behind = i - 1 if east > 0.0 else i + 1
     carried = own
@@ -157,7 +174,7 @@ def carried_yield(before, step, j, i, east, north):
     behind = j - 1 if north > 0.0 else j + 1
     if before[behind, i, YIELD_STEP] == step:
         carried += abs(north) * (before[behind, i, YIELD] - own)
-    return max(carried, 0.0)
+    return max(min(carried, max(own, weighed)), 0.0)
 
 
 @jit_inline
@@ -181,7 +198,7 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
 @jit_parallel
 def press_on_ground(
     nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
-    yields, step, report, dx, dt, signal_speed, contact, zones,
+    yields, step, report, dx, dt, density, signal_speed, gravity, contact, zones,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
@@ -228,7 +245,9 @@ def press_on_ground(
                 into = -(u * nx + v * ny + w * nz)
                 normal = max(into, 0.0) / give
                 if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
-                    yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx)
+                    thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
+                    weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
+                    yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx, weighed)
                     impedance = signal_speed * heaviest / (dx * nz)
                     normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
                     after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1

@@ -513,8 +513,8 @@ def advance(
             )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, free, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
-            lowest, ground, zone_values, yields, counts[STEP] + 1, node_report, dx, dt, settings.signal_speed,
-            effects.contact, effects.zones,
+            lowest, ground, zone_values, yields, counts[STEP] + 1, node_report, dx, dt, settings.density,
+            settings.signal_speed, gravity, effects.contact, effects.zones,
         )  # fmt: skip
         hold_nodes(
             nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,

@@ -82,7 +82,7 @@ def effect_costs(solver, start, say=lambda text: None, clock=perf_counter):
         say(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
         _seconds_per_step(solver, effects, start, clock)
     best = _quickest(solver, {FIRST: whole, **variants, AGAIN: whole}, start, clock)
-    solver.restore(start, known=True)
+    solver.restore(start)
     with_all = 0.5 * (best[FIRST] + best[AGAIN])
     shares = {name: 1.0 - best[name] / with_all for name in variants}
     noise = abs(best[FIRST] - best[AGAIN]) / with_all
@@ -103,7 +103,7 @@ def _quickest(solver, steps, start, clock):
 
 def _seconds_per_step(solver, effects, start, clock):
     """Wall time [s] of a step with `effects` from the Frame `start`."""
-    solver.restore(start, known=True)
+    solver.restore(start)
     whole, solver.effects = solver.effects, effects
     try:
         solver.advance(float("inf"), UNTIMED_STEPS, may_stop=False)

@@ -101,8 +101,10 @@ def yields_of(solver):
     return np.where(start[..., 1] == 1.0, start[..., 0], -1.0)
 
 
-def carried(yields, j, i, east, north):
-    """Yield of the ground under a node column, which moves with the flow, by a step of `east` and `north` [cells]."""
+def carried(yields, j, i, east, north, weighed):
+    """Yield of the ground under a node column, which moves with the flow, by a step of `east` and `north` [cells].
+
+    What comes along makes it at most `weighed` [m], that under the column's weight."""
     own = yields[j, i]
     beside = yields[j, i - 1], yields[j, i + 1], yields[j - 1, i], yields[j + 1, i]
     if own < 0.0:
@@ -110,12 +112,12 @@ def carried(yields, j, i, east, north):
         for value in beside:
             if value >= 0.0:
                 total, count = total + value, count + 1.0
-        return total / max(count, 1.0)
+        return min(total / max(count, 1.0), weighed)
     behind = beside[0] if east > 0.0 else beside[1]
     moved = own + (abs(east) * (behind - own) if behind >= 0.0 else 0.0)
     behind = beside[2] if north > 0.0 else beside[3]
     moved += abs(north) * (behind - own) if behind >= 0.0 else 0.0
-    return max(moved, 0.0)
+    return max(min(moved, max(own, weighed)), 0.0)
 
 
 def yielding(into, give, yielded, impedance, back, most, dt):
@@ -128,7 +130,7 @@ def yielding(into, give, yielded, impedance, back, most, dt):
     return 0.0, yielded * np.exp(-dt / back)
 
 
-def press(nodes, ground, yields, dx, dt, sound, mu):
+def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
     """Contact of all node columns with the ground, of velocities at `nodes`; `yields` [m], -1 where nothing was."""
     moved, before = nodes.copy(), yields.copy()
     yields[:] = -1.0
@@ -159,7 +161,9 @@ def press(nodes, ground, yields, dx, dt, sound, mu):
             into = -(v @ normal)
             pressed = max(into, 0.0) / give
             if mu > 0.0:
-                yielded, back = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx), LAYER * dx / sound
+                back, thickness = LAYER * dx / sound, nodes[:, j, i, 3].sum() / (density * dx * dx)
+                weighed = min(back * gravity * thickness / (steep * steep * sound), MOST_YIELD * dx)
+                yielded = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx, weighed)
                 impedance = sound * heaviest * steep / dx
                 pressed, yields[j, i] = yielding(into, give, yielded, impedance, back, MOST_YIELD * dx, dt)
             along = v + into * normal
@@ -261,7 +265,7 @@ def plain_step(
             node[2] -= dt * gravity
     if xi > 0.0:
         couple(nodes, ground, dx, dt, density, gravity, mu, xi, 0.0 if hasattr(material, "shear_modulus") else 1.0)
-    press(nodes, ground, yields, dx, dt, sound, mu)
+    press(nodes, ground, yields, dx, dt, density, gravity, sound, mu)
     hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)

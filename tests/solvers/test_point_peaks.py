@@ -235,7 +235,7 @@ def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
     for frame, later in pairwise(whole):
         assert (later.maxima["thickness"].sum() - frame.maxima["thickness"].sum()) >= -1e-6
     del whole[2].state["peaks"]
-    with pytest.raises(FormatError, match="of another scene"):
+    with pytest.raises(FormatError, match="peaks is missing"):
         heap().restore(whole[2])
 
 
