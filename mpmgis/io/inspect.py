@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+import h5py
 import netCDF4
 import numpy as np
 
@@ -17,12 +18,14 @@ from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..geo.georeference import name_of
 from ..scene import read_scene
 from .ensemble_folder import MAPS, read_ensemble_record
-from .foreign.readers import OWN, reader_of
+from .foreign.hdf5 import MAGIC
+from .foreign.readers import OWN, head_of, reader_of
 from .foreign.sidecar import FORMAT as SIDECAR_FORMAT
 from .foreign.sidecar import find_sidecar, read_sidecar
 from .foreign.terms import ForeignTerms
 from .frame_digest import check_result
 from .frame_list import foreign_files
+from .hdf5_input import opened_whole, require_room
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .inspect_start import start_facts
@@ -251,6 +254,7 @@ def _style_facts(path):
 def _mesh_facts(path):
     """A NetCDF file: its dimensions, variables and, for a mesh, its times."""
     try:
+        _require_own_values(path)
         with netCDF4.Dataset(path) as data:
             time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated, beside the clock of QGIS
             times = [float(time[0]), float(time[-1])] if time is not None and time.size else []
@@ -263,6 +267,15 @@ def _mesh_facts(path):
             }
     except (OSError, RuntimeError) as error:
         raise FormatError(f"{path} is no readable NetCDF file ({one_line(error)[:80]})") from error
+
+
+def _require_own_values(path):
+    """Refuse a NetCDF file in HDF5 whose values lie in other files, or whose times are in pieces beyond memory."""
+    if head_of(path).startswith(MAGIC):
+        with opened_whole(path) as file:
+            for name in ("t_s", "time"):
+                if isinstance(file.get(name), h5py.Dataset):
+                    require_room(f"{path}: {name}", 1, 8, file[name])
 
 
 def _map_facts(path):
