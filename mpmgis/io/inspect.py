@@ -6,7 +6,6 @@ here made them. A file is known by what is in it; its suffix only decides whom t
 
 import json
 import math
-import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -29,6 +28,7 @@ from .hdf5_input import opened_whole, require_room
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .inspect_start import start_facts
+from .qgis_layers import project_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read through to see whether they were changed
@@ -206,33 +206,6 @@ def _toml_facts(path):
     return {"kind": "scene", **scene.as_tables(), "files": there}
 
 
-def _project_facts(path):
-    """A QGIS project: its layers and its place."""
-    try:
-        if path.suffix.lower() == ".qgz":
-            with zipfile.ZipFile(path) as archive:
-                inner = next((name for name in archive.namelist() if name.endswith(".qgs")), None)
-                if inner is None:
-                    raise FormatError(f"{path} holds no .qgs, it is no QGIS project")
-                root = ElementTree.fromstring(archive.read(inner))
-        else:
-            root = ElementTree.parse(path).getroot()
-    except (zipfile.BadZipFile, ElementTree.ParseError, EOFError, NotImplementedError) as error:
-        raise FormatError(f"{path} is no readable QGIS project ({one_line(error)[:80]})") from error
-    if root.tag != "qgis":
-        raise FormatError(f"{path} is no QGIS project: its root is <{root.tag}>, wanted <qgis>")
-    layers = [
-        {"name": layer.findtext("layername", ""), "type": layer.get("type", ""), "source": layer.findtext("datasource")}
-        for layer in root.iter("maplayer")
-    ]
-    return {
-        "kind": "QGIS project",
-        "qgis": root.get("version", ""),
-        "crs": root.findtext("projectCrs/spatialrefsys/authid") or None,
-        "layers": layers,
-    }
-
-
 def _style_facts(path):
     """A QGIS style: of a raster or vector layer, how it draws, and its classes."""
     try:
@@ -298,8 +271,8 @@ _BY_SUFFIX = {
     ".vtp": particle_table_facts,
     ".json": _json_facts,
     ".toml": _toml_facts,
-    ".qgz": _project_facts,
-    ".qgs": _project_facts,
+    ".qgz": project_facts,
+    ".qgs": project_facts,
     ".qml": _style_facts,
     ".nc": _mesh_facts,
     **dict.fromkeys((".tif", ".tiff", ".asc", ".vrt", ".img"), raster_facts),

@@ -14,6 +14,7 @@ from ..geo.grid import Grid
 from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
 from .raster import open_raster, read_terrain
 from .vector import USUAL_COLUMNS
+from .zip_input import require_zip_fits
 
 LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger ones are described without being read as a DTM
 TAG_NAMESPACE = "mpmgis"
@@ -112,6 +113,7 @@ def vector_facts(path):
     ------
     FormatError
     """
+    require_zip_fits(path)
     with warnings.catch_warnings(), no_side_files():
         warnings.simplefilter("ignore")
         try:
