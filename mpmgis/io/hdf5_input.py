@@ -7,28 +7,16 @@ here opens it by this module.
 
 import math
 from contextlib import contextmanager
-from pathlib import Path
 
 import h5py
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
+from .plain_file import require_file
 
 MOST_OBJECTS = 100_000
 SMALL = 64 * 2**20  # [bytes] that are not held against the memory: asking each dataset takes longer than reading it
 _LINKS = {h5py.h5l.TYPE_EXTERNAL: "an external link"}  # what else is neither hard nor soft is of somebody's plugin
-
-
-def require_file(path):
-    """Refuse a pipe, a socket, a device or a folder, each of which opening would wait for or fail at.
-
-    Raises
-    ------
-    FormatError
-    """
-    path = Path(path)
-    if path.exists() and not path.is_file():
-        raise FormatError(f"{path} is no file but a {'folder' if path.is_dir() else 'device or pipe'}; name a file")
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from .foreign.sidecar import find_sidecar, read_sidecar
 from .foreign.terms import ForeignTerms
 from .frame_digest import check_result
 from .frame_list import foreign_files
+from .gdal_input import require_local
 from .hdf5_input import opened_whole, require_room
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
@@ -152,6 +153,8 @@ def _digest_facts(frames, record):
 
 
 def _export_facts(path, projects, rasters):
+    for raster in rasters:
+        require_local(raster, path)
     name = projects[0].stem if projects else rasters[0].stem.rsplit("_", 1)[0]
     steps = [raster for raster in rasters if raster.stem.rsplit("_", 1)[-1].isdigit()]
     facts = {"kind": "export", "name": name, "project": projects[0].name if projects else None, "steps": len(steps)}

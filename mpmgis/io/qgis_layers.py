@@ -4,7 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..errors import FormatError, one_line
-from .hdf5_input import require_file
+from .plain_file import require_file
 from .zip_input import opened_zip, require_unpacked
 
 LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
-from .hdf5_input import require_file
+from .plain_file import require_file
 
 MAGIC = b"PK\x03\x04"
 MOST_MEMBERS = 100_000

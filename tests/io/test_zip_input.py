@@ -113,7 +113,7 @@ def test_arrays_are_held_against_memory(tmp_path, little_memory):
     np.savez_compressed(tmp_path / "p.npz", position=np.zeros((20_000, 3)), velocity=np.zeros((20_000, 3)))
     assert (tmp_path / "p.npz").stat().st_size < 5000
     frame = open_file(tmp_path / "p.npz")
-    with pytest.raises(FormatError, match=r"p.npz: position.npy unpacked needs about 0\.0014 GB of memory"):
+    with pytest.raises(FormatError, match=r"p.npz: position.npy unpacked needs about 0\.00144 GB of memory"):
         frame.read(("position.x",))
 
 
