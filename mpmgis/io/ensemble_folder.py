@@ -12,9 +12,11 @@ from ..errors import FormatError, OutputError, one_line
 from ..scene.text import toml_value
 from .atomic import output_error, refuse_existing, whole_file
 from .csv_table import write_records
+from .gdal_input import require_undisguised
 from .geotiff import BLOCK
 from .links import one_of, refuse_links, remove, within
 from .lock import LOCK_FILE, sole_writer
+from .plain_file import require_file
 from .run_folder import versions
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
@@ -173,6 +175,7 @@ def member_files(folder, digest):
 def read_member(folder, digest, frames=False):
     """The record of a member that came to an end for good; None where there is none, or its results are not there."""
     record_file, raster, kept = member_files(folder, digest)
+    require_file(record_file)
     try:
         record = json.loads(record_file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -229,6 +232,7 @@ class MemberStack:
         number = self.bands.index(band) + 1
         stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
         for values, path in zip(stack, self.paths, strict=True):
+            require_undisguised(path)
             with rasterio.open(path) as source:
                 source.read(number, window=((row, row_end), (column, column_end)), out=values)
                 values[values == np.float32(source.nodata)] = np.nan

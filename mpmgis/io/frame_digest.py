@@ -3,10 +3,10 @@
 import hashlib
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from ..errors import FormatError, one_line
+from .hdf5_input import opened_whole, require_numbers_that_fit
 
 CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
 DIGESTED = ("particles", "maxima")  # groups; the state of a restart is dropped later
@@ -55,7 +55,7 @@ def stored(path):
 
 def _stored(path, *names):
     try:
-        with h5py.File(path, "r") as file:
+        with opened_whole(path) as file:
             return tuple(str(file.attrs.get(name, "")) for name in names)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
         raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
@@ -64,9 +64,10 @@ def _stored(path, *names):
 def content_of(path):
     """Digest of what the frame at `path` holds now."""
     try:
-        with h5py.File(path, "r") as file:
+        with opened_whole(path) as file:
             digest = ContentDigest(file.attrs["time"], file.attrs["step"])
             for group in DIGESTED:
+                require_numbers_that_fit(path, file, group)
                 for name, values in file.get(group, {}).items():
                     digest.add(f"{group}/{name}", values[()])
             return digest.hexdigest()
@@ -114,8 +115,9 @@ def require_restartable(path, before):
 def state_of(path):
     """The state of a restart in the frame at `path`, by name; {} where it has none."""
     try:
-        with h5py.File(path, "r") as file:
+        with opened_whole(path) as file:
             group = file.get("state", {})
+            require_numbers_that_fit(path, file, "state")
             return {name: values[()] for name, values in group.items()} | dict(getattr(group, "attrs", {}))
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error

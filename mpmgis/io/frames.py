@@ -16,6 +16,7 @@ from ..peaks import lattices_of
 from .atomic import whole_file
 from .frame_digest import CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .hdf5_file import written
+from .hdf5_input import opened_whole, require_numbers_that_fit, require_room
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
@@ -119,7 +120,7 @@ def _write_group(file, name, values, count):
 
 def drop_state(path):
     """Rewrite the frame at `path` without what only a restart needs; whole at any moment."""
-    with h5py.File(path, "r") as source:
+    with opened_whole(path) as source:
         if "state" not in source:
             return
         with whole_file(path) as part, written(part) as target:
@@ -159,7 +160,7 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
     if path.is_dir():
         raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
     try:
-        with h5py.File(path, "r") as file:
+        with opened_whole(path) as file:
             return _read(path, file, with_state, with_particles, density, memory, names)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
@@ -175,7 +176,7 @@ def read_maxima(path):
         Unreadable, an array missing or of another shape, values below 0 or not finite, another kind of transform.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with opened_whole(path) as file:
             kept = _read_group(path, file, "maxima")
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path}: its maxima are not readable ({one_line(error)[:120]}); it is damaged") from error
@@ -229,6 +230,8 @@ def _read(path, file, with_state, with_particles, density, memory, names):
         raise FormatError(f"{path}: no group 'particles'")
     header = _attributes(path, file["particles"])
     if with_particles:
+        if not file.is_small:
+            _require_room(path, file["particles"], memory or {}, names)
         particles = _read_particles(
             path, file["particles"], dimension, header, density, {} if memory is None else memory, names
         )
@@ -323,6 +326,20 @@ def _read_particles(path, group, dimension, header, density, memory, names):
     if dimension == 2:
         _complete_columns(path, arrays)
     return Particles(**arrays)
+
+
+def _require_room(path, group, memory, names):
+    """Refuse arrays to be read, as float64 and one at a time as they are stored, that this machine cannot hold."""
+    read = {name: group[name] for name in PARTICLE if name in group and (names is None or name in names)}
+    new = {
+        name: some
+        for name, some in read.items()
+        if isinstance(some, h5py.Dataset) and some.size and np.shape(memory.get(name)) != some.shape
+    }
+    if new:
+        rows = max(some.shape[0] if some.shape else 1 for some in new.values())
+        size = sum(8 * some.size for some in new.values())
+        require_room(f"{path}: particles", rows, size / max(rows, 1), *new.values())
 
 
 def _require_shape(path, name, dataset, count):
@@ -427,5 +444,6 @@ def _require_above_zero(path, name, values):
 def _read_group(path, file, name):
     if name not in file:
         return {}
+    require_numbers_that_fit(path, file, name)
     group = file[name]
     return {**{key: value[()] for key, value in group.items()}, **_attributes(path, group)}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import FormatError
 from ..geo.inflow import COLUMNS, Hydrograph
+from .plain_file import require_file
 
 _SIGNED = ("time", "velocity_east", "velocity_north")
 # more than that is a slip of the pen, in the units of COLUMNS
@@ -50,6 +51,7 @@ def read_hydrograph(path):
 
 def _text(path):
     """The file's text: UTF-8 with or without a byte order mark, or UTF-16 with one."""
+    require_file(path)
     try:
         if path.stat().st_size > _LARGEST:
             raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, wanted a table of times below 10 MB")

@@ -6,10 +6,10 @@ here made them. A file is known by what is in it; its suffix only decides whom t
 
 import json
 import math
-import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+import h5py
 import netCDF4
 import numpy as np
 
@@ -17,15 +17,19 @@ from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..geo.georeference import name_of
 from ..scene import read_scene
 from .ensemble_folder import MAPS, read_ensemble_record
-from .foreign.readers import OWN, reader_of
+from .foreign.hdf5 import MAGIC
+from .foreign.readers import OWN, head_of, reader_of
 from .foreign.sidecar import FORMAT as SIDECAR_FORMAT
 from .foreign.sidecar import find_sidecar, read_sidecar
 from .foreign.terms import ForeignTerms
 from .frame_digest import check_result
 from .frame_list import foreign_files
+from .gdal_input import require_local
+from .hdf5_input import opened_whole, require_room
 from .inspect_maps import raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 from .inspect_start import start_facts
+from .qgis_layers import project_facts
 from .run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read through to see whether they were changed
@@ -149,6 +153,8 @@ def _digest_facts(frames, record):
 
 
 def _export_facts(path, projects, rasters):
+    for raster in rasters:
+        require_local(raster, path)
     name = projects[0].stem if projects else rasters[0].stem.rsplit("_", 1)[0]
     steps = [raster for raster in rasters if raster.stem.rsplit("_", 1)[-1].isdigit()]
     facts = {"kind": "export", "name": name, "project": projects[0].name if projects else None, "steps": len(steps)}
@@ -203,33 +209,6 @@ def _toml_facts(path):
     return {"kind": "scene", **scene.as_tables(), "files": there}
 
 
-def _project_facts(path):
-    """A QGIS project: its layers and its place."""
-    try:
-        if path.suffix.lower() == ".qgz":
-            with zipfile.ZipFile(path) as archive:
-                inner = next((name for name in archive.namelist() if name.endswith(".qgs")), None)
-                if inner is None:
-                    raise FormatError(f"{path} holds no .qgs, it is no QGIS project")
-                root = ElementTree.fromstring(archive.read(inner))
-        else:
-            root = ElementTree.parse(path).getroot()
-    except (zipfile.BadZipFile, ElementTree.ParseError, EOFError, NotImplementedError) as error:
-        raise FormatError(f"{path} is no readable QGIS project ({one_line(error)[:80]})") from error
-    if root.tag != "qgis":
-        raise FormatError(f"{path} is no QGIS project: its root is <{root.tag}>, wanted <qgis>")
-    layers = [
-        {"name": layer.findtext("layername", ""), "type": layer.get("type", ""), "source": layer.findtext("datasource")}
-        for layer in root.iter("maplayer")
-    ]
-    return {
-        "kind": "QGIS project",
-        "qgis": root.get("version", ""),
-        "crs": root.findtext("projectCrs/spatialrefsys/authid") or None,
-        "layers": layers,
-    }
-
-
 def _style_facts(path):
     """A QGIS style: of a raster or vector layer, how it draws, and its classes."""
     try:
@@ -251,6 +230,7 @@ def _style_facts(path):
 def _mesh_facts(path):
     """A NetCDF file: its dimensions, variables and, for a mesh, its times."""
     try:
+        _require_own_values(path)
         with netCDF4.Dataset(path) as data:
             time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated, beside the clock of QGIS
             times = [float(time[0]), float(time[-1])] if time is not None and time.size else []
@@ -263,6 +243,15 @@ def _mesh_facts(path):
             }
     except (OSError, RuntimeError) as error:
         raise FormatError(f"{path} is no readable NetCDF file ({one_line(error)[:80]})") from error
+
+
+def _require_own_values(path):
+    """Refuse a NetCDF file in HDF5 whose values lie in other files, or whose times are in pieces beyond memory."""
+    if head_of(path).startswith(MAGIC):
+        with opened_whole(path) as file:
+            for name in ("t_s", "time"):
+                if isinstance(file.get(name), h5py.Dataset):
+                    require_room(f"{path}: {name}", 1, 8, file[name])
 
 
 def _map_facts(path):
@@ -285,8 +274,8 @@ _BY_SUFFIX = {
     ".vtp": particle_table_facts,
     ".json": _json_facts,
     ".toml": _toml_facts,
-    ".qgz": _project_facts,
-    ".qgs": _project_facts,
+    ".qgz": project_facts,
+    ".qgs": project_facts,
     ".qml": _style_facts,
     ".nc": _mesh_facts,
     **dict.fromkeys((".tif", ".tiff", ".asc", ".vrt", ".img"), raster_facts),

@@ -11,9 +11,11 @@ from affine import Affine
 from ..errors import FormatError, MpmgisError, one_line
 from ..geo.georeference import horizontal, name_of
 from ..geo.grid import Grid
+from .gdal_input import require_undisguised
 from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
 from .raster import open_raster, read_terrain
 from .vector import USUAL_COLUMNS
+from .zip_input import require_zip_fits
 
 LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger ones are described without being read as a DTM
 TAG_NAMESPACE = "mpmgis"
@@ -112,6 +114,8 @@ def vector_facts(path):
     ------
     FormatError
     """
+    require_undisguised(path)
+    require_zip_fits(path)
     with warnings.catch_warnings(), no_side_files():
         warnings.simplefilter("ignore")
         try:

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
-import h5py
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
@@ -20,6 +19,7 @@ from .foreign.meaning import foreign_particles, named_columns, series_place, tim
 from .frame_digest import check_content
 from .frame_list import foreign_frames
 from .frames import read_frame, read_maxima
+from .hdf5_input import opened_whole
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
@@ -46,7 +46,7 @@ def frame_facts(path):
     facts |= {"dem": frame.dem, "digest": frame.digest, "arrays": list(particles.arrays())}
     kept = read_maxima(path)
     facts |= {fact: largest_peaks(kept)[name] for name, fact in PEAKS.items() if kept}
-    with h5py.File(path, "r") as file:
+    with opened_whole(path) as file:
         facts["version"] = str(file.attrs.get("version", ""))
         facts["groups"] = sorted(set(file) - {"particles"})
     contents = check_content(path)

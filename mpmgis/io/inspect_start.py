@@ -54,6 +54,8 @@ def start_facts(folder):
 
 
 def _first_line(path):
+    if not path.is_file():
+        return ""
     try:
         with open(path, encoding="utf-8", errors="replace") as file:
             return file.readline(1000)

@@ -30,6 +30,7 @@ from ..geo.georeference import (
 )
 from ..geo.grid import Grid
 from ..geo.terrain import Terrain
+from .gdal_input import require_undisguised
 from .nodata_fill import INTERPOLATE, filled
 
 METRES = {"", "m", "metre", "metres", "meter", "meters"}
@@ -185,6 +186,7 @@ def open_raster(path):
             raise FormatError(f"{path}: no such file")
         if path.is_file() and path.stat().st_size == 0:
             raise FormatError(f"{path} is empty (0 bytes), wanted a raster")
+        require_undisguised(path)
         _require_directory(path)
     with warnings.catch_warnings(), _messages_of_any_bytes():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)

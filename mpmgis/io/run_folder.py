@@ -303,6 +303,8 @@ def _is_of_a_run(file):
     """Whether a run wrote the record `file`; one that cannot be read is taken as damaged."""
     if status(file) is None:
         return False
+    if not file.is_file():
+        return True
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

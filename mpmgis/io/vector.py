@@ -29,7 +29,9 @@ from ..geo.release import (
 )
 from ..geo.terrain import bilinear
 from ..seeding.bed import bed_under
+from .gdal_input import require_undisguised
 from .raster import WithoutCRS, file_sha256, open_raster, read_raster
+from .zip_input import require_zip_fits
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
@@ -159,6 +161,9 @@ def read_table(path, kind="Polygon", flag="--release "):
         raise FormatError(f"{source}: no such file")
     if source.is_file() and source.stat().st_size == 0:
         raise FormatError(f"{source} is empty (0 bytes), wanted {KINDS[kind]}")
+    require_undisguised(source)
+    if source.is_file():
+        require_zip_fits(source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -425,6 +430,7 @@ def is_raster(path):
     path = Path(text)
     if path.suffix.lower() in _RASTER_SUFFIXES:
         return True
+    require_undisguised(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

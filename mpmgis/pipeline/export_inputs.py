@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..io.atomic import refuse_existing
+from ..io.gdal_input import require_local
 from ..io.raster import open_raster, read_terrain
 from ..products.solver_maxima import SolverPeaks
 
@@ -59,6 +60,7 @@ def run_terrain(request, entries, output, say):
         path = first.parent / header.dem
         if not path.exists():
             raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
+        require_local(path, first)
         if crs is None and not _carries_crs(path):
             crs = _word_of(header.crs)
     terrain = read_terrain(path, crs, request.dem_band, say)

@@ -14,6 +14,7 @@ from ..fields import GRAVITY
 from ..geo.nodata import nodata_in_reach
 from ..geo.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..geo.release import tell_of_cliffs
+from ..io.gdal_input import require_local
 from ..io.raster import READ_WHOLE, TerrainFile
 from ..io.vector import with_crs_beside
 from ..kernels.own_laws import require_compiled, use_own_laws
@@ -337,7 +338,12 @@ def _with_courant_number(scene, cell_size=None):
 def scene_to_prepare(given, laws=None):
     """The scene at a path, or of tables; its own law of friction, if it has one, is tried and fit for the compiler."""
     own = NO_OWN_LAWS if laws is None else load_laws(laws)
-    scene = scene_from_tables(given, own_laws=own) if isinstance(given, Mapping) else read_scene(given, own)
+    if isinstance(given, Mapping):
+        scene = scene_from_tables(given, own_laws=own)
+    else:
+        scene = read_scene(given, own)
+        for name in scene.files():
+            require_local(scene.path(name.partition("|")[0]), given)
     if laws is not None:
         use_own_laws(own)
         law = own.laws[scene.friction.law][0](**trial_parameters(scene))

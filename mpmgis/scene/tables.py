@@ -539,6 +539,8 @@ def read_scene(path, own_laws=NO_OWN_LAWS):
 def read_toml(path):
     """The dictionary in a TOML file as any editor saves it; raises SceneError in one line."""
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise SceneError(f"{path} is a pipe or a device, wanted a file; write the scene into one")
     try:
         text = _decoded(path.read_bytes())
     except FileNotFoundError as error:

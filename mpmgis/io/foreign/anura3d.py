@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FormatError
+from ..plain_file import require_file
 from .arrays import column_names
 from .file import ForeignReader, beside
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
@@ -104,6 +105,7 @@ def _time_of(folder, match):
 
 def _read_cps(path):
     """Numbers under the keys of a CPS file that tell the time; {} where it is not there."""
+    require_file(path)
     try:
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     except OSError:

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from ...errors import FormatError, one_line
+from ..hdf5_input import elsewhere, opened, require_room
 from .file import (
     ForeignFrame,
     ForeignReader,
@@ -53,12 +54,12 @@ def _table(path):
     """The dataset `table` of the file at `path`, open, its values in the file itself."""
     require_readable(path)
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             link = file.get("table", getlink=True)
             table = file["table"] if isinstance(link, h5py.HardLink) else None
             if not isinstance(table, h5py.Dataset) or table.ndim != 1 or table.dtype.names is None:
                 raise FormatError(f"{path} has no table of records; it is no particle file of CB-Geo MPM")
-            if table.external or table.is_virtual:
+            if elsewhere(table.id):
                 raise FormatError(f"{path}: its table lies in other files; wanted one that holds its own")
             yield table
     except FormatError:
@@ -141,10 +142,11 @@ def _density(settings):
 
 
 def _read(path, count, names):
-    found = {name: np.empty(count) for name in names}
     with _table(path) as table:
         if len(table) != count or not set(names) <= set(table.dtype.names):
             raise FormatError(f"{path} has changed since it was opened; try again when its code has written it")
+        require_room(f"{path}: table", count, 8 * len(names), table)
+        found = {name: np.empty(count) for name in names}
         for start in range(0, count, ROWS_AT_ONCE):
             rows = table[start : start + ROWS_AT_ONCE]
             for name in names:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from ...machine import memory_lack
+from ..plain_file import require_file
 from .terms import ForeignTerms
 
 MOST_DIGITS = 15  # of a number in a file's name that is taken as one
@@ -190,6 +191,7 @@ def read_settings(path):
     FormatError
         There, and no JSON object.
     """
+    require_file(path)
     try:
         settings = json.loads(Path(path).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):

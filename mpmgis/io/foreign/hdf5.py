@@ -8,7 +8,6 @@ Files come from strangers. Only what the file itself holds is read: no soft or e
 virtual datasets. Declared shapes and chunks are held against the memory that is free before anything is read.
 """
 
-import math
 import re
 from contextlib import contextmanager
 from functools import partial
@@ -19,7 +18,7 @@ import h5py
 import numpy as np
 
 from ...errors import FormatError, InputError, one_line
-from ...machine import memory_lack
+from ..hdf5_input import MOST_OBJECTS, elsewhere, opened, require_room
 from .arrays import candidates_named, columns_of, picked
 from .file import ForeignFrame, ForeignReader, number_of, require_readable
 from .sidecar import terms_in
@@ -28,7 +27,6 @@ from .terms import POSSIBLE, VECTORS
 MAGIC = b"\x89HDF\r\n\x1a\n"
 OFFSETS = (0, 512, 1024, 2048)  # where HDF5 begins: behind a user block, such as MATLAB's
 OWN_FORMATS = "mpmgis-"
-MOST_OBJECTS = 100_000
 MOST_COMPONENTS = 100
 MOST_NAMED = 12
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
@@ -89,7 +87,7 @@ def recognises(path, head):
 def _opened(path):
     require_readable(path)
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             yield file
     except FormatError:
         raise
@@ -122,11 +120,11 @@ def _content(path, terms):
     with _opened(path) as file:
         if _text(file.attrs.get("format")).startswith(OWN_FORMATS):
             raise FormatError(f"{path} is a file of mpmgis; leave --reader hdf5 out")
-        groups, elsewhere = _groups(path, file)
+        groups, apart = _groups(path, file)
         density = _number(file.attrs.get("density", ""))
         low, high, _ = POSSIBLE["density"]
         density = density if density is not None and low <= density <= high else None
-        return Content(groups, elsewhere, density, _said(path, file.attrs, terms))
+        return Content(groups, apart, density, _said(path, file.attrs, terms))
 
 
 def _said(path, attrs, terms):
@@ -148,20 +146,20 @@ def _said(path, attrs, terms):
 
 def _groups(path, file):
     """(name -> Group of the root and of every group in it, names of what lies in other files)."""
-    groups, elsewhere, left = {}, [], [MOST_OBJECTS]
+    groups, apart, left = {}, [], [MOST_OBJECTS]
     inner = []
     of_file = _time(file.attrs)
-    groups[""] = _group(path, "", file, elsewhere, inner, left)
+    groups[""] = _group(path, "", file, apart, inner, left)
     for name in inner:
-        groups[name] = _group(path, name, file[name], elsewhere, [], left)
+        groups[name] = _group(path, name, file[name], apart, [], left)
     if of_file is None and groups[""].time is None and "Header" in inner:  # as Gadget and its kin have it
         of_file = _time(file["Header"].attrs)
     if groups[""].time is None:
         groups[""] = groups[""]._replace(time=of_file)
-    return groups, tuple(elsewhere)
+    return groups, tuple(apart)
 
 
-def _group(path, name, group, elsewhere, inner, left):
+def _group(path, name, group, apart, inner, left):
     """Group of what lies in an HDF5 group; names of groups in it are added to `inner`."""
     arrays, time = {}, _time(group.attrs)
     for key in group:
@@ -170,17 +168,17 @@ def _group(path, name, group, elsewhere, inner, left):
             raise FormatError(f"{path} holds more than {MOST_OBJECTS} objects; it is no file of particles")
         full = f"{name}/{key}" if name else key
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            elsewhere.append(full)
+            apart.append(full)
             continue
         kind = group.get(key, getclass=True)
         if kind is h5py.Group:
             inner.append(full)
         elif kind is h5py.Dataset:
             dataset = group[key]
-            if dataset.external or dataset.is_virtual:
-                elsewhere.append(full)
+            if elsewhere(dataset.id):
+                apart.append(full)
             elif dataset.size == 1 and key.lower() == "time":
-                _require_room(f"{path}: {full}", dataset, 1, 8)
+                require_room(f"{path}: {full}", 1, 8, dataset)
                 time = _number(dataset[()])
             else:
                 arrays |= _sources(key, full, dataset)
@@ -370,20 +368,13 @@ def _array(path, file, source):
     """float64[rows, components] of a Source."""
     dataset = file[source.dataset]
     where = f"{path}: {source.dataset}"
-    if not isinstance(dataset, h5py.Dataset) or dataset.external or dataset.is_virtual:
+    if not isinstance(dataset, h5py.Dataset) or elsewhere(dataset.id):
         raise FormatError(f"{where} has changed since it was opened; try again when its code has written it")
     if dataset.shape[:1] != (source.rows,):
         raise FormatError(f"{where} has shape {dataset.shape}, wanted {source.rows} rows; the file has changed")
-    _require_room(where, dataset, source.rows, 8 * source.components + dataset.dtype.itemsize)
+    require_room(where, source.rows, 8 * source.components + dataset.dtype.itemsize, dataset)
     values = dataset.fields(source.field)[()] if source.field else dataset[()]
     return np.asarray(values, np.float64).reshape(source.rows, source.components)
-
-
-def _require_room(where, dataset, rows, bytes_each):
-    """Refuse rows, or a chunk that is read as a whole, that this machine cannot hold."""
-    chunk = math.prod(dataset.chunks) if dataset.chunks else 0
-    if lack := memory_lack(max(rows * bytes_each, chunk * dataset.dtype.itemsize)):
-        raise FormatError(f"{where} of {rows:.6g} rows needs {lack}; it is damaged, or for a larger machine")
 
 
 READER = ForeignReader("hdf5", recognises, frames, fits)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FormatError
+from ..plain_file import require_file
 from .file import ForeignFrame, ForeignReader, frame_of_each, number_of
 from .ply import fits, read_ply_columns, read_ply_header
 
@@ -61,6 +62,7 @@ def _read_info(path, count):
     """What `info.txt` says that the particles do not; empty where there is none."""
     if not path.exists():
         return {}
+    require_file(path)
     try:
         values = dict(zip(_INFO, map(float, path.read_text(encoding="utf-8").split()), strict=True))
     except (ValueError, OSError) as error:

@@ -1,21 +1,19 @@
 """NumPy's .npz: its arrays one by one, never unpickled; and the reader of those that no one code wrote."""
 
-import zipfile
-import zlib
-from contextlib import contextmanager
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import FormatError, one_line
+from ..zip_input import MAGIC, opened_zip, require_unpacked_fits
 from .arrays import columns_of, picked, plainly_named
 from .file import ForeignFrame, ForeignReader, frame_of_each, number_of, require_readable
 
-MAGIC = b"PK\x03\x04"
 MOST_COMPONENTS = 100
-LONGEST_HEADER = 10_000  # bytes, as NumPy's own limit
+LONGEST_HEADER = 10_000  # bytes, as NumPy's own limit; a header may say that it has 4 GB
 
 
 class Member(NamedTuple):
@@ -37,7 +35,8 @@ def read_members(path):
         No archive of arrays, damaged.
     """
     found = {}
-    with _archive(path) as archive:
+    require_readable(path)
+    with opened_zip(path, ".npz") as archive:
         for info in archive.infolist():
             if info.filename.endswith(".npy") and not info.flag_bits & 1:
                 member = _member(path, archive, info)
@@ -48,19 +47,10 @@ def read_members(path):
     return found
 
 
-@contextmanager
-def _archive(path):
-    require_readable(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except (zipfile.BadZipFile, EOFError, zlib.error, OSError, NotImplementedError, KeyError, ValueError) as error:
-        raise FormatError(f"{path} is no readable .npz ({one_line(error)[:100]}); it is damaged") from error
-
-
 def _member(path, archive, info):
     """The Member that an entry holds; None where that is not made of numbers."""
-    with archive.open(info) as stream:
+    with archive.open(info) as file:
+        stream = BytesIO(file.read(LONGEST_HEADER + 12))
         try:
             version = np.lib.format.read_magic(stream)
             read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
@@ -91,7 +81,9 @@ def read_array(path, member):
         Damaged: truncated, or another checksum.
     """
     size = _size(member.shape)
-    with _archive(path) as archive, archive.open(member.name) as stream:
+    bytes_each = 2 * np.dtype(member.dtype).itemsize + 8  # packed, in order, as float64
+    require_unpacked_fits(f"{path}: {member.name}", size * bytes_each)
+    with opened_zip(path, ".npz") as archive, archive.open(member.name) as stream:
         stream.read(member.start)
         raw = stream.read(size * np.dtype(member.dtype).itemsize)
         stream.read(1)  # reaching the end is what makes zipfile compare the checksum

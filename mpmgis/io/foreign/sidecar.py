@@ -13,6 +13,7 @@ from pathlib import Path
 from ...errors import FormatError, InputError, one_line
 from ...geo.georeference import LOCAL, crs_of_text
 from ..atomic import whole_file
+from ..plain_file import require_file
 from .terms import ForeignTerms
 
 FORMAT, FORMAT_VERSION = "mpmgis-georeference", 1
@@ -85,6 +86,7 @@ def terms_in(path, content):
 
 
 def _content(path):
+    require_file(path)
     try:
         if path.stat().st_size > LARGEST:
             raise FormatError(f"{path} has more than {LARGEST // 1_000_000} MB; it is no sidecar")

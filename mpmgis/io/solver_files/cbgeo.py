@@ -6,11 +6,11 @@ says that it cannot resume, and starts from the text files, at rest.
 
 import math
 
-import h5py
 import numpy as np
 
 from ...conversion.solver_grid import solver_grid
 from ..hdf5_file import written
+from ..hdf5_input import opened_whole
 from .rows import read_rows, write_rows
 from .start_files import SolverFiles, write_json
 
@@ -153,7 +153,7 @@ def read_back(folder, number):
     """
     _, _, text = (folder / PARTICLES).read_bytes().partition(b"\n")
     place = read_rows(text, 3)
-    with h5py.File(next((folder / "results" / UUID).glob("particles*.h5"))) as file:
+    with opened_whole(next((folder / "results" / UUID).glob("particles*.h5"))) as file:
         rows = file["table"][:]
     state = np.column_stack([rows[f"coord_{letter}"] for letter in "xyz"])
     return np.where(state == place, place, np.nan), read_rows((folder / VOLUMES).read_bytes(), 2)[:, 1]

@@ -1,0 +1,119 @@
+"""Files of anybody for GDAL: what a name or a few lines of XML may make it read, from disk and from the network.
+
+A file that the user names may be what it likes, as long as its suffix says so. One that a scene, a frame or a folder
+names may come from somebody else: no part of it lies in the network.
+"""
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ..errors import FormatError, one_line
+from .plain_file import require_file_or_folder
+
+HEAD = 2048  # bytes in which GDAL looks for what a file is
+LARGEST_VRT = 20_000_000  # [bytes]; one of 10 000 tiles has 5 MB
+_VRT_SUFFIXES = (".vrt", ".ovf")
+_XML_SUFFIXES = (*_VRT_SUFFIXES, ".xml", ".wms", ".wmts", ".wcs", ".gti")
+_VIRTUAL = (b"<VRTDataset", b"<OGRVRTDataSource")
+_SERVICES = (b"<GDAL_WMS", b"<GDAL_WMTS", b"<WMS_Tile_Service", b"<WCS_GDAL", b"<GDALTileIndexDataset")
+_SIDECARS = (".ovr", ".msk")  # opened beside a raster as any dataset is
+_REMOTE = "curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs|kerchunk|std"  # virtual file systems of GDAL
+_LOCAL_DRIVERS = "NETCDF|HDF4_[A-Z]+|HDF5|GTIFF_DIR|GPKG|ZARR|GRIB|BAG|NITF_IM|S10[0-9]|vrt"
+_NETWORK = re.compile(rf"/vsi(?:{_REMOTE})\w*[/?]|^(?:https?|ftps?):/", re.IGNORECASE)
+_DRIVER = re.compile(rf"(?!(?:{_LOCAL_DRIVERS}):)[A-Za-z][A-Za-z0-9_]+:(?!$)")
+_SOURCES = re.compile(r"Source(?:Filename|Dataset|Array|DataSource)?|SrcDataSource|SrcDSN?|.*[Ff]ile[Nn]ame|.*Dataset$")
+
+
+def require_undisguised(path):
+    """Refuse pipes and devices, and what makes GDAL read other files or the network behind another suffix than its own.
+
+    Raises
+    ------
+    FormatError
+    """
+    path = Path(path)
+    require_file_or_folder(path)
+    for place in (path, *(path.with_name(path.name + suffix) for suffix in _SIDECARS)):
+        head, suffix = _head(place), place.suffix.lower()
+        virtual = any(word in head for word in _VIRTUAL) and suffix not in _VRT_SUFFIXES
+        if virtual or (any(word in head for word in _SERVICES) and suffix not in _XML_SUFFIXES):
+            raise FormatError(
+                f"{place} is a list of other files or a web service behind the suffix {suffix or 'of none'}; where you "
+                f"trust it, rename it to {'.vrt' if virtual else '.xml'}"
+            )
+
+
+def require_local(path, named_by):
+    """Refuse what leads to the network, in the name `path` or in the virtual rasters that it leads to.
+
+    Parameters
+    ----------
+    path : path
+    named_by : str
+        Who names it, for the message.
+
+    Raises
+    ------
+    FormatError
+        Also what `require_undisguised` refuses.
+    """
+    left, seen = [Path(path)], set()
+    while left:
+        place = left.pop()
+        if place in seen:
+            continue
+        seen.add(place)
+        _require_local_name(str(place), named_by)
+        require_undisguised(place)
+        head = _head(place)
+        if any(word in head for word in _SERVICES):
+            raise FormatError(f"{place}, which {named_by} leads to, is a web service; download the data")
+        if any(word in head for word in _VIRTUAL):
+            left += _sources(place, named_by)
+
+
+def _head(path):
+    """The first bytes of a file; none of what is no file or cannot be opened."""
+    try:
+        if not path.is_file():
+            return b""
+        with open(path, "rb") as file:
+            return file.read(HEAD)
+    except (OSError, ValueError):
+        return b""
+
+
+def _require_local_name(name, named_by):
+    if _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
+        raise FormatError(
+            f"{one_line(name)[:120]}, which {named_by} names, lies in the network or in a database; download it, or "
+            "give it as an option where the command has one"
+        )
+
+
+def _sources(path, named_by):
+    """Paths of the files that a virtual raster or vector file names; refuses one that names the network."""
+    if path.stat().st_size > LARGEST_VRT:
+        raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, wanted a list of files below 20 MB")
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise FormatError(f"{path} is no readable list of files ({one_line(error)[:80]}); make it anew") from error
+    found = []
+    for element in root.iter():
+        name = (element.text or "").strip()
+        if name and _SOURCES.fullmatch(element.tag):
+            _require_local_name(name, path)
+            found += [path.parent / name, Path(name)]
+        for value in (name, *element.attrib.values()):
+            if "/vsi" in value.lower():
+                _require_local_name(value, path)
+    return [some for some in found if _is_file(some)]
+
+
+def _is_file(path):
+    try:
+        return path.is_file() or path.is_fifo()
+    except (OSError, ValueError):  # longer than names are, or with a zero byte
+        return False
