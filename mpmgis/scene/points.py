@@ -14,11 +14,11 @@ FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D g
 JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from the expected one before it is reported
 SCALED_MACH = 0.1  # what a scaled stiffness is made for: densities within 1 %
 COHESION_THRESHOLD = 0.02  # of the load of the release
-# Columns as high as long on 8, 16 and 32 cells: 99 % of the mass within 0.79, 1.04, 1.37 lengths, measured 1.2; on
-# mu(I) 0.94, 1.16, 1.22 (tests/scenes/granular_column)
+# Columns as high as long on 8 and 16 cells: 99 % of the mass within 0.64 and 0.96 lengths, measured 1.2; on mu(I) 0.83
+# and 1.11 (tests/scenes/granular_column)
 COLLAPSE = (
-    "runout of a free collapse depends on the cell size, by 30 % for each halving from 8 to 32 cells over the height "
-    "(MuI with volume_correction = false: 6 % from 16 to 32)"
+    "runout of a free collapse depends on the cell size, by half from 8 to 16 cells over the height (MuI with "
+    "volume_correction = false: by a third)"
 )
 MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
 VISCOUS_REYNOLDS = 1e4  # above which viscosity is not felt

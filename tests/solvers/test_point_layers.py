@@ -104,6 +104,7 @@ def test_layers_of_solids_keep_their_own_strength():
     assert 0.0 <= balances["energy_lost_to_layers"] < 0.01 * balances["energy_lost"]
 
 
+@pytest.mark.slow
 def test_single_precision_gives_the_same_chute():
     double, single = (Chute(17.0, 20.0, 0.15, 0.3, long=6.0, wide=4, precision=p) for p in ("float64", "float32"))
     assert single.middle()[1].mean() == pytest.approx(double.middle()[1].mean(), rel=1e-3)  # measured 2.6e-4
