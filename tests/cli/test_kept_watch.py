@@ -205,7 +205,7 @@ def test_going_back_takes_events_back_too():
             self.name = name
 
         def __getattr__(self, asked):
-            return lambda *given: done.append((self.name, asked, given))
+            return lambda *given, **_: done.append((self.name, asked, given))
 
     solver, events = Told("solver"), Told("events")
     solver.step, solver.time = 7, 1.5
