@@ -31,8 +31,17 @@ def opened(path):
         What HDF5 says of a file that it cannot open.
     """
     require_file(path)
-    with h5py.File(path, "r") as file:
+    with _library_failures(), h5py.File(path, "r") as file:
         yield file
+
+
+@contextmanager
+def _library_failures():
+    """OSError where h5py itself fails on a damaged file: its lock then raises SystemError, not the first error."""
+    try:
+        yield
+    except SystemError as error:
+        raise OSError("h5py failed inside the HDF5 library") from error
 
 
 class WholeFile(h5py.File):
@@ -51,7 +60,7 @@ def opened_whole(path):
         Also an external link, a virtual dataset, one in external storage, or more objects than any of our files has.
     """
     require_file(path)
-    with WholeFile(path, "r") as file:
+    with _library_failures(), WholeFile(path, "r") as file:
         file.is_small = _declared(path, file) <= SMALL
         yield file
 
