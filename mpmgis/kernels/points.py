@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
+from .block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, reorder, split_evenly
 from .jit import jit
 from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 from .point_barriers import (
@@ -213,7 +213,7 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     CLOCK,
 ) = range(45)
 # int64 counts; then the window of blocks
-CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
+ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
 
 
@@ -408,7 +408,7 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
+    rows, ids, keys, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
     inside, zone_values, barriers, yields, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
@@ -419,7 +419,7 @@ def advance(
     `after` is the time that will be asked for next. Everything that changes lives in the arrays (clock, counts,
     rows...), so that a call goes on exactly where the last one ended. Answers why it came back.
     """
-    dx, gravity, real = settings.dx, settings.gravity, rows_pair.dtype
+    dx, gravity, real = settings.dx, settings.gravity, rows.dtype
     window = counts[WINDOW_FIRST:]
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
@@ -443,13 +443,13 @@ def advance(
     opens = effects.barrier.barrier_active() and has_openings(barriers)
     flow = np.zeros((rows_of_ground if opens else 1, columns_of_ground if opens else 1, COLUMN_FLOW))
     block_flow = np.zeros((node_room if opens else 1, BLOCK_FLOW))
+    strip, names = np.empty((counts[ROWS], STRIP), real), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        n, now = counts[ROWS], counts[CURRENT]
-        rows, ids, keys = rows_pair[now], ids_pair[now], keys_pair[now]
+        n = counts[ROWS]
         width = window[BLOCKS_EAST] - window[BLOCKS_WEST] + 2
         depth = window[BLOCKS_TALL] + 2
         size = width * (window[BLOCKS_NORTH] - window[BLOCKS_SOUTH] + 2) * depth
@@ -474,10 +474,8 @@ def advance(
         if watched.size > 0 and comes_near(touched, n_touched, watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
-            other = 1 - now
-            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
-            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
-            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
+            reorder(rows, ids, keys, order, alive, strip, names)
+            counts[ROWS], counts[SINCE_REORDER] = alive, 0
             for p in range(alive):
                 order[p] = p
         counts[SINCE_REORDER] += 1
