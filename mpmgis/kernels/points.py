@@ -50,6 +50,7 @@ from .point_layers import couple_layers
 from .point_nodes import (
     BARRIER_WORK,
     FASTEST2,
+    FRICTION_WORK,
     GROUND_WORK,
     GROUND_X,
     GROUND_Y,
@@ -210,8 +211,9 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     SPEED_P999,  # largest speed at a look that 0.1 % of the mass exceeds [m s-1], and when it was [s]
     SPEED_P999_TIME,
     LAYER_LOSS,  # energy that layers of a flow with drag lost to each other [J]
+    FRICTION_LOSS,  # of GROUND_LOSS what friction along the ground took [J]
     CLOCK,
-) = range(45)
+) = range(46)
 # int64 counts; then the window of blocks
 ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
@@ -359,6 +361,7 @@ def collect_nodes(node_report, clock):
         clock[IMPULSE_WALL_X] += mine[WALL_X]
         clock[IMPULSE_WALL_Y] += mine[WALL_Y]
         clock[GROUND_LOSS] += mine[GROUND_WORK]
+        clock[FRICTION_LOSS] += mine[FRICTION_WORK]
         clock[BARRIER_LOSS] += mine[BARRIER_WORK]
         clock[LAYER_LOSS] += mine[LAYER_WORK]
     clock[FASTEST] = sqrt(fastest2)

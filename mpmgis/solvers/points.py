@@ -706,6 +706,7 @@ class PointSolver(ParticleStore):
             "energy_lost": lost,
             **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
             "energy_lost_to_mixing": lost - sum(lost_to.values()),
+            "ground_friction_work": float(clock[kernel.FRICTION_LOSS]),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
             "speed_max_at": self._place_of(kernel.FASTEST_X),
