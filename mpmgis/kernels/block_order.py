@@ -4,6 +4,7 @@ from .jit import jit, jit_parallel, prange
 
 CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
 REORDER_STEPS = 20  # rows are put into block order in memory this often
+STRIP = 4  # numbers of each row that are moved at a time when rows are put in order
 GONE = -1  # key of a particle that has left
 
 
@@ -43,12 +44,24 @@ def split_evenly(start, active, bounds):
 
 
 @jit_parallel
-def reorder(rows, ids, order, alive, rows_out, ids_out, keys, keys_out):
-    """Put rows into block order in memory; particles that have left are dropped."""
-    for c in prange(CHUNKS):
-        for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
-            q = order[p]
-            ids_out[p] = ids[q]
-            keys_out[p] = keys[q]
-            for k in range(rows.shape[1]):
-                rows_out[p, k] = rows[q, k]
+def reorder(rows, ids, keys, order, alive, strip, names):
+    """Put rows [n, k], ids and keys [n] into block order in memory; particles that have left are dropped.
+
+    A few numbers of all rows at a time pass through `strip` [n, STRIP], so that rows need not be there twice; ids and
+    keys pass through `names` int64[n, 2].
+    """
+    for first in range(0, rows.shape[1], STRIP):
+        width = min(STRIP, rows.shape[1] - first)
+        for c in prange(CHUNKS):
+            for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
+                q = order[p]
+                for k in range(width):
+                    strip[p, k] = rows[q, first + k]
+                if first == 0:
+                    names[p, 0], names[p, 1] = ids[q], keys[q]
+        for c in prange(CHUNKS):
+            for p in range(c * alive // CHUNKS, (c + 1) * alive // CHUNKS):
+                for k in range(width):
+                    rows[p, first + k] = strip[p, k]
+                if first == 0:
+                    ids[p], keys[p] = names[p, 0], names[p, 1]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
+from .block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, reorder, split_evenly
 from .column_barriers import BARRIER_ENTRIES, BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import block_key, comes_near, initial_keys, rows_and_columns, sort_by_block, touched_blocks
 from .column_nodes import (
@@ -195,7 +195,7 @@ __all__ = [  # what the solver needs beside its own
     CLOCK,
 ) = range(54)
 # int64 counts
-CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(12)
+ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(11)
 
 
 class Settings(NamedTuple):
@@ -388,7 +388,7 @@ def stop_rule(clock, counts):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
+    rows, ids, keys, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
     left_cells, until, max_steps, settings, fields, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
@@ -410,13 +410,13 @@ def advance(
     start = np.zeros(17, np.int64)
     touched = np.zeros(64, np.int32)
     tiles = np.zeros((16, TILE * TILE * 4))
+    strip, names = np.empty((counts[ROWS], STRIP)), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        n, now = counts[ROWS], counts[CURRENT]
-        rows, ids, keys = rows_pair[now], ids_pair[now], keys_pair[now]
+        n = counts[ROWS]
         west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]
         width, height = east - west + 1, north - south + 1
         if width * height > slot.size:
@@ -431,10 +431,8 @@ def advance(
         if watched.size > 0 and comes_near(touched, n_touched, west, south, width, watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
-            other = 1 - now
-            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
-            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
-            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
+            reorder(rows, ids, keys, order, alive, strip, names)
+            counts[ROWS], counts[SINCE_REORDER] = alive, 0
             for p in range(alive):
                 order[p] = p
         counts[SINCE_REORDER] += 1

@@ -6,7 +6,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_ground import fold_at, plane_at
-from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
+from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
@@ -99,8 +99,12 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
 
 
 @jit_borrowing
-def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, mine):
-    """Give the impulse (jx, jy, jz) [N s] at the ground to the nodes around it, and book it and its work."""
+def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, nx, ny, nz, mine):
+    """Give the impulse (jx, jy, jz) [N s] at the ground, of unit normal (nx, ny, nz), to the nodes around it.
+
+    It is booked with its work, and with the work of its part along the ground.
+    """
+    into = jx * nx + jy * ny + jz * nz
     for offset in range(-1, 2):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
@@ -115,7 +119,9 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy
         mine[GROUND_X] += taken * jx
         mine[GROUND_Y] += taken * jy
         mine[GROUND_Z] += taken * jz
-        mine[GROUND_WORK] -= taken * (jx * u + jy * v + jz * w)
+        work = jx * u + jy * v + jz * w
+        mine[GROUND_WORK] -= taken * work
+        mine[FRICTION_WORK] -= taken * (work - into * (u * nx + v * ny + w * nz))
 
 
 @jit_inline
@@ -252,4 +258,4 @@ def press_on_ground(
                     normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
                     after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
                 jx, jy, jz = contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law)
-                _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, mine)
+                _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, nx, ny, nz, mine)

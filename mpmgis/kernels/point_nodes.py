@@ -12,10 +12,12 @@ from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
 from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
-# that the flow did against the ground and against barriers, and what its layers lost to each other [J]
+# that the flow did against the ground, of it against friction along the ground, and against barriers, and what its
+# layers lost to each other [J]
 (
-    FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, BARRIER_WORK, LAYER_WORK, NODE_REPORT,
-) = range(10)  # fmt: skip
+    FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, FRICTION_WORK, BARRIER_WORK, LAYER_WORK,
+    NODE_REPORT,
+) = range(11)  # fmt: skip
 BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
 REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
@@ -214,7 +216,10 @@ def hold_nodes(
                             mine[GROUND_X] += jx
                             mine[GROUND_Y] += jy
                             mine[GROUND_Z] += jz
-                            mine[GROUND_WORK] -= jx * u1 + jy * v1 + jz * w1
+                            into = (jx * ox + jy * oy + jz * oz) * (u1 * ox + v1 * oy + w1 * oz)
+                            work = jx * u1 + jy * v1 + jz * w1
+                            mine[GROUND_WORK] -= work
+                            mine[FRICTION_WORK] -= work - into
                             u, v, w = u1, v1, w1
                         if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
                             height_here = (k_first + k - GHOSTS) * dx

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .block_order import CHUNKS, GONE, REORDER_STEPS, reorder, split_evenly
+from .block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, reorder, split_evenly
 from .jit import jit
 from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 from .point_barriers import (
@@ -50,6 +50,7 @@ from .point_layers import couple_layers
 from .point_nodes import (
     BARRIER_WORK,
     FASTEST2,
+    FRICTION_WORK,
     GROUND_WORK,
     GROUND_X,
     GROUND_Y,
@@ -210,10 +211,11 @@ MOST_PLACES = 1 << 25  # of blocks in the window over all points; a gigabyte of 
     SPEED_P999,  # largest speed at a look that 0.1 % of the mass exceeds [m s-1], and when it was [s]
     SPEED_P999_TIME,
     LAYER_LOSS,  # energy that layers of a flow with drag lost to each other [J]
+    FRICTION_LOSS,  # of GROUND_LOSS what friction along the ground took [J]
     CLOCK,
-) = range(45)
+) = range(46)
 # int64 counts; then the window of blocks
-CURRENT, ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(7)
+ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
 COUNTS = WINDOW_FIRST + BLOCKS_WINDOW
 
 
@@ -359,6 +361,7 @@ def collect_nodes(node_report, clock):
         clock[IMPULSE_WALL_X] += mine[WALL_X]
         clock[IMPULSE_WALL_Y] += mine[WALL_Y]
         clock[GROUND_LOSS] += mine[GROUND_WORK]
+        clock[FRICTION_LOSS] += mine[FRICTION_WORK]
         clock[BARRIER_LOSS] += mine[BARRIER_WORK]
         clock[LAYER_LOSS] += mine[LAYER_WORK]
     clock[FASTEST] = sqrt(fastest2)
@@ -408,7 +411,7 @@ def has_openings(barriers):
 
 @jit
 def advance(
-    rows_pair, ids_pair, keys_pair, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
+    rows, ids, keys, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
     inside, zone_values, barriers, yields, until, after, max_steps, settings, effects, watched,
 ):  # fmt: skip
     """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of points.
@@ -419,7 +422,7 @@ def advance(
     `after` is the time that will be asked for next. Everything that changes lives in the arrays (clock, counts,
     rows...), so that a call goes on exactly where the last one ended. Answers why it came back.
     """
-    dx, gravity, real = settings.dx, settings.gravity, rows_pair.dtype
+    dx, gravity, real = settings.dx, settings.gravity, rows.dtype
     window = counts[WINDOW_FIRST:]
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
@@ -443,13 +446,13 @@ def advance(
     opens = effects.barrier.barrier_active() and has_openings(barriers)
     flow = np.zeros((rows_of_ground if opens else 1, columns_of_ground if opens else 1, COLUMN_FLOW))
     block_flow = np.zeros((node_room if opens else 1, BLOCK_FLOW))
+    strip, names = np.empty((counts[ROWS], STRIP), real), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
         if clock[TIME] >= until:
             return REACHED_TIME
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        n, now = counts[ROWS], counts[CURRENT]
-        rows, ids, keys = rows_pair[now], ids_pair[now], keys_pair[now]
+        n = counts[ROWS]
         width = window[BLOCKS_EAST] - window[BLOCKS_WEST] + 2
         depth = window[BLOCKS_TALL] + 2
         size = width * (window[BLOCKS_NORTH] - window[BLOCKS_SOUTH] + 2) * depth
@@ -474,10 +477,8 @@ def advance(
         if watched.size > 0 and comes_near(touched, n_touched, watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
-            other = 1 - now
-            reorder(rows[:n], ids, order, alive, rows_pair[other], ids_pair[other], keys, keys_pair[other])
-            counts[CURRENT], counts[ROWS], counts[SINCE_REORDER] = other, alive, 0
-            rows, ids, keys = rows_pair[other], ids_pair[other], keys_pair[other]
+            reorder(rows, ids, keys, order, alive, strip, names)
+            counts[ROWS], counts[SINCE_REORDER] = alive, 0
             for p in range(alive):
                 order[p] = p
         counts[SINCE_REORDER] += 1

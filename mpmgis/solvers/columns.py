@@ -112,9 +112,9 @@ class ColumnSolver(ParticleStore):
     def _load(self, frame, gradient):
         """The state of a run that starts with the columns of `frame`; there may be none yet."""
         grid, numerics = self.grid, self.numerics
-        self._rows = np.zeros((2, 0, kernel.ROW))
-        self._ids = np.zeros((2, 0), np.uint64)
-        self._keys = np.zeros((2, 0), np.int32)
+        self._rows = np.zeros((0, kernel.ROW))
+        self._ids = np.zeros(0, np.uint64)
+        self._keys = np.zeros(0, np.int32)
         self._order = np.zeros(0, np.int32)
         shape = grid.bed.shape
         self._nodes = np.zeros((*shape, 4))
@@ -133,7 +133,7 @@ class ColumnSolver(ParticleStore):
         self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
         self.bed_start = self._add(frame, ids)
         if gradient is not None:
-            self._rows[0, : len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
+            self._rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[kernel.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
         self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
@@ -191,8 +191,8 @@ class ColumnSolver(ParticleStore):
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
         bed = self._add(frame, np.arange(first, first + n))
-        now, count = self._counts[kernel.CURRENT], int(self._counts[kernel.ROWS])
-        kinetic, potential = self._energy_of(self._rows[now, count - n : count], bed)
+        count = int(self._counts[kernel.ROWS])
+        kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
         self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
 
     def _add(self, frame, ids):
@@ -200,18 +200,18 @@ class ColumnSolver(ParticleStore):
         particles, counts, clock = frame.particles, self._counts, self._clock
         x, y = self._from_corner(frame)
         bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
-        n, now, first = len(particles), int(counts[kernel.CURRENT]), int(counts[kernel.ROWS])
+        n, first = len(particles), int(counts[kernel.ROWS])
         if n == 0:
             return bed
         self._require_room(first + n)
         new = slice(first, first + n)
-        rows, keys = self._rows[now, new], self._keys[now, new]
+        rows, keys = self._rows[new], self._keys[new]
         rows[:] = 0.0
         rows[:, kernel.X], rows[:, kernel.Y] = x, y
         rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
         rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
         rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
-        self._ids[now, new] = ids
+        self._ids[new] = ids
         west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
         seen = counts[kernel.WEST : kernel.NORTH + 1]
         seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
@@ -255,9 +255,9 @@ class ColumnSolver(ParticleStore):
             self.fields.bed, rows[out, kernel.X].copy(), rows[out, kernel.Y].copy(), self.grid.cell_size
         )[0]
         lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
-        now, n, counts = self._counts[kernel.CURRENT], self._counts[kernel.ROWS], self._counts
-        gone = np.flatnonzero(self._keys[now, :n] != kernel.GONE)[out]
-        self._keys[now, gone] = kernel.GONE
+        n, counts = self._counts[kernel.ROWS], self._counts
+        gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
+        self._keys[gone] = kernel.GONE
         counts[kernel.ALIVE] -= len(gone)
         counts[kernel.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
         self._clock[kernel.TOTAL_MASS] -= lost[0]
@@ -289,15 +289,15 @@ class ColumnSolver(ParticleStore):
     def _settle(self, window, least):
         """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
         answers the potential energy that this adds [J]."""
-        now, n = self._counts[kernel.CURRENT], self._counts[kernel.ROWS]
+        n = self._counts[kernel.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
-            self._rows[now, :n], self._keys[now, :n], kernel.GONE, window.marked, window.row, window.column, walls,
+            self._rows[:n], self._keys[:n], kernel.GONE, window.marked, window.row, window.column, walls,
             self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
         )  # fmt: skip
         if thickest > self._clock[kernel.DEPTH_WORST]:
-            rows, keys = self._rows[now, :n], self._keys[now, :n]
+            rows, keys = self._rows[:n], self._keys[:n]
             thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
             k = int(np.argmax(thickness))
             self._clock[kernel.DEEPEST_X : kernel.DEEPEST_TIME + 1] = rows[k, kernel.X], rows[k, kernel.Y], self.time
@@ -430,7 +430,7 @@ class ColumnSolver(ParticleStore):
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
-        shapes |= {"rows": (len(ids), self._rows.shape[2]), "reached": np.packbits(self._wet, axis=1).shape}
+        shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
         if (peaks and not fits(self._peaks, state)) or any(
             state[name].shape != shape for name, shape in shapes.items()
         ):
@@ -439,15 +439,15 @@ class ColumnSolver(ParticleStore):
             require_column_state(frame, self, changing)
         self._require_room(len(rows))
         self._wet &= np.uint8(255 - kernel.REACHED)
-        self._rows[0, : len(rows)], self._ids[0, : len(rows)] = rows, ids
+        self._rows[: len(rows)], self._ids[: len(rows)] = rows, ids
         self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
         for name, array in changing.items():
             array[:] = state[name]
         self._restore_left(state)
         if self.numerics.maxima:
             restore_peaks(self._peaks, state)
-        self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, len(rows)
-        kernel.initial_keys(self._rows[0, : len(rows)], self._keys[0], self.grid.cell_size)
+        self._counts[kernel.ROWS] = len(rows)
+        kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
 
     def started(self):
         """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""

@@ -10,7 +10,7 @@ NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
 class ParticleStore:
-    """Rows, ids and keys of particles, twice, because a step reads the one and writes the other; clock and counts.
+    """Rows, ids and keys of particles; clock and counts.
 
     Attributes
     ----------
@@ -95,14 +95,14 @@ class ParticleStore:
 
     def _alive(self):
         """Rows, ids and keys of the particles that are on the terrain."""
-        now, n = self._counts[self.kernel.CURRENT], self._counts[self.kernel.ROWS]
-        keep = self._keys[now, :n] != self.kernel.GONE
-        return self._rows[now, :n][keep], self._ids[now, :n][keep], self._keys[now, :n][keep]
+        n = self._counts[self.kernel.ROWS]
+        keep = self._keys[:n] != self.kernel.GONE
+        return self._rows[:n][keep], self._ids[:n][keep], self._keys[:n][keep]
 
     def _counts_of_rows(self):
-        """Counts as a restart has them, whose rows lie together in the first half: the same however a run got there."""
+        """Counts as a restart has them, whose rows lie together: the same however a run got there."""
         counts = self._counts.copy()
-        counts[[self.kernel.CURRENT, self.kernel.ROWS]] = 0, counts[self.kernel.ALIVE]
+        counts[self.kernel.ROWS] = counts[self.kernel.ALIVE]
         return counts
 
     def _no_mass_left(self, grid):
@@ -134,15 +134,15 @@ class ParticleStore:
 
     def _require_room(self, count):
         """Make the arrays long enough for `count` rows, and some more."""
-        there = self._rows.shape[1]
+        there = len(self._rows)
         if count <= there:
             return
         more = max(count, int(1.5 * there)) - there
         self._rows, self._ids, self._keys = (
-            np.concatenate([array, np.zeros((2, more, *array.shape[2:]), array.dtype)], axis=1)
+            np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
             for array in (self._rows, self._ids, self._keys)
         )
-        self._order = np.zeros(self._rows.shape[1], np.int32)
+        self._order = np.zeros(len(self._rows), np.int32)
 
 
 def named_sums(names, rows, sums):

@@ -223,11 +223,11 @@ class PointSolver(ParticleStore):
                 f"E {x:.1f} N {y:.1f}; move them, use a larger DTM or set [terrain] fill_nodata = 'interpolate'"
             )
         n, row = len(particles), kernel.ROW_SHORT if material.state_count() <= 4 else kernel.ROW_LONG
-        self._rows = np.zeros((2, n, row), self._real)
-        self._ids = np.zeros((2, n), np.uint64)
-        self._keys = np.zeros((2, n), np.int64)
+        self._rows = np.zeros((n, row), self._real)
+        self._ids = np.zeros(n, np.uint64)
+        self._keys = np.zeros(n, np.int64)
         self._order = np.zeros(n, np.int32)
-        self._ids[0] = particles.id if particles.id is not None else np.arange(n)
+        self._ids[:] = particles.id if particles.id is not None else np.arange(n)
         self._clock, self._counts = np.zeros(kernel.CLOCK), np.zeros(kernel.COUNTS, np.int64)
         self._rest = np.array([0.0, -1.0])  # peak of the kinetic energy [J]; since when it is low [s], -1: it is not
         self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
@@ -245,15 +245,15 @@ class PointSolver(ParticleStore):
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         self._lay_on_ground(place, particles.mass)
         self._note_start(place, speed, particles.mass)
-        rows = self._rows[0]
-        kernel.set_places(rows, self._keys[0], place, 1.0 / numerics.cell_size, self._lowest)
+        rows = self._rows
+        kernel.set_places(rows, self._keys, place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, kernel.PX : kernel.PZ + 1] = particles.velocity * particles.mass[:, None]
         rows[:, kernel.MASS] = particles.mass
         self._stress = np.zeros((n, 6)) if stress is None else np.asarray(stress, float)
         for column, values in zip(kernel.STATE, material.state_at_stress(*self._stress.T), strict=True):
             if column < row:
                 rows[:, column] = values
-        kernel.window_of(self._keys[0], self._lowest, self._counts[kernel.WINDOW_FIRST :])
+        kernel.window_of(self._keys, self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self.energy_start = self.energy()
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
         self._momentum_start = rows[:, kernel.PX : kernel.PZ + 1].sum(axis=0, dtype=float)
@@ -368,7 +368,7 @@ class PointSolver(ParticleStore):
 
     def _give_impulses(self):
         """What stress and velocity gradient give to the nodes in the next step, whose length is chosen."""
-        clock, rows, dx = self._clock, self._rows[0], self.numerics.cell_size
+        clock, rows, dx = self._clock, self._rows, self.numerics.cell_size
         push = clock[kernel.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, kernel.MASS]
         xx, yy, zz, xy, xz, yz = self._stress.T
         turning = (
@@ -561,21 +561,21 @@ class PointSolver(ParticleStore):
         if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
-        if rows.dtype != self._real or rows.shape != (n, self._rows.shape[2]) or n > self._rows.shape[1]:
+        if rows.dtype != self._real or rows.shape != (n, self._rows.shape[1]) or n > len(self._rows):
             raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
         if any(state[name].shape != array.shape for name, array in self._changing().items()):
             raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
         if not known:
             require_point_state(frame, self, self._changing(), self._rows)
-        self._rows[0, :n], self._ids[0, :n], self._keys[0, :n] = rows, ids, state["keys"]
+        self._rows[:n], self._ids[:n], self._keys[:n] = rows, ids, state["keys"]
         for name, array in self._changing().items():
             array[:] = state[name]
         self._restore_left(state)
         self._restore_yields(state)
         if self.numerics.maxima:
             restore_peaks(self._peaks, state)
-        self._counts[kernel.CURRENT], self._counts[kernel.ROWS] = 0, n
-        kernel.window_of(self._keys[0, :n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
+        self._counts[kernel.ROWS] = n
+        kernel.window_of(self._keys[:n], self._lowest, self._counts[kernel.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
 
     def insert(self, frame, stress=None, affine=None):
@@ -598,7 +598,7 @@ class PointSolver(ParticleStore):
         else:  # nobody's step is chosen yet
             self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order
             self._stress, self._affine = new._stress, new._affine
-            self._counts[[kernel.CURRENT, kernel.ROWS]] = 0, len(frame.particles)
+            self._counts[kernel.ROWS] = len(frame.particles)
             self._counts[kernel.WINDOW_FIRST :] = new._counts[kernel.WINDOW_FIRST :]
         self._press_ground(frame, stress)
         clock = self._clock
@@ -624,11 +624,11 @@ class PointSolver(ParticleStore):
 
     def _append(self, new):
         """Rows, ids and keys of the solver `new` behind those of this one."""
-        counts, now, count = self._counts, int(self._counts[kernel.CURRENT]), len(new._order)
+        counts, count = self._counts, len(new._order)
         first = int(counts[kernel.ROWS])
         self._require_room(first + count)
         for mine, theirs in ((self._rows, new._rows), (self._ids, new._ids), (self._keys, new._keys)):
-            mine[now, first : first + count] = theirs[0]
+            mine[first : first + count] = theirs
         counts[kernel.ROWS] += count
         window, others = (some[kernel.WINDOW_FIRST :] for some in (counts, new._counts))
         window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
@@ -706,6 +706,7 @@ class PointSolver(ParticleStore):
             "energy_lost": lost,
             **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
             "energy_lost_to_mixing": lost - sum(lost_to.values()),
+            "ground_friction_work": float(clock[kernel.FRICTION_LOSS]),
             "speed_max_now": self.speed_max,
             "speed_max": float(clock[kernel.SPEED_WORST]),
             "speed_max_at": self._place_of(kernel.FASTEST_X),

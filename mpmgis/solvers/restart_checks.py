@@ -71,9 +71,9 @@ class StateCheck:
     def counts(self, kernel, alive):
         """Counts of a solver with the module `kernel` that has `alive` particles."""
         counts = self._state["counts"]
-        names = {kernel.CURRENT: "the half in use", kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
-        for place, wanted in ((kernel.CURRENT, 0), (kernel.ROWS, alive), (kernel.ALIVE, alive)):
-            self.require(counts[place] == wanted, f"{names[place]} in counts is {counts[place]}, wanted {wanted}")
+        names = {kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
+        for place, name in names.items():
+            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, wanted {alive}")
         self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
         self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
         self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)

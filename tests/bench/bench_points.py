@@ -16,6 +16,7 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import NoSoftening, softening
+from mpmgis.kernels.block_order import STRIP
 from mpmgis.kernels.jit import set_threads
 from mpmgis.kernels.point_rows import BLOCK_SIZE, TILE_SIZE
 
@@ -91,10 +92,11 @@ def plain_nanoseconds():
 
 
 def memory(solver):
-    """Bytes per point of the solver's arrays of points, and of its tiles and nodes if blocks are full (512 points)."""
-    arrays = solver._rows, solver._ids, solver._keys, solver._order
-    blocks = (TILE_SIZE + 2 * BLOCK_SIZE) * solver._rows.itemsize / 512
-    return sum(array.nbytes for array in arrays) / solver.points + blocks
+    """Bytes per point of the solver's arrays of points, of what they pass through when they are put in order, and of
+    its tiles and nodes if blocks are full (512 points)."""
+    arrays, real = (solver._rows, solver._ids, solver._keys, solver._order), solver._rows.itemsize
+    blocks = (TILE_SIZE + 2 * BLOCK_SIZE) * real / 512
+    return sum(array.nbytes for array in arrays) / solver.points + STRIP * real + 2 * 8 + blocks
 
 
 def rows():

@@ -322,11 +322,11 @@ def test_arrival_speed_and_pressure_are_of_flow_as_thick_as_asked():
 
 def test_a_run_that_becomes_unphysical_says_where_and_stops():
     solver = rough_solver()
-    solver._rows[0, 7, 3] = np.nan
+    solver._rows[7, 3] = np.nan
     with pytest.raises(UnphysicalError, match="not finite"):
         list(March(solver, 5.0, 1.0))
     solver = rough_solver()
-    solver._rows[0, :, 2] = 500.0
+    solver._rows[:, 2] = 500.0
     with pytest.raises(UnphysicalError, match="as its drop in height allows") as error:
         list(March(solver, 5.0, 1.0))
     assert "\n" not in str(error.value) and error.value.exit_code == 3

@@ -84,7 +84,7 @@ def test_all_that_leaves_ends_the_run():
 def test_a_run_that_becomes_unphysical_says_where_and_stops():
     solver = heap()
     east, north = solver.frame().particles.position[7, :2]
-    solver._rows[0, 7, kernel.PX] = np.nan
+    solver._rows[7, kernel.PX] = np.nan
     with pytest.raises(UnphysicalError, match="not finite") as error:
         list(March(solver, 5.0, 1.0))
     text = str(error.value)
@@ -96,7 +96,7 @@ def test_a_run_that_becomes_unphysical_says_where_and_stops():
 def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     solver = heap()
     low = solver.frame().particles.position[:40] - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 3.0)
-    kernel.set_places(solver._rows[0, :40], solver._keys[0, :40], low, 1.0, solver._lowest)
+    kernel.set_places(solver._rows[:40], solver._keys[:40], low, 1.0, solver._lowest)
     with pytest.raises(UnphysicalError, match="under the ground") as error:
         list(March(solver, 5.0, 1.0))
     assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)
@@ -111,7 +111,7 @@ def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
     solver = PointSolver(frame, valley, PointEffects(SAND, contact=CoulombContact(0.0)), PointNumerics(1.0))
     low = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 6.0)
-    kernel.set_places(solver._rows[0, : len(low)], solver._keys[0, : len(low)], low, 1.0, solver._lowest)
+    kernel.set_places(solver._rows[: len(low)], solver._keys[: len(low)], low, 1.0, solver._lowest)
     assert solver.advance(0.05) == kernel.LEAKED
     balances = solver.balances()
     assert balances["mass_lifted_onto_ground"] > 0.0

@@ -42,7 +42,7 @@ def test_a_usual_flow_is_held_nowhere_and_its_steps_are_counted():
 )
 def test_what_is_done_to_one_column_is_counted(name, column, value):
     solver = heap()
-    rows = solver._rows[0]
+    rows = solver._rows
     if name == "thinnest_column":
         rows[100, column] = value
     else:  # halves that run at each other: within one step they would be through each other
@@ -68,7 +68,7 @@ def test_points_under_the_ground_are_counted_one_by_one():
     solver._settings = solver._settings._replace(leak_stop=1.0)
     place = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0))
     place[0, 2] -= 3.0
-    kernel.set_places(solver._rows[0], solver._keys[0], place, 1.0, solver._lowest)
+    kernel.set_places(solver._rows, solver._keys, place, 1.0, solver._lowest)
     solver.advance(1.0, 2.0, 1)
     assert solver.balances()["clips"]["lifted_onto_ground"] == 1
 

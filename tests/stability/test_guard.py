@@ -76,7 +76,7 @@ def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkey
 def test_what_no_step_helps_ends_the_run_with_place_and_cause():
     """Exit code 3 after steps of 1/32; nothing is said to have been got over."""
     solver = block(0.3)
-    solver._rows[0, 5, 4] = np.nan
+    solver._rows[5, 4] = np.nan
     march = March(solver, 1.0, 0.5)
     with pytest.raises(UnphysicalError) as error:
         list(march)

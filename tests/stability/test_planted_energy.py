@@ -31,8 +31,8 @@ def plant(solver, name, gain, after):
     def planting(*given, **named):
         code = advance(*given, **named)
         if solver.time > after:
-            now, rows = solver._counts[solver.kernel.CURRENT], int(solver._counts[solver.kernel.ROWS])
-            solver._rows[now, :rows, MOTION[name]] *= np.sqrt(1.0 + gain)
+            rows = int(solver._counts[solver.kernel.ROWS])
+            solver._rows[:rows, MOTION[name]] *= np.sqrt(1.0 + gain)
         return code
 
     solver.advance = planting
