@@ -29,5 +29,5 @@ def give(text, arguments):
     from ..io.atomic import whole_file
 
     with whole_file(arguments.output) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+        part.write_text(text + "\n", encoding="utf-8", newline="\n")
     print(arguments.output)

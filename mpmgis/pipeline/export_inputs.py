@@ -58,9 +58,9 @@ def run_terrain(request, entries, output, say):
         if not header.dem:
             raise InputError(f"{first} names no DTM; give it with --dem")
         path = first.parent / header.dem
+        require_local(path, first)
         if not path.exists():
             raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
-        require_local(path, first)
         if crs is None and not _carries_crs(path):
             crs = _word_of(header.crs)
     terrain = read_terrain(path, crs, request.dem_band, say)
@@ -167,11 +167,14 @@ def release_name(entries):
 def release_outlines(entries, terrain):
     """Polygons of the run's release in the terrain's CRS; None where its file is not known or gone."""
     file = release_file(entries)
-    if file is None or not file.exists():
+    if file is None:
         return None
     from ..io.vector import read_release  # brings pandas, which rasters alone do without
 
     try:
+        require_local(file, entries[0].path)
+        if not file.exists():
+            return None
         return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
     except MpmgisError:
         return None
