@@ -7,8 +7,6 @@ import socket
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from filelock import lock_descriptor
-
 from .. import system
 from ..errors import OutputError
 from .links import open_own, status
@@ -76,6 +74,8 @@ class Hold:
             raise OutputError(f"{self._path} was not written by mpmgis; move it away, or give another -o")
 
     def _lock(self, handle, holder):
+        from filelock import lock_descriptor  # 30 ms of the start of a verb that writes no run
+
         try:
             locked = lock_descriptor(handle, blocking=False)
         except OSError as error:

@@ -15,10 +15,10 @@ import sys
 import uuid
 from pathlib import Path
 
+import filelock
 import psutil  # noqa: F401 (itself wants modules that Windows has not)
 
 from mpmgis import system
-from mpmgis.io import lock
 
 MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog", "posix_ipc")
 ABSENT = {
@@ -62,7 +62,7 @@ class Windows:
         for name in PATCHED:
             patch.setattr(os, name, getattr(self, f"_{name}"))
         patch.setattr(os, "remove", self._unlink)
-        patch.setattr(lock, "lock_descriptor", self._lock)
+        patch.setattr(filelock, "lock_descriptor", self._lock)
         patch.setattr(system, "WINDOWS", True)
         patch.setattr(system, "PROCESSES", Path(root) / "no processes are told")
         patch.setattr(system, "PATIENCE_SECONDS", 0.05)

@@ -184,6 +184,29 @@ def test_every_module_is_imported_without_what_only_posix_has(tmp_path):
     assert int(done.stdout) > 250
 
 
+def kernels_of(path):
+    """Kernel modules that a module imports, and those that these import."""
+    found, left = set(), [path]
+    while left:
+        path = left.pop()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                named = {base.with_suffix(".py"), *(base / f"{alias.name}.py" for alias in node.names)}
+                new = {file for file in named if file.parent == PACKAGE / "kernels" and file.exists()} - found
+                found, left = found | new, [*left, *new]
+    return found
+
+
+@pytest.mark.parametrize("package", ["products", "io"])
+def test_what_threads_call_at_the_same_time_is_serial(package):
+    """Frames are averaged on several threads. Without OpenMP, as on macOS, numba ends a process of parallel calls."""
+    used = {kernel for path in (PACKAGE / package).glob("*.py") for kernel in kernels_of(path)}
+    assert PACKAGE / "kernels" / ("binning.py" if package == "products" else "rings.py") in used
+    used.discard(PACKAGE / "kernels" / "jit.py")  # the door
+    assert not [kernel.name for kernel in used if "jit_parallel" in kernel.read_text(encoding="utf-8")]
+
+
 def test_no_two_bands_have_names_that_differ_in_case_alone():
     """They are in file names: run_Ut.vrt."""
     names = [name.lower() for name in BAND]
@@ -511,7 +534,7 @@ def test_file_systems_of_macos_without_locks_are_known(tmp_path, monkeypatch):
         raise OSError(errno.ENOTSUP, "not supported")
 
     assert errno.ENOTSUP in lock._NO_LOCKS  # there it is another number than EOPNOTSUPP
-    monkeypatch.setattr(lock, "lock_descriptor", refuse)
+    monkeypatch.setattr("filelock.lock_descriptor", refuse)
     with sole_writer(tmp_path), pytest.raises(OutputError, match="is being written by"), sole_writer(tmp_path):
         raise AssertionError("the block must not run")
 

@@ -6,16 +6,18 @@ import socket
 import subprocess
 import sys
 
+import filelock
 import pytest
 
 from mpmgis import system
 from mpmgis.errors import OutputError
-from mpmgis.io import atomic, lock, writer
+from mpmgis.io import atomic, writer
 from mpmgis.io.atomic import whole_file, whole_folder
 from mpmgis.io.lock import LOCK_FILE, sole_writer
 from mpmgis.io.writer import Writer
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot be asked whether it is alive")
+removes_open_files = pytest.mark.skipif(os.name == "nt", reason="there no open file is removed, no folder of one moved")
 needs_start = pytest.mark.skipif(writer.started(os.getpid()) == writer.UNKNOWN, reason="no start of processes here")
 
 
@@ -37,7 +39,7 @@ def no_locks(monkeypatch):
     def refuse(handle, blocking):
         raise OSError(errno.ENOLCK, "no locks")
 
-    monkeypatch.setattr(lock, "lock_descriptor", refuse)
+    monkeypatch.setattr(filelock, "lock_descriptor", refuse)
 
 
 # ------------------------------------------------------------------------------------------------------------- writers
@@ -189,6 +191,7 @@ def test_what_a_killed_process_left_holds_nobody_up(tmp_path, text):
     assert not list(tmp_path.iterdir())
 
 
+@removes_open_files
 def test_a_folder_that_is_removed_or_replaced_is_not_held_any_more(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
@@ -204,9 +207,10 @@ def test_a_folder_that_is_removed_or_replaced_is_not_held_any_more(tmp_path):
         folder.mkdir(exist_ok=True)
 
 
+@removes_open_files
 def test_a_lock_whose_holder_removed_it_meanwhile_is_taken_anew(tmp_path, monkeypatch):
     """The file was opened, then its holder let go and removed it: a lock on that file holds nothing."""
-    locked, seen = lock.lock_descriptor, []
+    locked, seen = filelock.lock_descriptor, []
 
     def removed(handle, blocking):
         if not seen:
@@ -214,7 +218,7 @@ def test_a_lock_whose_holder_removed_it_meanwhile_is_taken_anew(tmp_path, monkey
         seen.append(os.fstat(handle).st_ino)
         return locked(handle, blocking=blocking)
 
-    monkeypatch.setattr(lock, "lock_descriptor", removed)
+    monkeypatch.setattr(filelock, "lock_descriptor", removed)
     with sole_writer(tmp_path) as hold:
         hold.require()
         assert len(seen) == 2
