@@ -10,7 +10,6 @@ import re
 import signal
 import sys
 import time
-import uuid
 from contextlib import suppress
 from pathlib import Path
 
@@ -143,6 +142,19 @@ def is_held_open(error) -> bool:
     return WINDOWS and error.errno in (errno.EACCES, errno.EPERM, errno.EBUSY)
 
 
+def is_unread(stream, error) -> bool:
+    """Whether an OSError means that nobody reads a `stream` of this process any more; Windows has EINVAL for that."""
+    if isinstance(error, BrokenPipeError):
+        return True
+    if not (WINDOWS and error.errno == errno.EINVAL and error.filename is None):
+        return False
+    try:
+        stream.flush()  # what could not be written is still in it
+    except OSError:
+        return True
+    return False
+
+
 # ----------------------------------------------------------------------------------------------------------- processes
 
 
@@ -154,6 +166,8 @@ def cores() -> int:
 def machine_number() -> str:
     """Text that no other machine has."""
     if WINDOWS or MACOS:
+        import uuid
+
         return f"{uuid.getnode():012x}"
     return told("/etc/machine-id")
 

@@ -10,6 +10,7 @@ from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..io.atomic import refuse_existing
 from ..io.gdal_input import require_local
+from ..io.links import is_above
 from ..io.raster import open_raster, read_terrain
 from ..products.solver_maxima import SolverPeaks
 
@@ -36,7 +37,7 @@ def output_folder(request, entries):
 
 def refuse_within(output, path):
     """Raise OutputError where the folder `output`, which is going to be replaced, holds the file at `path`."""
-    if output.resolve() in path.resolve().parents:
+    if is_above(output, path.resolve()):
         raise OutputError(
             f"{output} holds {path.name}, which this is made from, and would be replaced; give another -o"
         )

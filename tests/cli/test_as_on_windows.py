@@ -27,6 +27,7 @@ from mpmgis.io import atomic, gdal_input, links, writer
 from mpmgis.io.lock import LOCK_FILE, sole_writer
 from mpmgis.io.run_folder import RunFolder
 from mpmgis.kernels import cache_folder
+from mpmgis.pipeline import answer_files, export_inputs
 from mpmgis.solvers.columns import ColumnSolver
 
 if sys.platform != "linux":
@@ -371,6 +372,33 @@ def test_facts_as_json_are_ascii_where_the_stream_is_not_utf_8(tmp_path, monkeyp
         told = subprocess.run(words, capture_output=True, env=environment, check=True).stdout
         assert Path(json.loads(told.decode("utf-8"))["file"]).name == "größe.tif"
         assert told.isascii() == (encoding != "utf-8")
+
+
+def test_names_in_other_letters_are_the_same_folder_where_the_disk_says_so(monkeypatch, tmp_path):
+    """On macOS and Windows `-o RESULTS` is the folder `results`: neither inputs nor where one stands are replaced."""
+    same = os.path.samefile
+    monkeypatch.setattr(os.path, "samefile", lambda a, b: str(a).lower() == str(b).lower() or same(a, b))
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "frame_000000.h5").touch()
+    with pytest.raises(OutputError, match="which this is made from"):
+        export_inputs.refuse_within(tmp_path / "RESULTS", tmp_path / "results" / "frame_000000.h5")
+    export_inputs.refuse_within(tmp_path / "OTHER", tmp_path / "results" / "frame_000000.h5")
+    with pytest.raises(OutputError, match="which is asked about"):
+        answer_files.checked_output(tmp_path / "RESULTS", ("a.csv",), False, [tmp_path / "results" / "frame_000000.h5"])
+
+
+def test_a_closed_pipe_is_no_error(monkeypatch):
+    """`mpmgis info x | more`, left early: Windows has another number for it; other errors of it are told."""
+
+    class Unread:
+        def flush(self):
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+    error = OSError(errno.EINVAL, "Invalid argument")
+    assert system.is_unread(Unread(), BrokenPipeError()) and not system.is_unread(Unread(), error)
+    monkeypatch.setattr(system, "WINDOWS", True)
+    assert system.is_unread(Unread(), error) and not system.is_unread(sys.__stdout__, error)
+    assert not system.is_unread(Unread(), OSError(errno.EINVAL, "Invalid argument", "dtm.tif"))
 
 
 # ---------------------------------------------------------------------------------------------- files that are open
