@@ -104,10 +104,14 @@ def follows_links() -> bool:
 
 def replace(source, target) -> None:
     """As `os.replace`; on Windows tried again for PATIENCE_SECONDS while somebody has one of the two open."""
+    _patiently(os.replace, source, target)
+
+
+def _patiently(act, source, target):
     wait, end = _FIRST_WAIT_SECONDS, time.monotonic() + PATIENCE_SECONDS
     while True:
         try:
-            return os.replace(source, target)
+            return act(source, target)
         except PermissionError:
             if not WINDOWS or time.monotonic() + wait > end:
                 raise
@@ -129,7 +133,7 @@ def held_open(path):
 
 def _is_held(file):
     try:
-        os.rename(file, file)
+        _patiently(os.rename, file, file)
     except PermissionError:
         return True
     except OSError:

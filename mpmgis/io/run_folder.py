@@ -288,9 +288,9 @@ class RunFolder:
         self._drop_older_state()
 
     def _drop_older_state(self):
-        """Take the state out of the newest frame that need not keep it any more."""
+        """Take the state out of the newest frame that need not keep it any more; one that somebody reads keeps it."""
         older = self._frame_path(self.frames - 1 - FRAMES_WITH_STATE)
-        if self.frames > FRAMES_WITH_STATE and older.is_file():
+        if self.frames > FRAMES_WITH_STATE and older.is_file() and system.held_open(older) is None:
             drop_state(older)
 
     def _frame_path(self, number):

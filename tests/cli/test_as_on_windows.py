@@ -14,6 +14,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
 
+import h5py
 import pytest
 import rasterio
 from slope_site import SCENE, contents, write_site
@@ -473,18 +474,23 @@ def test_a_folder_of_which_a_file_is_open_elsewhere_stays_whole(windows, tmp_pat
 
 
 def test_what_a_virus_scanner_holds_for_a_moment_is_waited_for(windows, tmp_path, monkeypatch):
-    real, tries = os.replace, []
+    real, tries = {name: getattr(os, name) for name in ("replace", "rename")}, []
 
-    def held_twice(source, target):
-        tries.append(target)
-        if len(tries) < 3:
-            raise PermissionError(errno.EACCES, "held")
-        real(source, target)
+    def held_twice(name):
+        def act(source, target):
+            tries.append(name)
+            if tries.count(name) < 3:
+                raise PermissionError(errno.EACCES, "held")
+            real[name](source, target)
 
-    monkeypatch.setattr(os, "replace", held_twice)
+        return act
+
+    (tmp_path / "a").write_text("old")
+    for name in real:
+        monkeypatch.setattr(os, name, held_twice(name))
     with atomic.whole_file(tmp_path / "a") as part:
         part.write_text("whole")
-    assert (tmp_path / "a").read_text() == "whole" and len(tries) == 3
+    assert (tmp_path / "a").read_text() == "whole" and tries == ["rename"] * 3 + ["replace"] * 3
 
 
 def test_elsewhere_no_permission_is_not_waited_for(tmp_path, monkeypatch):
@@ -604,6 +610,26 @@ def test_a_run_that_is_opened_while_it_is_replaced_stays_whole(windows, site, ca
     assert "terrain.tif is open in another program" in line and "the earlier run is whole" in line
     assert everything(results) == before
     opened[0].close()
+
+
+def test_a_frame_that_is_read_while_the_run_goes_on_stops_nothing(windows, site, monkeypatch):
+    scene, results, opened = site / "scene.toml", site / "results", []
+    write = RunFolder.write_frame
+
+    def reading(folder, frame):
+        write(folder, frame)
+        if folder.frames == 2:
+            opened.append(open(results / "frame_000001.h5", "rb"))  # noqa: SIM115
+
+    monkeypatch.setattr(RunFolder, "write_frame", reading)
+    assert main(["run", str(scene), "-q"]) == 0
+    opened[0].close()
+    with_state = []
+    for path in sorted(results.glob("frame_*.h5")):
+        with h5py.File(path) as file:
+            with_state += [path.stem] if "state" in file else []
+    assert with_state == ["frame_000001", "frame_000005", "frame_000006"]
+    assert main(["run", str(scene), "-q", "--resume"]) == 0
 
 
 def test_a_run_goes_on_after_a_kill(windows, site, monkeypatch):
