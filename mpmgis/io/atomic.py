@@ -163,6 +163,11 @@ def output_error(path, error):
     held = system.held_open(path) if system.is_held_open(error) else None
     if held is not None:
         return OutputError(f"{held} is open in another program, for example QGIS; close it there, or give another -o")
+    if system.is_held_open(error) and is_folder(path):
+        return OutputError(
+            f"{path}: no permission to replace it, or a terminal or file manager stands in it; leave it there, or give "
+            "another -o"
+        )
     if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
         return OutputError(f"{path}: no permission to write there; give another -o")
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")

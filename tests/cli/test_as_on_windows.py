@@ -473,6 +473,24 @@ def test_a_folder_of_which_a_file_is_open_elsewhere_stays_whole(windows, tmp_pat
     assert sorted(everything(tmp_path)) == [Path("gis/.mpmgis"), Path("gis/new")]
 
 
+def test_a_folder_in_which_a_terminal_stands_is_named(windows, tmp_path, monkeypatch):
+    """Windows moves no folder that is some process' current one; no file in it is open."""
+    with atomic.whole_folder(tmp_path / "gis") as part:
+        (part / "old").touch()
+    before = everything(tmp_path)
+
+    def refuse(source, target):
+        raise PermissionError(errno.EACCES, "Access is denied")
+
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(OutputError, match=r"gis: no permission to replace it, or a terminal or file manager"),
+        atomic.whole_folder(tmp_path / "gis", True),
+    ):
+        patch.setattr(os, "replace", refuse)
+    assert everything(tmp_path) == before
+
+
 def test_what_a_virus_scanner_holds_for_a_moment_is_waited_for(windows, tmp_path, monkeypatch):
     real, tries = {name: getattr(os, name) for name in ("replace", "rename")}, []
 
