@@ -1,7 +1,7 @@
 """What differs between Linux, macOS and Windows, in one place: folders, names, files that are open, processes, signals.
 
-No other module asks which system it runs on, but for the toolbox for QGIS; a test holds that. It is called as `system.name`, so that
-the tests can lay the rules of another system over this one (`tests/cli/as_on_windows.py`).
+No other module asks which system it runs on, but for the toolbox for QGIS; a test holds that. It is called as
+`system.name`, so that tests can emulate another system (`tests/cli/as_on_windows.py`).
 """
 
 import errno

@@ -1,4 +1,4 @@
-"""The rules of Windows, laid over the Linux that the tests run on: files, locks, names, modules and signals.
+"""The rules of Windows, emulated on the Linux that the tests run on: files, locks, names, modules and signals.
 
 An emulation, not Windows: what is refused here is what Microsoft documents to be refused there. Its limits stand in
 mpmgis/LIMITS.md.

@@ -1,4 +1,4 @@
-"""Windows and macOS by construction: their rules laid over Linux, and what may not stand in the sources.
+"""Windows and macOS by construction: their rules emulated on Linux, and what may not stand in the sources.
 
 Neither system is here. What these tests cannot show is listed in mpmgis/LIMITS.md.
 """
@@ -33,7 +33,7 @@ from mpmgis.pipeline import answer_files, export_inputs
 from mpmgis.solvers.columns import ColumnSolver
 
 if sys.platform != "linux":
-    pytest.skip("laid over Linux", allow_module_level=True)
+    pytest.skip("emulated on Linux", allow_module_level=True)
 
 from as_on_windows import ABSENT, MODULES, Windows
 
@@ -404,7 +404,7 @@ def test_a_closed_pipe_is_no_error(monkeypatch):
 # ---------------------------------------------------------------------------------------------- files that are open
 
 
-def test_the_rules_are_laid(windows, tmp_path):
+def test_the_rules_hold(windows, tmp_path):
     """What the tests below go by: each of these is refused on Windows."""
     folder = tmp_path / "folder"
     folder.mkdir()
