@@ -1,5 +1,5 @@
 # Two commands for everybody: `make demo` runs the main job on the shipped site, `make test` the tests.
-# Each builds the environment it needs in .venv the first time. Only Python 3.11 to 3.13, git and make are needed.
+# Each builds the environment it needs in .venv the first time. Only Python 3.11 to 3.14, git and make are needed.
 
 ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin

@@ -1,24 +1,26 @@
 """What this machine has: memory that is free, and whether it is enough."""
 
-import os
 import re
 from contextlib import suppress
 from pathlib import Path
 
+_LINUX = Path("/proc/meminfo")
 _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
 def available_memory():
     """Memory that a program may take [bytes]; infinite where the system does not tell.
 
-    On Linux what the system holds of files counts as free: it gives that back.
+    What the system holds of files counts as free: it gives that back.
     """
     with suppress(OSError, ValueError):
-        found = _AVAILABLE.search(Path("/proc/meminfo").read_text(encoding="ascii"))
+        found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
         if found:
             return 1024 * int(found[1])
-    with suppress(OSError, ValueError, AttributeError):
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    with suppress(Exception):  # psutil's own errors, of systems that tell nothing
+        import psutil
+
+        return psutil.virtual_memory().available
     return float("inf")
 
 

@@ -13,11 +13,12 @@ def require_writable(arguments, asked_about):
     """Refuse, before the work, a file that is there and may not be replaced, and any that is itself asked about."""
     from ..errors import OutputError
     from ..io.atomic import refuse_existing
+    from ..io.links import one_of
 
     if arguments.output is None:
         return
     refuse_existing(arguments.output, arguments.overwrite)
-    if arguments.output.resolve() in {Path(path).resolve() for path in asked_about}:
+    if one_of(arguments.output, asked_about) is not None:
         raise OutputError(f"{arguments.output} is what is asked about; give another -o")
 
 
@@ -29,5 +30,5 @@ def give(text, arguments):
     from ..io.atomic import whole_file
 
     with whole_file(arguments.output) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+        part.write_text(text + "\n", encoding="utf-8", newline="\n")
     print(arguments.output)

@@ -1,6 +1,7 @@
 """`mpmgis info`: one screen about any file of the chain."""
 
 import json
+import sys
 from pathlib import Path
 
 from ..fields import BAND
@@ -89,7 +90,7 @@ def run(arguments):
             talk.complain(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
-        described.append(_as_json(facts) if arguments.json else "\n".join(screen(facts)))
+        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen(facts)))
         if arguments.output is None:  # as soon as it is known
             print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
     if arguments.output is not None and code == 0:
@@ -97,8 +98,10 @@ def run(arguments):
     return code
 
 
-def _as_json(facts):
-    return json.dumps(facts, ensure_ascii=False, allow_nan=False)
+def _as_json(facts, output):
+    """The facts as JSON; on a stdout of another encoding than UTF-8, as Windows has it, in ASCII alone."""
+    whole = output is not None or "utf" in (sys.stdout.encoding or "").lower()
+    return json.dumps(facts, ensure_ascii=not whole, allow_nan=False)
 
 
 def screen(facts):

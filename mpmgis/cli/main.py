@@ -7,7 +7,7 @@ import importlib
 import os
 import sys
 
-from .. import __version__
+from .. import __version__, system
 from ..errors import MpmgisError, one_line
 from . import talk
 from .progress import ended_by_signals
@@ -137,13 +137,13 @@ def _guarded(arguments):
     except KeyboardInterrupt as error:
         talk.complain(f"{name}: interrupted")
         return getattr(error, "exit_code", 130)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except MemoryError:
         talk.complain(f"{name}: not enough memory; use larger cells, fewer particles or a smaller DTM")
         return 2
     except OSError as error:
+        if system.is_unread(sys.stdout, error):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
         talk.complain(f"{name}: {one_line(error)}")
         return 2
     except Exception as error:

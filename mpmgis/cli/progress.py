@@ -5,10 +5,11 @@ import sys
 import time
 from contextlib import contextmanager
 
+from .. import system
 from . import talk
 
 STOPPING = "stopping at the end of this step; once more stops at once"
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = system.stop_signals()
 REPEAT_SECONDS = 1.0  # `timeout` and shells send a signal to a process and to its group: the same wish twice
 LINE_SECONDS = 10.0  # without a terminal: a line this often
 COMPILING = "before the first step: a first run of its kind is compiled, half a minute or more, once"

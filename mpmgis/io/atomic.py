@@ -8,8 +8,9 @@ import unicodedata
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .. import system
 from ..errors import MpmgisError, OutputError
-from .links import is_folder, real_place, refuse_link, remove, status
+from .links import is_above, is_folder, real_place, refuse_link, remove, require_free, status
 from .writer import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] where so little does not fit, the disk is full
@@ -40,16 +41,17 @@ def whole_file(path):
     """
     path = Path(path)
     refuse_link(path)
+    require_free(path)
     _sweep(path, path.stem, path.suffix)
     part = _beside(path, path.stem, "part", path.suffix)
     new_parents = _missing_parents(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield part
-        with open(part, "r+b") as handle:  # Windows flushes only what is open for writing
-            os.fsync(handle.fileno())
+        with open(part, "r+b") as handle:
+            system.flush(handle.fileno())
         refuse_link(path)
-        os.replace(part, path)
+        system.replace(part, path)
     except BaseException as error:
         cause = _cause(part, error)
         _remove(part, *new_parents)
@@ -72,6 +74,7 @@ def whole_folder(path, overwrite=False):
     _sweep(path, path.name)
     refuse_existing(shown, overwrite)
     _refuse_foreign(shown, path)
+    require_free(path)
     part, old = _beside(path, path.name, "part"), _beside(path, path.name, "old")
     new_parents = _missing_parents(path)
     try:
@@ -80,8 +83,8 @@ def whole_folder(path, overwrite=False):
         yield part
         refuse_existing(shown, overwrite)  # another process may have been quicker
         if path.exists():
-            os.replace(path, old)
-        os.replace(part, path)
+            system.replace(path, old)
+        system.replace(part, path)
     except BaseException as error:
         cause = _cause(part, error)
         _remove(part, *new_parents)
@@ -141,7 +144,7 @@ def _refuse_foreign(shown, path):
         return
     if not path.is_dir():
         raise OutputError(f"{shown} is a file, wanted a folder; give another -o")
-    if Path.cwd().is_relative_to(path):
+    if is_above(path, Path.cwd()):
         raise OutputError(f"{shown} holds the folder you are in and cannot be replaced; give -o a folder of its own")
     if any(path.iterdir()) and status(path / MARK) is None:
         raise OutputError(f"{shown} was not written by mpmgis, --overwrite will not remove it; give another -o")
@@ -150,13 +153,21 @@ def _refuse_foreign(shown, path):
 def _restore(old, path):
     """Put the old folder back where it was, if the new one did not get there."""
     if is_folder(old) and status(path) is None:
-        os.replace(old, path)
+        system.replace(old, path)
 
 
 def output_error(path, error):
     """The OutputError for an OSError met while writing `path`."""
     if error.errno == errno.ENOSPC:
         return OutputError(f"{path}: the disk is full; free some space or give another -o")
+    held = system.held_open(path) if system.is_held_open(error) else None
+    if held is not None:
+        return OutputError(f"{held} is open in another program, for example QGIS; close it there, or give another -o")
+    if system.is_held_open(error) and is_folder(path):
+        return OutputError(
+            f"{path}: no permission to replace it, or a terminal or file manager stands in it; leave it there, or give "
+            "another -o"
+        )
     if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
         return OutputError(f"{path}: no permission to write there; give another -o")
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")

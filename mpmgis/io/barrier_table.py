@@ -67,7 +67,7 @@ class BarrierTable:
         writer.writerow(["time [s]", "barrier", *rated, *(SUMS[name] for name in self.sums)])
         writer.writerows(self._rows)
         with whole_file(self.path) as part:
-            part.write_text(text.getvalue(), encoding="utf-8")
+            part.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
     def _read(self, until):
         """Rows of an earlier part of the run up to the frame that it goes on from."""

@@ -124,13 +124,14 @@ class EnsembleFolder:
     def write_plan(self, tables, note):
         """The plan as a TOML file that --plan takes."""
         with whole_file(self.plan) as part:
-            part.write_text(plan_text(tables, note), encoding="utf-8")
+            part.write_text(plan_text(tables, note), encoding="utf-8", newline="\n")
 
     def write_record(self, **record):
         """`ensemble.json`: what is asked, what computed it, how far it is."""
         whole = {"format": "mpmgis-ensemble", "format_version": 1, "digest": self.digest, "versions": versions()}
         with whole_file(self.path / RECORD_FILE) as part:
-            part.write_text(json.dumps(whole | record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            text = json.dumps(whole | record, indent=1, allow_nan=False) + "\n"
+            part.write_text(text, encoding="utf-8", newline="\n")
 
     def write_table(self, names, rows):
         """`members.csv`."""
@@ -190,7 +191,7 @@ def read_member(folder, digest, frames=False):
 def write_member(folder, record):
     """The record of a member, after its results: what has one is done."""
     with whole_file(member_files(folder, record["digest"])[0]) as part:
-        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
 
 
 class MemberStack:

@@ -123,11 +123,11 @@ def drop_state(path):
     with opened_whole(path) as source:
         if "state" not in source:
             return
-        with whole_file(path) as part, written(part) as target:
-            target.attrs.update({name: value for name, value in source.attrs.items() if name != STATE})
-            for name in source:
-                if name != "state":
-                    source.copy(name, target)
+    with whole_file(path) as part, opened_whole(path) as source, written(part) as target:  # no open file is replaced
+        target.attrs.update({name: value for name, value in source.attrs.items() if name != STATE})
+        for name in source:
+            if name != "state":
+                source.copy(name, target)
 
 
 def set_digest(path, digest):

@@ -1,13 +1,15 @@
 """Files of anybody for GDAL: what a name or a few lines of XML may make it read, from disk and from the network.
 
 A file that the user names may be what it likes, as long as its suffix says so. One that a scene, a frame or a folder
-names may come from somebody else: no part of it lies in the network.
+names may come from somebody else: no part of it lies in the network. On Windows that is another computer's folder, too.
 """
 
+import os
 import re
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from xml.etree import ElementTree
 
+from .. import system
 from ..errors import FormatError, one_line
 from .plain_file import require_file_or_folder
 
@@ -85,11 +87,24 @@ def _head(path):
 
 
 def _require_local_name(name, named_by):
-    if _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
+    elsewhere = system.WINDOWS and share(name) not in ("", share(os.path.abspath(named_by)))
+    if elsewhere or _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
         raise FormatError(
             f"{one_line(name)[:120]}, which {named_by} names, lies in the network or in a database; download it, or "
             "give it as an option where the command has one"
         )
+
+
+def share(path):
+    """The computer and folder in the network that a path of Windows begins with, in small letters; "" of a local one.
+
+    Opening such a path, `\\\\host\\share\\file` or `//host/share/file`, hands that computer the user's name and a
+    digest of the password.
+    """
+    drive = PureWindowsPath(path).drive.lower().removeprefix("\\\\?\\unc\\")
+    if drive.startswith(("\\\\?\\", "\\\\.\\")):
+        return ""
+    return drive.lstrip("\\") if "\\" in drive else ""
 
 
 def _sources(path, named_by):

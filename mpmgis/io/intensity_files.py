@@ -54,7 +54,7 @@ def write_class_style(path, guideline):
         node("colorPalette", None, *entries),
     )
     with whole_file(path) as part:
-        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8")
+        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
 
 
 def write_class_polygons(path, grid, numbers, guideline, areas):

@@ -11,10 +11,10 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
+from .. import system
 from ..errors import OutputError
 
 _JUNCTIONS = (0xA000000C, 0xA0000003)  # reparse tags of Windows' symbolic links and mount points
-_CHECKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
 def status(path):
@@ -44,8 +44,11 @@ def refuse_link(path):
     Raises
     ------
     OutputError
-        A link, also one that leads nowhere; a pipe, a socket, a device.
+        A link, also one that leads nowhere; a pipe, a socket, a device; a name that this system gives to no file.
     """
+    wrong = system.wrong_name(path)
+    if wrong:
+        raise OutputError(f"{path}: {wrong}; give another -o")
     found = status(path)
     if found is None:
         return
@@ -86,16 +89,42 @@ def open_own(path):
     """
     refuse_link(path)
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | _CHECKED, 0o666)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | system.own_flags(), 0o666)
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR) or is_folder(path):  # Windows: no permission
             raise OutputError(f"{path} is no plain file; remove it, or give another -o") from error
         raise
     found = os.fstat(handle)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+    followed = system.follows_links() and is_link(status(path))  # a link that came since the look above
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1 or followed:
         os.close(handle)
         raise OutputError(f"{path} is no file of its own but another name of one; remove it, or give another -o")
     return handle
+
+
+def require_free(path, still="nothing has changed"):
+    """Raise OutputError where a program has a file open that would be replaced: at `path`, or in the folder `path`.
+
+    Only Windows keeps open files from being replaced. `still` is what holds in spite of the refusal.
+
+    Raises
+    ------
+    OutputError
+    """
+    held = system.held_open(path)
+    if held is not None:
+        raise OutputError(
+            f"{held} is open in another program, for example QGIS; {still}; close it there, or give another -o"
+        )
+
+
+def is_above(path, folder):
+    """Whether `folder` is `path` or lies in it, by whatever names."""
+    for place in (folder, *folder.parents):
+        with suppress(OSError):
+            if os.path.samefile(place, path):
+                return True
+    return False
 
 
 def remove(path):

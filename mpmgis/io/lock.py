@@ -7,17 +7,15 @@ import socket
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .. import system
 from ..errors import OutputError
 from .links import open_own, status
 from .writer import PATTERN, new_token, written_by
 
-try:
-    import fcntl
-except ImportError:  # Windows has no such locks: there the file itself is the lock
-    fcntl = None
-
 LOCK_FILE = ".lock"
-_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)  # of file systems without
+# of file systems without locks; macOS has two numbers for one of them, Windows answers EINVAL
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
+_FIRST = b"p"  # of all that is written to the file
 _HOLDER = re.compile(rf"process \d+( on [^,]*)?(, ({PATTERN}))?", re.DOTALL)  # of this version, and of those before
 _LONGEST = 1000  # [bytes] that are read of the file
 
@@ -29,6 +27,9 @@ def sole_writer(folder):
     The lock is that of the system on the file LOCK_FILE and not the file: what a killed process leaves holds nobody
     up, and no process number can be mistaken for that of another one. Where the system has no locks, the file holds
     the folder as long as the process that it names may be alive (`io.writer`).
+
+    The library filelock knows the locks of each system: flock, LockFileEx. It is handed the file that was opened here.
+    A lock that it opens by name itself tells nobody who holds it, and not that the folder was removed or replaced.
 
     Raises
     ------
@@ -57,7 +58,7 @@ class Hold:
         while True:
             handle = open_own(self._path)
             try:
-                holder = os.read(handle, _LONGEST).decode("utf-8", "replace")
+                holder = _read(handle)
                 self._require_own(holder)
                 self._lock(handle, holder)
                 if self._is(handle):
@@ -73,16 +74,17 @@ class Hold:
             raise OutputError(f"{self._path} was not written by mpmgis; move it away, or give another -o")
 
     def _lock(self, handle, holder):
-        if fcntl is None:
-            return self._lock_by_name(holder)
+        from filelock import lock_descriptor  # 30 ms of the start of a verb that writes no run
+
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise self._held(holder, "wait for it to end") from error
+            locked = lock_descriptor(handle, blocking=False)
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
             self._lock_by_name(holder)
+        else:
+            if not locked:
+                raise self._held(holder, "wait for it to end")
 
     def _lock_by_name(self, holder):
         """Where the system has no locks: the file is one as long as the process that it names may be alive."""
@@ -107,8 +109,22 @@ class Hold:
 
     def release(self):
         """Remove the file, while it is still held, and let go."""
-        if self._is(self._handle):
+        own = self._is(self._handle)
+        if own:
             with suppress(OSError):
-                os.ftruncate(self._handle, 0)  # it names nobody, also where an open file cannot be removed
+                os.ftruncate(self._handle, 0)  # it names nobody, also where it cannot be removed
                 self._path.unlink()
         os.close(self._handle)
+        if own and system.WINDOWS:  # no open file can be removed there: not this one before, not that of another now
+            with suppress(OSError):
+                self._path.unlink()
+
+
+def _read(handle):
+    """The text of the lock's file. Windows lets nobody read the byte that another process has locked, the first."""
+    try:
+        text = os.read(handle, _LONGEST)
+    except PermissionError:
+        os.lseek(handle, len(_FIRST), os.SEEK_SET)
+        text = _FIRST + os.read(handle, _LONGEST)
+    return text.decode("utf-8", "replace")

@@ -101,7 +101,7 @@ def _write_csv(path, frame, count, slabs):
 
 def _write_json(path, frame, count, slabs):
     columns = _whole_table(frame, slabs)
-    with whole_file(path) as part, open(part, "w", encoding="utf-8") as sink:
+    with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="\n") as sink:
         sink.write('{"header": ' + json.dumps(_record(frame)) + ',\n"units": ' + json.dumps(UNITS))
         sink.write(f',\n"count": {count},\n"particles": {{')
         for number, (name, values) in enumerate(columns.items()):

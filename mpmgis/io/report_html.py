@@ -44,7 +44,7 @@ def write_report(path, title, under, sections, language="en"):
         if section.blocks:
             parts += [f"<h2>{escape(section.title)}</h2>", *map(_block, section.blocks)]
     with whole_file(path) as part:
-        part.write_text("\n".join([*parts, "</body>\n</html>\n"]), encoding="utf-8")
+        part.write_text("\n".join([*parts, "</body>\n</html>\n"]), encoding="utf-8", newline="\n")
 
 
 def _block(block):

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -10,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from .. import __version__
+from .. import __version__, system
 from ..errors import FormatError, OutputError, one_line
 from .atomic import is_left_over, output_error, refuse_existing, whole_file
 from .frame_digest import require_restartable, result_after, stored
 from .frames import drop_state, read_frame, set_digest, write_frame
-from .links import one_of, refuse_links, remove, status
+from .links import one_of, refuse_links, remove, require_free, status
 from .lock import LOCK_FILE, sole_writer
 from .raster import file_sha256
 from .writer import new_token
@@ -191,6 +190,7 @@ class RunFolder:
 
     def go_back_to(self, number, digest):
         """Remove the frames after `number`; those that stay belong to the run of another scene, of this `digest`."""
+        self._require_free()
         try:
             for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
                 if int(path.stem.rpartition("_")[2]) > number:
@@ -209,7 +209,14 @@ class RunFolder:
         """Ready the folder, which is held, for a run that begins `anew` or goes on.
 
         The files of an earlier run stay until a new one has its first frame.
+
+        Raises
+        ------
+        OutputError
+            They cannot be replaced; the folder cannot be written.
         """
+        if anew:
+            self._require_free()
         try:
             if anew and next(self._entries(*FILES), None):
                 stage = self.path / f".{Path(RECORD_FILE).stem}.part{new_token()}"
@@ -226,16 +233,22 @@ class RunFolder:
         Whenever this is cut short, the record and the frames that are there tell whose they are.
         """
         stage = self._stage
+        self._require_free("the earlier run is whole")
         try:
-            os.replace(stage / RECORD_FILE, self.path / RECORD_FILE)
+            system.replace(stage / RECORD_FILE, self.path / RECORD_FILE)
             for path in sorted(self._entries(*FILES), reverse=True):
                 if path.name != RECORD_FILE:
                     path.unlink()
             for path in sorted(stage.iterdir(), key=lambda path: path.match(FRAME_PATTERN)):
-                os.replace(path, self.path / path.name)
+                system.replace(path, self.path / path.name)
         except OSError as error:
             raise output_error(self.path, error) from error
         self._drop_stage()
+
+    def _require_free(self, still="nothing has changed"):
+        """Refuse to replace files one after the other where one of them is open in another program."""
+        for path in self._entries(*FILES):
+            require_free(path, still)
 
     def _drop_stage(self):
         """Remove what was written aside, if anything is left of it."""
@@ -246,7 +259,7 @@ class RunFolder:
     def write_scene(self, text):
         """The resolved scene, as TOML text."""
         with whole_file(self.place / SCENE_FILE) as part:
-            part.write_text(text, encoding="utf-8")
+            part.write_text(text, encoding="utf-8", newline="\n")
 
     def write_terrain(self, terrain):
         """The terrain in the frame's words: float64 GeoTIFF with the source's transform; answers its digest."""
@@ -275,9 +288,9 @@ class RunFolder:
         self._drop_older_state()
 
     def _drop_older_state(self):
-        """Take the state out of the newest frame that need not keep it any more."""
+        """Take the state out of the newest frame that need not keep it any more; one that somebody reads keeps it."""
         older = self._frame_path(self.frames - 1 - FRAMES_WITH_STATE)
-        if self.frames > FRAMES_WITH_STATE and older.is_file():
+        if self.frames > FRAMES_WITH_STATE and older.is_file() and system.held_open(older) is None:
             drop_state(older)
 
     def _frame_path(self, number):
@@ -289,7 +302,8 @@ class RunFolder:
         if record.get("state") != "running":
             whole["result_digest"] = self.result
         with whole_file(self.place / RECORD_FILE) as part:
-            part.write_text(json.dumps(whole, indent=1, allow_nan=False, default=float) + "\n", encoding="utf-8")
+            text = json.dumps(whole, indent=1, allow_nan=False, default=float) + "\n"
+            part.write_text(text, encoding="utf-8", newline="\n")
         if self._stage is not None and record.get("state") == "finished":  # a run without any frame
             self._take_over()
 

@@ -16,7 +16,7 @@ def write_stacks(run):
             root.append(_band(run, k, source_band, quantity, decimals))
         ElementTree.indent(root)
         (run.folder / run.stack_file(quantity)).write_text(
-            ElementTree.tostring(root, encoding="unicode"), encoding="utf-8"
+            ElementTree.tostring(root, encoding="unicode"), encoding="utf-8", newline="\n"
         )
 
 

@@ -94,7 +94,8 @@ class StepStacks:
         for band, quantity in enumerate(self.quantities, start=1):
             self._add_band(root, band, quantity, step)
         ElementTree.indent(root)
-        (self.folder / self.files[step]).write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+        text = ElementTree.tostring(root, encoding="unicode")
+        (self.folder / self.files[step]).write_text(text, encoding="utf-8", newline="\n")
 
     def _add_band(self, root, band, quantity, step):
         node = ElementTree.SubElement(root, "VRTRasterBand", dataType="Float32", band=str(band))

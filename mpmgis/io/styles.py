@@ -348,4 +348,4 @@ def write_styles(run):
 
 def write_sidecar(run, file, text):
     """A style beside one of the run's files."""
-    (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8")
+    (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8", newline="\n")

@@ -11,13 +11,14 @@ import re
 import secrets
 import socket
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
+
+from .. import system
 
 _INITIAL_SPACE = "pid:[4026531836]"  # of process numbers: that of a Linux machine itself, not of a container
 _TEXT = re.compile(r"(\d{1,10})-([0-9a-f]{8})([0-9a-f]{8})-([0-9a-f]{1,16})")
 PATTERN = r"\d{1,10}-[0-9a-f]{16}-[0-9a-f]{1,16}-[0-9a-f]{8}"  # of `new_token`
-UNKNOWN = 0
+UNKNOWN = system.UNKNOWN
 
 
 class Writer(NamedTuple):
@@ -59,59 +60,35 @@ def written_by(text):
 @cache
 def host():
     """Eight digits of this machine and, in a container, of its space of process numbers."""
-    return _digest(socket.gethostname(), _read("/etc/machine-id"), _space())
+    return _digest(socket.gethostname(), system.machine_number(), _space())
 
 
 @cache
 def boot():
-    """Eight digits of the start of this machine; the same at any time where the system does not tell it."""
-    return _digest(_read("/proc/sys/kernel/random/boot_id"))
+    """Eight digits of the start of this machine; the same at any time where processes tell the date of their start."""
+    return _digest(system.start_of_machine())
 
 
 def started(number):
-    """When process `number` was started, in the system's ticks since its own start; UNKNOWN where nothing tells it."""
-    facts = _facts(number)
-    return int(facts[19]) if len(facts) > 19 and facts[19].isdecimal() else UNKNOWN
-
-
-def _facts(number):
-    """What Linux tells of process `number` after its name: its state, ..., its start; [] elsewhere."""
-    return _read(f"/proc/{number}/stat").rpartition(")")[2].split()
+    """When process `number` was started, in the system's own count; UNKNOWN where nothing tells it."""
+    return system.process_start(number)
 
 
 def _runs(number, start):
     """Whether process `number` that began at `start` may still run on this machine."""
-    if os.name != "posix":  # elsewhere a process cannot be asked: a signal would end it
-        return True
-    try:
-        os.kill(number, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        pass
-    if _facts(number)[:1] in (["Z"], ["X"]):  # it has ended, and nobody has asked how
+    if not system.runs(number):
         return False
     now = started(number)
     return UNKNOWN in (now, start) or now == start
 
 
 def _is_no_container():
-    return _space() == _INITIAL_SPACE and bool(_read("/etc/machine-id"))
+    return _space() == _INITIAL_SPACE and bool(system.machine_number())
 
 
 @cache
 def _space():
-    try:
-        return os.readlink("/proc/self/ns/pid")
-    except OSError:
-        return ""
-
-
-def _read(path):
-    try:
-        return Path(path).read_text(encoding="ascii", errors="replace").strip()
-    except OSError:
-        return ""
+    return system.process_space()
 
 
 def _digest(*texts):

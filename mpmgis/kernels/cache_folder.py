@@ -14,6 +14,8 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from .. import system
+
 PACKAGE = Path(__file__).resolve().parent.parent
 CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # beside numba's own variable, so that a child knows that no user gave that one
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -40,7 +42,7 @@ def cache_folder(own_laws=()):
         Digests of the files with users' own laws that this process has loaded.
     """
     root = os.environ.get("MPMGIS_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    root = Path(root) if root else Path.home() / ".cache"
+    root = Path(root) if root else system.cache_root()
     name = source_digest()
     if own_laws:
         name += "-own-" + hashlib.sha256(" ".join(sorted(own_laws)).encode()).hexdigest()[:16]
@@ -58,7 +60,8 @@ def cache_folder(own_laws=()):
 def is_own(folder):
     """Whether `folder`, which is no link, is this user's and writable by nobody else."""
     found = os.lstat(folder)
-    return stat.S_ISDIR(found.st_mode) and _is_ours(found) and not found.st_mode & _OTHERS_WRITE
+    others = system.modes_count() and found.st_mode & _OTHERS_WRITE
+    return stat.S_ISDIR(found.st_mode) and _is_ours(found) and not others
 
 
 def given_cache_folder():
@@ -83,6 +86,8 @@ def choose(folder):
 
 def _may_hold(root):
     """Whether what is in `root` stays what it is: others can write there only under the sticky bit."""
+    if not system.modes_count():
+        return True
     found = os.stat(root)
     return not found.st_mode & stat.S_IWOTH or bool(found.st_mode & stat.S_ISVTX)
 
@@ -97,7 +102,7 @@ def _own(folder, emptied=False):
     found = os.lstat(folder)
     if not (stat.S_ISDIR(found.st_mode) and _is_ours(found)) or _is_junction(found):
         return False
-    if os.name == "posix" and found.st_mode & 0o077:
+    if system.modes_count() and found.st_mode & 0o077:
         os.chmod(folder, 0o700)
         if emptied and found.st_mode & _OTHERS_WRITE:
             _empty(folder)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
+from ..io.links import is_above
 from .export import ExportRequest
 from .opened_results import result_name
 
@@ -70,7 +71,7 @@ def checked_output(output, files, overwrite, read):
         raise InputError(f"-o {output}: wanted {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
     refuse_existing(output, overwrite)
     for path in read:
-        if Path(path).resolve().is_relative_to(output.resolve()):
+        if is_above(output, Path(path).resolve()):
             raise OutputError(f"{output} holds {path}, which is asked about, and would be replaced; give another -o")
     return output
 

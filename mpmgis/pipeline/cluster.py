@@ -5,17 +5,11 @@ belongs behind TLS (`tls://` addresses, certificates in Dask's own configuration
 """
 
 import logging
-import os
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
 from ..errors import InputError, one_line
 from .workers import POLL_SECONDS, RETRIES
-
-
-def cores():
-    """Number of processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import system
 from ..conversion.account import account_of_columns, account_of_points
 from ..conversion.columns import points_to_columns
 from ..conversion.options import ColumnOptions, PointOptions
@@ -17,7 +18,6 @@ from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
 from ..machine import memory_lack
 from .export_inputs import run_terrain
-from .seed import relative_path
 
 BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's file
 
@@ -203,4 +203,4 @@ def require_point_memory(count, spacing):
 def _placed(frame, terrain, path):
     """The frame with its terrain's CRS, and with the terrain's path as seen from its own file."""
     crs = frame.crs if frame.crs is not None else terrain.grid.crs
-    return replace(frame, crs=crs, dem=relative_path(terrain.path, path.parent), dem_sha256=terrain.sha256)
+    return replace(frame, crs=crs, dem=system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from .. import __version__
+from .. import __version__, system
 from ..errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
@@ -24,7 +24,6 @@ from ..studies.plan import Plan, with_values
 from ..studies.statistics import MEMBER_BANDS, Products, exceedances
 from ..studies.variation import variation
 from . import cluster
-from .cluster import cores
 from .ensemble_member import FIGURES, MemberTask, run_member, warm_worker, warmed
 from .foresight import duration, foreseen
 from .inputs import input_files
@@ -118,7 +117,7 @@ def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, l
     records = {task.digest: read_member(task.output, task.digest, task.frames) for task in tasks}
     records = {digest: record for digest, record in records.items() if record is not None}
     to_run = list({task.digest: task for task in tasks if task.digest not in records}.values())
-    workers = min(request.workers or cores(), max(1, len(to_run)))
+    workers = min(request.workers or system.cores(), max(1, len(to_run)))
     if to_run:
         _require_affordable(study, to_run, workers, confirm, say)
     before = sum(task.digest in records for task in tasks)

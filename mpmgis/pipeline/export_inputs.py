@@ -10,6 +10,7 @@ from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..geo.georeference import LOCAL, name_of, same_place, warp_command
 from ..io.atomic import refuse_existing
 from ..io.gdal_input import require_local
+from ..io.links import is_above
 from ..io.raster import open_raster, read_terrain
 from ..products.solver_maxima import SolverPeaks
 
@@ -36,7 +37,7 @@ def output_folder(request, entries):
 
 def refuse_within(output, path):
     """Raise OutputError where the folder `output`, which is going to be replaced, holds the file at `path`."""
-    if output.resolve() in path.resolve().parents:
+    if is_above(output, path.resolve()):
         raise OutputError(
             f"{output} holds {path.name}, which this is made from, and would be replaced; give another -o"
         )
@@ -58,9 +59,9 @@ def run_terrain(request, entries, output, say):
         if not header.dem:
             raise InputError(f"{first} names no DTM; give it with --dem")
         path = first.parent / header.dem
+        require_local(path, first)
         if not path.exists():
             raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
-        require_local(path, first)
         if crs is None and not _carries_crs(path):
             crs = _word_of(header.crs)
     terrain = read_terrain(path, crs, request.dem_band, say)
@@ -167,11 +168,14 @@ def release_name(entries):
 def release_outlines(entries, terrain):
     """Polygons of the run's release in the terrain's CRS; None where its file is not known or gone."""
     file = release_file(entries)
-    if file is None or not file.exists():
+    if file is None:
         return None
     from ..io.vector import read_release  # brings pandas, which rasters alone do without
 
     try:
+        require_local(file, entries[0].path)
+        if not file.exists():
+            return None
         return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
     except MpmgisError:
         return None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__
+from .. import __version__, system
 from ..fields import BAND, Quantity
 from ..io.ascii_grid import write_ascii_grid
 from ..io.exported import ExportedRun
@@ -246,7 +246,7 @@ def _write_iseesnow(plan, rasters, maxima):
     for kind in ISEESNOW:
         values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
         values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values
-        file = f"{release}_{digest}_null_mpmgis_{kind}.asc"
+        file = f"{system.file_name(f'{release}_{digest}')}_null_mpmgis_{kind}.asc"  # what a frame says is any text
         write_ascii_grid(rasters / file, grid, np.where(on_terrain, values, np.nan))
 
 

@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 
-from .cluster import connected, cores
+from .. import system
+from .cluster import connected
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,6 @@ def frame_pool(workers=None, dask=None):
     InputError
         No scheduler answers at that address.
     """
-    workers = workers or cores()
+    workers = workers or system.cores()
     with nullcontext() if dask is None else connected(dask) as cluster, ThreadPoolExecutor(workers) as threads:
         yield FramePool(threads, cluster, workers)

@@ -1,6 +1,5 @@
 """`mpmgis run`: a scene in, a folder of frames out."""
 
-import os
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import system
 from ..errors import InputError, SceneError, UnphysicalError
 from ..io.barrier_table import BarrierTable
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
@@ -315,6 +315,6 @@ def _beside(scene, folder):
         path, bar, layer = name.partition("|")  # file.gpkg|layername=name
         if not scene.path(path).exists():
             return name
-        return Path(os.path.relpath(scene.path(path).resolve(), folder.resolve())).as_posix() + bar + layer
+        return system.slashed(scene.path(path).resolve(), folder.resolve()) + bar + layer
 
     return scene.with_files(moved)

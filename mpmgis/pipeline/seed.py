@@ -1,11 +1,11 @@
 """`mpmgis seed`: a DTM and release areas in, a file of columns out."""
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from .. import system
 from ..errors import OutputError
 from ..geo.release import NORMAL
 from ..io.atomic import refuse_existing
@@ -70,7 +70,7 @@ def seed_file(
     refuse_existing(path, overwrite)
     _refuse_inputs(path, (dem, release, thickness, surface))
     seed = _planned(terrain, area, options, say)
-    frame = replace(seed.empty_frame(), dem=relative_path(terrain.path, path.parent))
+    frame = replace(seed.empty_frame(), dem=system.slashed(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
@@ -126,11 +126,3 @@ def _refuse_inputs(path, inputs):
         named = Path(str(given).partition("|")[0])
         if path.exists() and named.exists() and path.samefile(named):
             raise OutputError(f"{path} is what the seed is made from and would be replaced; give another -o")
-
-
-def relative_path(path, folder):
-    """`path` as seen from `folder`; absolute where they share no root (another drive)."""
-    try:
-        return Path(os.path.relpath(path, folder)).as_posix()
-    except ValueError:
-        return Path(path).resolve().as_posix()

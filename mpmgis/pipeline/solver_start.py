@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import __version__
+from .. import __version__, system
 from ..conversion.account import account_of_points
 from ..conversion.options import PointOptions
 from ..conversion.points import columns_to_points
@@ -22,7 +22,7 @@ from ..machine import memory_lack
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
 from .convert import entry_at, listed, require_point_memory, whole_frame
 from .export_inputs import refuse_within, run_terrain
-from .seed import relative_path, seed_frame
+from .seed import seed_frame
 
 PLACEHOLDER_END = 10.0  # [s]
 README = "README.txt"
@@ -233,9 +233,9 @@ def _write(request, files, given, frames, terrain, source, folder, say):
         if files.finish is not None:
             files.finish(part, times)
         ground = write_terrain(part, box, axis_matrix(files.axes), files.terrain_on_grid)
-        write_sidecar(part / SUFFIX, _terms(files, first, times, relative_path(terrain.path, folder)))
+        write_sidecar(part / SUFFIX, _terms(files, first, times, system.slashed(terrain.path, folder)))
         told = _Told(files, first, times, given, placeholder)
-        (part / README).write_text(_readme(told, source, ground), encoding="utf-8")
+        (part / README).write_text(_readme(told, source, ground), encoding="utf-8", newline="\n")
     for line in _account(told):
         say(line)
     return StartWritten(folder, len(first.mass), float(first.mass.sum()), float(_volume(files, first).sum()))

@@ -7,7 +7,6 @@ code. A process that dies is replaced, and what it worked on is run again.
 import json
 import os
 import pickle
-import signal
 import struct
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import threading
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
+from .. import system
 from ..errors import InputError, one_line
 
 KEPT_BYTES = 1 << 30  # of freed memory that a worker keeps
@@ -152,7 +152,7 @@ class _Process:
 
 def serve():
     """What a worker does: calls and answers, until the process that started it ends or closes the pipe."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl+C to all; the program that began this decides
+    system.ignore_interrupts()
     calls, answers = os.fdopen(os.dup(0), "rb", buffering=0), os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # what libraries print is no answer
     waiting = SimpleQueue()

@@ -6,16 +6,18 @@ import socket
 import subprocess
 import sys
 
+import filelock
 import pytest
 
+from mpmgis import system
 from mpmgis.errors import OutputError
-from mpmgis.io import atomic, lock, writer
+from mpmgis.io import atomic, writer
 from mpmgis.io.atomic import whole_file, whole_folder
 from mpmgis.io.lock import LOCK_FILE, sole_writer
 from mpmgis.io.writer import Writer
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot be asked whether it is alive")
-needs_locks = pytest.mark.skipif(lock.fcntl is None, reason="the system has no locks of files")
+removes_open_files = pytest.mark.skipif(os.name == "nt", reason="there no open file is removed, no folder of one moved")
 needs_start = pytest.mark.skipif(writer.started(os.getpid()) == writer.UNKNOWN, reason="no start of processes here")
 
 
@@ -33,13 +35,11 @@ def here(**other):
 
 def no_locks(monkeypatch):
     """As on a file system without locks."""
-    if lock.fcntl is None:
-        return
 
-    def refuse(handle, how):
+    def refuse(handle, blocking):
         raise OSError(errno.ENOLCK, "no locks")
 
-    monkeypatch.setattr(lock.fcntl, "flock", refuse)
+    monkeypatch.setattr(filelock, "lock_descriptor", refuse)
 
 
 # ------------------------------------------------------------------------------------------------------------- writers
@@ -91,7 +91,7 @@ def test_one_that_nobody_has_waited_for_is_over():
     child = subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE)
     child.stdout.read()
     for _ in range(10_000):
-        if writer._facts(child.pid)[:1] == ["Z"]:
+        if system.process_facts(child.pid)[:1] == ["Z"]:
             break
         os.sched_yield()
     assert Writer(child.pid, writer.host(), writer.boot(), writer.started(child.pid)).is_over()
@@ -182,7 +182,6 @@ def test_a_folder_has_one_writer(tmp_path):
         pass
 
 
-@needs_locks
 @pytest.mark.parametrize("text", ["", "process 4711", "process 1 on another host", "process 1 on x, token"])
 def test_what_a_killed_process_left_holds_nobody_up(tmp_path, text):
     token = f"{Writer(1, '0' * 8, '0' * 8, 1)}-0123abcd"
@@ -192,7 +191,7 @@ def test_what_a_killed_process_left_holds_nobody_up(tmp_path, text):
     assert not list(tmp_path.iterdir())
 
 
-@needs_locks
+@removes_open_files
 def test_a_folder_that_is_removed_or_replaced_is_not_held_any_more(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
@@ -208,18 +207,18 @@ def test_a_folder_that_is_removed_or_replaced_is_not_held_any_more(tmp_path):
         folder.mkdir(exist_ok=True)
 
 
-@needs_locks
+@removes_open_files
 def test_a_lock_whose_holder_removed_it_meanwhile_is_taken_anew(tmp_path, monkeypatch):
     """The file was opened, then its holder let go and removed it: a lock on that file holds nothing."""
-    flock, seen = lock.fcntl.flock, []
+    locked, seen = filelock.lock_descriptor, []
 
-    def removed(handle, how):
+    def removed(handle, blocking):
         if not seen:
             os.unlink(tmp_path / LOCK_FILE)
         seen.append(os.fstat(handle).st_ino)
-        flock(handle, how)
+        return locked(handle, blocking=blocking)
 
-    monkeypatch.setattr(lock.fcntl, "flock", removed)
+    monkeypatch.setattr(filelock, "lock_descriptor", removed)
     with sole_writer(tmp_path) as hold:
         hold.require()
         assert len(seen) == 2

@@ -43,7 +43,7 @@ def write_sidecar(path, terms):
         if value is not None and value != ():
             content[key] = _plain(key, value)
     with whole_file(path) as part:
-        part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
 
 
 def _plain(key, value):

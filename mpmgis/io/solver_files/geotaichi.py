@@ -76,7 +76,7 @@ def write(start, folder, number):
         particles=PARTICLES,
         velocity=mean_velocity(start),
     )
-    (folder / SCRIPT).write_text(text, encoding="utf-8")
+    (folder / SCRIPT).write_text(text, encoding="utf-8", newline="\n")
 
 
 def mean_velocity(start):

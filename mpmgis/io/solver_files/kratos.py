@@ -51,7 +51,7 @@ def write(start, folder, number):
         write_rows(sink, start.velocity)
     write_json(folder / "ParticleMaterials.json", _materials(start))
     write_json(folder / "ProjectParameters.json", _parameters(start))
-    (folder / "MainKratos.py").write_text(_MAIN, encoding="utf-8")
+    (folder / "MainKratos.py").write_text(_MAIN, encoding="utf-8", newline="\n")
 
 
 def _write_grid(path, grid):

@@ -18,7 +18,7 @@ def write(start, folder, number):
         json.dumps({"id": number, "position": place, "volume": volume, "material_id": 1})
         for number, (place, volume) in enumerate(zip(start.position.tolist(), start.volume.tolist(), strict=True), 1)
     )
-    with open(folder / PARTICLES, "w", encoding="utf-8") as sink:
+    with open(folder / PARTICLES, "w", encoding="utf-8", newline="\n") as sink:
         sink.write("[")
         for count, row in enumerate(rows):
             sink.write((",\n" if count else "\n") + row)

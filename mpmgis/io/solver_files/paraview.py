@@ -35,7 +35,7 @@ def finish(folder, times):
         for number, time in enumerate(times)
     )
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n<Collection>\n'
-    (folder / SERIES).write_text(f"{head}{rows}</Collection>\n</VTKFile>\n", encoding="utf-8")
+    (folder / SERIES).write_text(f"{head}{rows}</Collection>\n</VTKFile>\n", encoding="utf-8", newline="\n")
 
 
 def read_back(folder, number):

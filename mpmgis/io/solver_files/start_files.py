@@ -67,4 +67,4 @@ class SolverFiles(NamedTuple):
 
 def write_json(path, content):
     """Write plain data as JSON."""
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")

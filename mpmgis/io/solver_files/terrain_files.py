@@ -73,7 +73,7 @@ def _write_binary(path, corners, normals):
 
 def _write_text(path, corners, normals):
     row = "facet normal %.6g %.6g %.6g\n outer loop\n" + "  vertex %.10g %.10g %.10g\n" * 3 + " endloop\nendfacet\n"
-    with open(path, "w", encoding="ascii") as sink:
+    with open(path, "w", encoding="ascii", newline="\n") as sink:
         sink.write("solid terrain\n")
         for start in range(0, len(corners), _TRIANGLES_AT_ONCE):
             part = slice(start, start + _TRIANGLES_AT_ONCE)

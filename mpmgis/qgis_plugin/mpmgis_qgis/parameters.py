@@ -228,7 +228,7 @@ def _place_path(algorithm, field, parameters, context):
     point = algorithm.parameterAsPoint(parameters, field.name, context, QgsCoordinateReferenceSystem(DEGREES))
     path = QgsProcessingUtils.generateTempFilename("place.geojson")
     geometry = {"type": "Point", "coordinates": [point.x(), point.y()]}
-    with open(path, "w", encoding="utf-8") as file:
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
         json.dump({"type": "Feature", "properties": {"name": "place"}, "geometry": geometry}, file)
     return path
 
