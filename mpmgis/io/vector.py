@@ -26,7 +26,6 @@ from ..geo.release import (
     without_overlaps,
 )
 from ..geo.terrain import bilinear
-from ..seeding.bed import bed_under
 from .gdal_input import require_undisguised
 from .ogr import pyogrio
 from .raster import WithoutCRS, file_sha256, open_raster, read_raster
@@ -61,6 +60,8 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     ------
     FormatError, GeoreferenceError, InputError
     """
+    from ..seeding.bed import bed_under  # brings the kernels of seeding, which outlines do without
+
     say = say or (lambda text: None)
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give one of them")
@@ -90,6 +91,27 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
         sha256=file_sha256(plain),
         record=record,
     )
+
+
+def read_outlines(path, terrain):
+    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as `read_release` has them.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def say(text):
+        """No release is seeded here: nobody needs to know what was assumed."""
+
+    wanted = _Thickness(number=1.0)
+    if is_raster(path):
+        features, _ = _raster_features(path, terrain, wanted, say)
+    else:
+        features = _vector_features(path, terrain, wanted, say)
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    return [part.polygon for part in without_overlaps(features, say)]
 
 
 class _Thickness:

@@ -169,10 +169,10 @@ def release_outlines(entries, terrain):
     file = release_file(entries)
     if file is None or not file.exists():
         return None
-    from ..io.vector import read_release  # brings GDAL's vector files, which rasters alone do without
+    from ..io.vector import read_outlines  # brings GDAL's vector files, which rasters alone do without
 
     try:
-        return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
+        return read_outlines(file, terrain)
     except MpmgisError:
         return None
 

@@ -47,12 +47,19 @@ def without(site, *words):
 
 def test_the_blocker_blocks(site):
     environment = os.environ | {"PYTHONPATH": str(site / "blocked")}
-    for name in FEW_NEED:
-        tried = subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True, env=environment)
-        assert tried.returncode == 1 and b"ModuleNotFoundError" in tried.stderr, name
+    trial = f"""
+import importlib
+for name in {FEW_NEED!r}:
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError:
+        print(name)
+"""
+    tried = subprocess.run([sys.executable, "-c", trial], capture_output=True, text=True, env=environment)
+    assert tried.stdout.split() == list(FEW_NEED)
 
 
-@pytest.mark.parametrize("suffix", ["h5", "csv", "gpkg", "json", "vtp"])
+@pytest.mark.parametrize("suffix", ["csv", "gpkg"])
 def test_seeds_are_the_same_without_arrow(site, suffix, tmp_path, capsys):
     words = ("seed", "--dem", site / "dtm.tif", "--release", site / "release.geojson", *SEED[5:])
     done = without(site, *words, "-o", tmp_path / f"few.{suffix}")
