@@ -5,6 +5,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+ADDRESS_SPACE = 1_000_000_000  # [bytes] with one thread 0.85e9 are enough for `run` and `export-raster`, 0.75e9 are not
 _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
@@ -20,6 +21,21 @@ def available_memory():
     with suppress(OSError, ValueError, AttributeError):
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return float("inf")
+
+
+def address_space_lack():
+    """In words what is wrong with the limit on this process's address space; "" where there is none, or room enough.
+
+    Beyond it libraries of C and C++ do not fail but abort, in the middle of whatever is being done.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows, which has no such limit
+        return ""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= ADDRESS_SPACE:
+        return ""
+    return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
 
 
 def memory_lack(needed, share=1.0):

@@ -9,6 +9,7 @@ import sys
 
 from .. import __version__
 from ..errors import MpmgisError, one_line
+from ..machine import address_space_lack
 from . import talk
 from .progress import ended_by_signals
 
@@ -128,6 +129,9 @@ def verbs_by_group():
 def _guarded(arguments):
     """Run the verb; every error and every wish to stop becomes one line on stderr and the contract's exit code."""
     name = f"mpmgis {arguments.verb}"
+    if lack := address_space_lack():
+        talk.complain(f"{name}: {lack}; raise the limit (ulimit -v)")
+        return 2
     try:
         with ended_by_signals():
             return arguments.run(arguments) or 0

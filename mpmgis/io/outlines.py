@@ -268,7 +268,9 @@ def _spans(clock, step):
 
 def _write_layer(path, name, batches, crs):
     """Write one layer, batch by batch, with pyogrio, which makes the file with the first; answers whether any came."""
-    pyogrio()
+    library = pyogrio()
+    if library.get_gdal_config_option("CPL_LOG") is None:  # what fails is raised; on stderr it is another's words
+        library.set_gdal_config_options({"CPL_LOG": os.devnull})
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyogrio.raw import write
 
