@@ -3,6 +3,7 @@
 import json
 import re
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -205,7 +206,23 @@ def _csv_table(path):
         head = file.readline(LONGEST_HEAD)
     columns = tuple(name.strip().strip('"') for name in head.decode("utf-8-sig").strip().split(","))
     numbers = [name for name in (*NEEDED, "thickness", "area") if name in columns]
-    return dict.fromkeys(columns) | read_rows(path, len(head), None, Form(columns, ","), numbers), {}
+    read = partial(read_rows, path, len(head), None, Form(columns, ","))
+    try:
+        return dict.fromkeys(columns) | read(numbers), {}
+    except FormatError:
+        wrong = [name for name in numbers if not _is_read(read, name)]
+        if len(wrong) == len(numbers):
+            raise
+        raise FormatError(f"{path}: column {wrong[0]!r} holds something else than numbers") from None
+
+
+def _is_read(read, name):
+    """Whether a column alone can be read."""
+    try:
+        read([name])
+    except FormatError:
+        return False
+    return True
 
 
 def _json_table(path):
