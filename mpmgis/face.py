@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from .errors import InputError, MpmgisError
+from .io.trust import trusting
 from .particles import Frame, Particles
 from .pipeline.python_options import AveragingOptions, ExportOptions, SeedingOptions, require_known
 
@@ -64,6 +65,7 @@ def run(
     resume: bool = False,
     threads: int | None = None,
     laws: str | Path | None = None,
+    trust: bool = False,
     confirm: Callable[[str], bool] = lambda question: True,
 ) -> "RunSummary":
     """Simulate a scene into a folder of frames, as `mpmgis run`.
@@ -74,7 +76,7 @@ def run(
         A scene.toml, or its tables as a dictionary, with paths relative to the current folder.
     output : path, optional
         Folder; default ``results`` beside the scene.
-    overwrite, resume, threads, laws : as of the command
+    overwrite, resume, threads, laws, trust : as of the command
     confirm : callable
         Asked in words before a run of hours or of most of the memory; False refuses it.
 
@@ -91,13 +93,18 @@ def run(
 
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, wanted a path or a mapping of its tables")
-    return run_scene(
-        scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm, say=_say
-    )
+    with trusting(trust):
+        return run_scene(
+            scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm, say=_say
+        )
 
 
 def export_raster(
-    frames: str | Path | list | tuple, output: str | Path | None = None, **options: Unpack[ExportOptions]
+    frames: str | Path | list | tuple,
+    output: str | Path | None = None,
+    *,
+    trust: bool = False,
+    **options: Unpack[ExportOptions],
 ) -> list[Path]:
     """Frames to GeoTIFF bands and a QGIS project (NHESS 25:3897, Eqs 2 to 17), as `mpmgis export-raster`.
 
@@ -107,6 +114,7 @@ def export_raster(
         Frames or the folder that holds them, of mpmgis or of another code.
     output : path, optional
         Folder; default ``<name>_gis`` beside the frames' folder.
+    trust : as of the command
     **options
         As of the command; `cell_size` is --cs-e [m], `time_step` --dt-e [s].
 
@@ -124,7 +132,8 @@ def export_raster(
 
     require_known(options, ExportOptions, "export_raster")
     given = tuple(frames) if isinstance(frames, (list, tuple)) else (frames,)
-    return export(ExportRequest(frames=given, output=None if output is None else Path(output), **options), _say)
+    with trusting(trust):
+        return export(ExportRequest(frames=given, output=None if output is None else Path(output), **options), _say)
 
 
 def open_results(

@@ -5,6 +5,7 @@ No other module asks which system it runs on, but for the toolbox for QGIS; a te
 """
 
 import errno
+import math
 import os
 import re
 import signal
@@ -165,6 +166,16 @@ def is_unread(stream, error) -> bool:
 def cores() -> int:
     """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def address_space_limit() -> float:
+    """Bytes of addresses that this process may use; infinite where there is no limit, as always on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def machine_number() -> str:

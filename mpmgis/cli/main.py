@@ -9,6 +9,8 @@ import sys
 
 from .. import __version__, system
 from ..errors import MpmgisError, one_line
+from ..io.trust import trusting
+from ..machine import address_space_lack
 from . import talk
 from .progress import ended_by_signals
 
@@ -34,6 +36,8 @@ VERBS = {
     "effects": ("effects", "the catalogue of effects; with a scene: which are on, and why"),
     "qgis-plugin": ("qgis_plugin", "the toolbox for QGIS as a zip, to be installed there"),
 }
+
+TRUSTING = ("seed", "convert", "run", "export-raster", "info")  # verbs with --trust
 
 # how `mpmgis --help` sorts the verbs; what no group names stands under the last one
 GROUPS = {
@@ -108,6 +112,8 @@ def main(argv=None):
         )
         module.add_arguments(sub)
         talk.add_arguments(sub)
+        if asked in TRUSTING:
+            talk.add_trust(sub)
         sub.set_defaults(run=module.run)
     arguments = parser.parse_args(argv)
     talk.set_volume(arguments)
@@ -128,8 +134,11 @@ def verbs_by_group():
 def _guarded(arguments):
     """Run the verb; every error and every wish to stop becomes one line on stderr and the contract's exit code."""
     name = f"mpmgis {arguments.verb}"
+    if lack := address_space_lack():
+        talk.complain(f"{name}: {lack}; raise the limit (ulimit -v)")
+        return 2
     try:
-        with ended_by_signals():
+        with ended_by_signals(), trusting(getattr(arguments, "trust", False)):
             return arguments.run(arguments) or 0
     except MpmgisError as error:
         talk.complain(f"{name}: {one_line(error)}")

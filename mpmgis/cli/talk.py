@@ -31,6 +31,16 @@ def add_arguments(parser):
     group.add_argument("-q", "--quiet", action="store_true", help="say nothing on stderr but errors")
 
 
+def add_trust(parser):
+    """Add --trust to a verb that reads what scenes, frames and files of others name, in this process alone."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="follow what a scene, a frame or another code's file names: the network, virtual rasters behind another "
+        "suffix, external links and virtual datasets of HDF5 (default: only what lies in it and on this disk)",
+    )
+
+
 def set_volume(arguments):
     """Take -v or -q from the parsed arguments."""
     global volume

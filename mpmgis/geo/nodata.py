@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are loaded when they are first used
 
 _AROUND = np.ones((3, 3))
 
@@ -13,7 +13,7 @@ def nodata_groups(nodata):
 
     Cells that share a side or a corner are of one group. A group at the edge is the collar, any other a hole.
     """
-    labels, _ = ndimage.label(nodata, _AROUND)
+    labels, _ = scipy.ndimage.label(nodata, _AROUND)
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     return labels, set(np.unique(rim[rim > 0]).tolist())
 
@@ -80,10 +80,10 @@ def nodata_in_reach(terrain, reach, cell_size):
     rows, columns = nodata.shape
     radius = int(np.ceil(1.5 * max(cell_size / terrain.grid.cell_size, 1.0))) + reach.step - 1
     reached = np.repeat(np.repeat(reach.inside, reach.step, 0), reach.step, 1)[:rows, :columns]
-    beside = nodata & ndimage.binary_dilation(reached, _AROUND, radius)
+    beside = nodata & scipy.ndimage.binary_dilation(reached, _AROUND, radius)
     labels, at_edge = nodata_groups(nodata)
     of_collar = beside & np.isin(labels, list(at_edge))
-    windows = ndimage.find_objects(labels)
+    windows = scipy.ndimage.find_objects(labels)
     holes = []
     for number in np.unique(labels[beside & ~of_collar]).tolist():
         window = windows[number - 1]

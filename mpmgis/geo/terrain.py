@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are loaded when they are first used
 
 from .grid import Grid
 
@@ -111,7 +111,7 @@ def continued(elevation, pad=0, most=np.inf):
     sloping = np.isfinite(slopes[0]) & np.isfinite(slopes[1])
     if not sloping.any():
         sloping, slopes = known, [np.zeros(padded.shape)] * 2
-    nearest = ndimage.distance_transform_edt(~sloping, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(~sloping, return_distances=False, return_indices=True)
     missing = np.nonzero(~known)
     source = tuple(axis[missing] for axis in nearest)
     rise = sum(

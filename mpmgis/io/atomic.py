@@ -53,10 +53,10 @@ def whole_file(path):
         refuse_link(path)
         system.replace(part, path)
     except BaseException as error:
-        cause = _cause(part, error)
+        told = _told(part, path, error)
         _remove(part, *new_parents)
-        if cause is not None:
-            raise output_error(path, cause) from error
+        if told is not None:
+            raise told from error
         raise
 
 
@@ -86,11 +86,11 @@ def whole_folder(path, overwrite=False):
             system.replace(path, old)
         system.replace(part, path)
     except BaseException as error:
-        cause = _cause(part, error)
+        told = _told(part, shown, error)
         _remove(part, *new_parents)
         _restore(old, path)
-        if cause is not None:
-            raise output_error(shown, cause) from error
+        if told is not None:
+            raise told from error
         raise
     remove(old)
 
@@ -173,12 +173,23 @@ def output_error(path, error):
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")
 
 
+def _told(part, shown, error):
+    """The OutputError in place of `error`, met while writing `part` of `shown`; None where `error` is good as it is."""
+    cause = _cause(part, error)
+    if cause is not None:
+        return output_error(shown, cause)
+    if isinstance(error, OutputError) and str(part) in str(error):
+        return OutputError(str(error).replace(str(part), str(shown)))
+    return None
+
+
 def _cause(part, error):
     """The OSError that `error` is, or that it comes from, met while writing `part`; None where it is of another kind.
 
     Libraries have their own words and kinds for a disk that is full. Whether it is shows when a little is written.
     """
-    if isinstance(error, MpmgisError) or not isinstance(error, Exception):
+    ours = isinstance(error, MpmgisError) and str(part) not in str(error)
+    if ours or not isinstance(error, Exception):
         return None
     if isinstance(error, OSError) and error.errno is not None:
         return error

@@ -9,7 +9,8 @@ from ..errors import GeoreferenceError, InputError
 from ..geo.georeference import name_of, same_place, warp_command
 from ..geo.grid import Grid
 from .raster import read_raster
-from .vector import names_of, read_table, repaired, require_lies_on, require_polygons, to_terrain
+from .vector import repaired, require_lies_on, to_terrain
+from .vector_table import names_of, read_table, require_polygons
 
 
 @dataclass(frozen=True)
@@ -56,15 +57,15 @@ def read_polygons(path, terrain, say):
 def read_walls(path, terrain, width, say):
     """As `read_polygons` for barriers: lines become polygons `width` [m] wide."""
     table = read_table(path, flag="")
-    kinds = set(getattr(table, "geometry", table).geom_type.dropna()) if hasattr(table, "geometry") else set()
+    kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
         if width is not None:
             raise InputError(f"{path} holds no lines alone, and width = {width:g} is for lines; take width out")
         return _features(path, require_polygons(table, path, say), terrain, say)
     if width is None:
         raise InputError(f"{path} holds lines; give [[barrier]] width, how thick the wall is [m]")
-    names, rows = names_of(table), _rows(table)
-    lines = to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
+    names, rows = names_of(table), table.rows()
+    lines = to_terrain(table.geometry, table.crs, terrain, path, say)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
         raise InputError(f"{path}: a line has no geometry; draw it anew, or remove it")
     return [
@@ -74,17 +75,12 @@ def read_walls(path, terrain, width, say):
 
 
 def _features(path, table, terrain, say):
-    names, rows = names_of(table), _rows(table)
-    shapes = to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
+    names, rows = names_of(table), table.rows()
+    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
     return [
         Feature(name, repaired(shape, name, path, say), row, str(path))
         for name, shape, row in zip(names, shapes, rows, strict=True)
     ]
-
-
-def _rows(table):
-    """Column -> value of each row, without the geometry."""
-    return table.drop(columns=table.geometry.name).to_dict("records")
 
 
 def read_area(path, terrain, say):

@@ -3,7 +3,6 @@
 Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
 """
 
-import dask.array
 import numpy as np
 import pyproj
 import rasterio
@@ -81,6 +80,13 @@ def _variable(quantity, values):
     )
 
 
+def _lazy(function, **options):
+    """dask.array.map_blocks of a function without arrays."""
+    import dask.array  # a tenth of a second, which values in memory do without
+
+    return dask.array.map_blocks(function, **options)
+
+
 def averaged_steps(count, quantities, grid, frame_values):
     """Name -> (Quantity, lazy float32[count, rows, columns]) of bands that are averaged when they are asked for.
 
@@ -95,7 +101,7 @@ def averaged_steps(count, quantities, grid, frame_values):
         `frame_values(step)` answers a FrameValues with those quantities.
     """
     rows, columns = grid.shape
-    stack = dask.array.map_blocks(
+    stack = _lazy(
         _averaged_block, chunks=((1,) * count, (len(quantities),), (rows,), (columns,)), dtype=np.float32,
         meta=np.empty((0, 0, 0, 0), np.float32), quantities=quantities, grid=grid, frame_values=frame_values,
     )  # fmt: skip
@@ -104,9 +110,20 @@ def averaged_steps(count, quantities, grid, frame_values):
 
 def _averaged_block(quantities, grid, frame_values, block_info=None):
     values = frame_values(block_info[None]["array-location"][0][0])
+    return averaged_bands(quantities, grid, values)[np.newaxis]
+
+
+def averaged_step(quantities, grid, values):
+    """Name -> (Quantity, float32[1, rows, columns]) of the bands of one step's FrameValues; as `averaged_steps`."""
+    bands = averaged_bands(quantities, grid, values)
+    return {quantity.name: (quantity, bands[k : k + 1]) for k, (quantity, _) in enumerate(quantities)}
+
+
+def averaged_bands(quantities, grid, values):
+    """float32[bands, rows, columns] of the `quantities` (Quantity, value without particles) in a step's FrameValues."""
     bands = [(values.values[quantity.name], empty) for quantity, empty in quantities]
     rows_of = SparseBands(grid, values.index, bands)
-    return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])[np.newaxis]
+    return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])
 
 
 def computed_bands(quantities, grid, compute):
@@ -119,7 +136,7 @@ def computed_bands(quantities, grid, compute):
     compute : callable
         `compute()` answers name -> float32[rows, columns].
     """
-    stack = dask.array.map_blocks(
+    stack = _lazy(
         _computed_block, chunks=((len(quantities),), *((length,) for length in grid.shape)), dtype=np.float32,
         meta=np.empty((0, 0, 0), np.float32), names=[quantity.name for quantity in quantities], compute=compute,
     )  # fmt: skip
@@ -174,7 +191,7 @@ def _quantity(text):
 def _lazy_bands(paths, band, shape):
     """Lazy float32[files, rows, columns] of one band of rasters of one shape."""
     rows, columns = (_cut(length) for length in shape)
-    return dask.array.map_blocks(
+    return _lazy(
         _read_block, chunks=((1,) * len(paths), rows, columns), dtype=np.float32, meta=np.empty((0, 0, 0), np.float32),
         paths=tuple(map(str, paths)), band=band,
     )  # fmt: skip

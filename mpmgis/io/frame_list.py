@@ -65,7 +65,7 @@ class FrameEntry:
         return self.read()
 
     def read_maxima(self):
-        """Running peaks of the solver by name (`mpmgis.io.frames.MAXIMA`); empty where it kept none."""
+        """Running peaks of the solver by name (`mpmgis.peaks.PEAK_NAMES`); empty where it kept none."""
         return read_maxima(self.path) if self.reader == OWN else {}
 
 

@@ -1,7 +1,8 @@
 """Files of anybody for GDAL: what a name or a few lines of XML may make it read, from disk and from the network.
 
 A file that the user names may be what it likes, as long as its suffix says so. One that a scene, a frame or a folder
-names may come from somebody else: no part of it lies in the network. On Windows that is another computer's folder, too.
+names may come from somebody else: no part of it lies in the network (on Windows that is another computer's folder,
+too), unless the user trusts it (`io.trust`).
 """
 
 import os
@@ -12,6 +13,7 @@ from xml.etree import ElementTree
 from .. import system
 from ..errors import FormatError, one_line
 from .plain_file import require_file_or_folder
+from .trust import is_trusted
 
 HEAD = 2048  # bytes in which GDAL looks for what a file is
 LARGEST_VRT = 20_000_000  # [bytes]; one of 10 000 tiles has 5 MB
@@ -36,13 +38,15 @@ def require_undisguised(path):
     """
     path = Path(path)
     require_file_or_folder(path)
+    if is_trusted():
+        return
     for place in (path, *(path.with_name(path.name + suffix) for suffix in _SIDECARS)):
         head, suffix = _head(place), place.suffix.lower()
         virtual = any(word in head for word in _VIRTUAL) and suffix not in _VRT_SUFFIXES
         if virtual or (any(word in head for word in _SERVICES) and suffix not in _XML_SUFFIXES):
             raise FormatError(
                 f"{place} is a list of other files or a web service behind the suffix {suffix or 'of none'}; where you "
-                f"trust it, rename it to {'.vrt' if virtual else '.xml'}"
+                f"trust it, rename it to {'.vrt' if virtual else '.xml'}, or say --trust where the command has it"
             )
 
 
@@ -60,6 +64,9 @@ def require_local(path, named_by):
     FormatError
         Also what `require_undisguised` refuses.
     """
+    if is_trusted():
+        require_file_or_folder(path)
+        return
     left, seen = [Path(path)], set()
     while left:
         place = left.pop()
@@ -90,8 +97,8 @@ def _require_local_name(name, named_by):
     elsewhere = system.WINDOWS and share(name) not in ("", share(os.path.abspath(named_by)))
     if elsewhere or _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
         raise FormatError(
-            f"{one_line(name)[:120]}, which {named_by} names, lies in the network or in a database; download it, or "
-            "give it as an option where the command has one"
+            f"{one_line(name)[:120]}, which {named_by} names, lies in the network or in a database; download it, "
+            "give it as an option, or say --trust, where the command has one of these"
         )
 
 

@@ -1,11 +1,12 @@
 """GeoTIFFs for every GIS: float32, nodata -9999, tiled, band by band, sparse."""
 
+import ctypes
 import mmap
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
-import rasterio
+import rasterio._base
 import rasterio.shutil
 from rasterio.enums import ColorInterp
 
@@ -39,6 +40,11 @@ COG_LAYOUT = {
     "bigtiff": "if_safer",
     "copy_src_mdd": "YES",
 }
+# GDAL's own handler hears of each of these, and what is wrong becomes an exception; libtiff prints besides, to stderr
+# and with temporary names, what the system says of a write that fails.
+with suppress(OSError, AttributeError):  # where a library cannot be asked for the functions of those that it needs
+    ctypes.CDLL(rasterio._base.__file__).TIFFSetErrorHandler(None)
+
 # GDAL takes the first band of any such file for grey and has no way to write "undefined". It writes a name that it
 # does not expect there, and reads a name that it does not know as undefined; these two are equally long.
 _WRITTEN_COLOUR, _MEANT_COLOUR = (f'role="colorinterp">{name}<'.encode() for name in ("Lightness", "Undefined"))

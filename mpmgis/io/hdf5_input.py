@@ -2,21 +2,24 @@
 
 HDF5 follows external links, virtual datasets and external storage to any file that the user may read; a source that is
 missing becomes the fill value, and one that is a pipe is waited for. A few bytes declare any shape. All that reads HDF5
-here opens it by this module.
+here opens it by this module. Where the user trusts what the file names (`io.trust`), it is read from files that are
+there.
 """
 
 import math
+import os
 from contextlib import contextmanager
+from pathlib import Path
 
 import h5py
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
 from .plain_file import require_file
+from .trust import is_trusted
 
 MOST_OBJECTS = 100_000
 SMALL = 64 * 2**20  # [bytes] that are not held against the memory: asking each dataset takes longer than reading it
-_LINKS = {h5py.h5l.TYPE_EXTERNAL: "an external link"}  # what else is neither hard nor soft is of somebody's plugin
 
 
 @contextmanager
@@ -61,7 +64,7 @@ def opened_whole(path):
     """
     require_file(path)
     with _library_failures(), WholeFile(path, "r") as file:
-        file.is_small = _declared(path, file) <= SMALL
+        file.is_small = _declared(path, file) <= SMALL and not is_trusted()
         yield file
 
 
@@ -77,14 +80,16 @@ def _declared(path, file):
         left -= 1
         if left < 0:
             return name, f"one of more than {MOST_OBJECTS} objects"
-        if info.type != h5py.h5l.TYPE_HARD:
-            kind = "" if info.type == h5py.h5l.TYPE_SOFT else _LINKS.get(info.type, "a link of a plugin")
+        if info.type == h5py.h5l.TYPE_EXTERNAL:
+            kind = not_followed(file.get(name, getlink=True), path) if is_trusted() else "an external link"
             return (name, kind) if kind else None
+        if info.type != h5py.h5l.TYPE_HARD:
+            return None if info.type == h5py.h5l.TYPE_SOFT else (name, "a link of a plugin")
         found = h5py.h5o.open(file.id, name)
         if not isinstance(found, h5py.h5d.DatasetID):
             return None
         size += _bytes_of(found)
-        kind = elsewhere(found)
+        kind = elsewhere(found, path)
         return (name, kind) if kind else None
 
     found = file.id.links.visit(foreign, info=True)
@@ -106,14 +111,42 @@ def _bytes_of(dataset):
     return 8 * count + (8 * math.prod(layout.get_chunk()) if chunked else 0)
 
 
-def elsewhere(dataset):
-    """In words why the values of a dataset (h5py.h5d.DatasetID) lie in other files; "" where they lie in its own."""
+def elsewhere(dataset, path):
+    """In words why the values of a dataset (h5py.h5d.DatasetID) in the file at `path` lie in others that are not read.
+
+    "" where they lie in its own, or in others that are there and that the user trusts. HDF5 reads the fill value where
+    the source of a virtual dataset is missing, and waits for a pipe.
+    """
     if dataset.get_offset() is not None:  # contiguous, in this file
         return ""
     layout = dataset.get_create_plist()
     if layout.get_layout() == h5py.h5d.VIRTUAL:
-        return "a virtual dataset"
-    return "a dataset in external storage" if layout.get_external_count() else ""
+        names = (layout.get_virtual_filename(k) for k in range(layout.get_virtual_count()))
+        return _not_read("a virtual dataset", path, names)
+    names = (os.fsdecode(layout.get_external(k)[0]) for k in range(layout.get_external_count()))
+    return _not_read("a dataset in external storage", path, names) if layout.get_external_count() else ""
+
+
+def not_followed(link, path):
+    """In words why a link (of h5py, with getlink) in the file at `path` is not followed; "" where it is."""
+    if isinstance(link, h5py.HardLink):
+        return ""
+    return _not_read("an external link", path, [link.filename]) if isinstance(link, h5py.ExternalLink) else "a link"
+
+
+def _not_read(kind, path, names):
+    """`kind` with why the files `names` that the one at `path` leads to are not read; "" where they are.
+
+    "." is the file itself.
+    """
+    if not is_trusted():
+        return kind
+    for name in dict.fromkeys(names):
+        place = Path(path) if name == "." else Path(path).parent / name
+        if not place.is_file():
+            lack = "no plain file" if place.exists() else "not there"
+            return f"{kind} of {one_line(name)[:120]}, which is {lack}"
+    return ""
 
 
 def require_room(where, rows, bytes_each, *datasets):

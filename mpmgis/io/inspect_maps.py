@@ -11,6 +11,7 @@ from affine import Affine
 from ..errors import FormatError, MpmgisError, one_line
 from ..geo.georeference import horizontal, name_of
 from ..geo.grid import Grid
+from .extras import needed_for
 from .gdal_input import require_undisguised
 from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
 from .raster import open_raster, read_terrain
@@ -120,6 +121,8 @@ def vector_facts(path):
         warnings.simplefilter("ignore")
         try:
             layers = list(_layers(path))
+        except MpmgisError:
+            raise
         except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
             reason = one_line(error).replace(str(path), path.name).split(";")[0][:120]
             raise FormatError(f"{path} is no vector file that GDAL reads ({reason})") from error
@@ -131,7 +134,9 @@ def vector_facts(path):
 def _layers(path):
     """(name, table) of each layer of a vector file."""
     if path.suffix.lower() in (".parquet", ".geoparquet"):
-        yield path.stem, geopandas.read_parquet(path)
+        with needed_for(f"{path}: Parquet", "parquet"):
+            table = geopandas.read_parquet(path)
+        yield path.stem, table
         return
     for name, _ in pyogrio.list_layers(path):
         yield name, pyogrio.read_dataframe(path, layer=name)

@@ -3,19 +3,20 @@
 import json
 import re
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pyogrio
 import pyproj
 
-from ..errors import FormatError, InputError, one_line
+from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..geo.georeference import name_of
 from ..peaks import largest_peaks
+from .extras import needed_for
 from .foreign.meaning import foreign_particles, named_columns, series_place, times_of, untold
+from .foreign.rows_of_text import Form, read_rows
 from .frame_digest import check_content
 from .frame_list import foreign_frames
 from .frames import read_frame, read_maxima
@@ -23,6 +24,7 @@ from .hdf5_input import opened_whole
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
+LONGEST_HEAD = 100_000  # [bytes] of the line of names in a .csv
 MOST_FRAMES_READ = 12  # of another code's; of a longer series the first and the last
 
 
@@ -154,7 +156,7 @@ def particle_table_facts(path):
     path = Path(path)
     try:
         columns, record = _TABLES[path.suffix.lower()](path)
-    except FormatError:
+    except MpmgisError:
         raise
     except Exception as error:  # Arrow, GDAL, pandas and the XML parser each have their own kinds
         reason = one_line(error).replace(str(path), path.name)[:100]
@@ -200,8 +202,27 @@ def _numbers(path, columns, name):
 
 
 def _csv_table(path):
-    table = pyarrow.csv.read_csv(path)
-    return {name: table[name].to_numpy() for name in table.column_names}, {}
+    with open(path, "rb") as file:
+        head = file.readline(LONGEST_HEAD)
+    columns = tuple(name.strip().strip('"') for name in head.decode("utf-8-sig").strip().split(","))
+    numbers = [name for name in (*NEEDED, "thickness", "area") if name in columns]
+    read = partial(read_rows, path, len(head), None, Form(columns, ","))
+    try:
+        return dict.fromkeys(columns) | read(numbers), {}
+    except FormatError:
+        wrong = [name for name in numbers if not _is_read(read, name)]
+        if len(wrong) == len(numbers):
+            raise
+        raise FormatError(f"{path}: column {wrong[0]!r} holds something else than numbers") from None
+
+
+def _is_read(read, name):
+    """Whether a column alone can be read."""
+    try:
+        read([name])
+    except FormatError:
+        return False
+    return True
 
 
 def _json_table(path):
@@ -213,6 +234,9 @@ def _json_table(path):
 
 
 def _parquet_table(path):
+    with needed_for(f"{path}: Parquet", "parquet"):
+        import pyarrow.parquet
+
     table = pyarrow.parquet.read_table(path, columns=None)
     notes = table.schema.metadata or {}
     columns = {name: table[name].to_numpy() for name in table.column_names if name != "geometry"}

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded when they are first used
 from rasterio.fill import fillnodata
-from scipy import ndimage
 
 from ..geo.nodata import nodata_groups
 
@@ -65,14 +65,14 @@ def filled(terrain):
     labels, at_edge = nodata_groups(nodata)
     left = int(np.isin(labels, list(at_edge)).sum())
     elevation, cells, worst = terrain.elevation.copy(), 0, (0.0, (0, 0))
-    windows = enumerate(ndimage.find_objects(labels), 1)
+    windows = enumerate(scipy.ndimage.find_objects(labels), 1)
     holes = [(number, window) for number, window in windows if number not in at_edge]
     sides = [float(np.hypot(*terrain.grid.matrix[:, k])) for k in (1, 0)]
     for number, inner in holes:
         window = tuple(slice(part.start - 1, part.stop + 1) for part in inner)
         hole, known = labels[window] == number, ~nodata[window]
         elevation[window][hole] = _heights(terrain.elevation[window], hole, known)[hole]
-        apart = np.where(hole, ndimage.distance_transform_edt(~known, sampling=sides), 0.0)
+        apart = np.where(hole, scipy.ndimage.distance_transform_edt(~known, sampling=sides), 0.0)
         row, column = np.unravel_index(np.argmax(apart), apart.shape)
         cells += int(hole.sum())
         worst = max(worst, (float(apart[row, column]), (int(row) + window[0].start, int(column) + window[1].start)))
@@ -85,7 +85,7 @@ def filled(terrain):
 
 def _heights(elevation, hole, known):
     """Heights [m] in the cells `hole` of a window from those that are `known` in it."""
-    around = ndimage.binary_dilation(hole, np.ones((3, 3))) & known
+    around = scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & known
     row, column = np.indices(hole.shape)
     terms = np.stack([np.ones(hole.shape), row, column], axis=-1)
     plane = terms @ np.linalg.lstsq(terms[around], elevation[around], rcond=None)[0]

@@ -8,7 +8,8 @@ from rasterio.features import geometry_mask
 from ..errors import GeoreferenceError, InputError
 from ..geo.georeference import horizontal, name_of, same_place
 from ..geo.release import polygons_only
-from .vector import KINDS, names_of, read_table, transformer_to
+from .vector import transformer_to
+from .vector_table import KINDS, names_of, read_table
 
 
 def read_outline(path, grid, say=lambda text: None):
@@ -74,19 +75,18 @@ def _named_shapes(path, grid, kind, flag, say):
     """As `_shapes`, with the name of each."""
     table = read_table(path, kind, flag)
     wanted = KINDS[kind]
-    if getattr(table, "geometry", None) is None:
+    if table.geometry is None:
         raise InputError(f"{path} holds a table without geometry, wanted {wanted}")
-    there = ~(table.geometry.isna() | table.geometry.is_empty)
-    shapes = table.geometry[there]
-    foreign = sorted(set(shapes.geom_type) - {kind, f"Multi{kind}"})
+    there = table.where(~table.without_geometry)
+    foreign = sorted(there.kinds - {kind, f"Multi{kind}"})
     if foreign:
         raise InputError(f"{path} holds {', '.join(foreign)}, wanted {wanted}")
-    if len(shapes) == 0:
+    if len(there) == 0:
         raise InputError(f"{path} holds no geometry, wanted {wanted}")
-    flat = shapely.force_2d(shapes.to_numpy())
+    flat = shapely.force_2d(there.geometry)
     if not np.isfinite(shapely.get_coordinates(flat)).all():
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
-    return _on_grid(flat, table.crs, grid, path, say), np.array(names_of(table), dtype=object)[there.to_numpy()]
+    return _on_grid(flat, table.crs, grid, path, say), np.array(names_of(table), dtype=object)[~table.without_geometry]
 
 
 def _on_grid(shapes, crs, grid, path, say):

@@ -13,6 +13,7 @@ from .clock import BASE, Clock
 from .exported import moved_corner
 from .layer_styles import write_layer_styles
 from .markup import reference_text
+from .ogr import pyogrio
 from .step_spool import StepOutline
 from .symbols import (
     ENVELOPE,
@@ -267,6 +268,9 @@ def _spans(clock, step):
 
 def _write_layer(path, name, batches, crs):
     """Write one layer, batch by batch, with pyogrio, which makes the file with the first; answers whether any came."""
+    library = pyogrio()
+    if library.get_gdal_config_option("CPL_LOG") is None:  # what fails is raised; on stderr it is another's words
+        library.set_gdal_config_options({"CPL_LOG": os.devnull})
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyogrio.raw import write
 

@@ -10,17 +10,14 @@ import shutil
 import warnings
 from pathlib import Path
 
-import geopandas
 import numpy as np
-import pyarrow
-import pyarrow.csv
-import pyarrow.parquet
 import pyproj
-import shapely
 
 from ..errors import OutputError
 from .atomic import whole_file
+from .extras import needed_for
 from .frames import write_frame_slabs
+from .number_rows import append_rows
 from .vtp import write_vtp
 
 UNITS = {
@@ -32,10 +29,13 @@ _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f
 
 
 def require_format(path):
-    """Refuse a file name whose suffix is none of the formats'."""
+    """Refuse a file name whose suffix is none of the formats', or of one whose library is not installed."""
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, wanted {', '.join(_WRITERS)}")
+    if suffix == ".parquet":
+        with needed_for(f"{path}: Parquet", "parquet"):
+            import pyarrow.parquet  # noqa: F401
 
 
 def write_columns(path, frame, count, slabs):
@@ -94,9 +94,8 @@ def _record(frame):
 def _write_csv(path, frame, count, slabs):
     with whole_file(path) as part, open(part, "wb") as sink:
         sink.write((",".join(UNITS) + "\n").encode())
-        options = pyarrow.csv.WriteOptions(include_header=False)
         for particles in slabs:
-            pyarrow.csv.write_csv(pyarrow.table(table(particles, frame.origin)), sink, options)
+            append_rows(sink, list(table(particles, frame.origin).values()), ",")
 
 
 def _write_json(path, frame, count, slabs):
@@ -111,6 +110,9 @@ def _write_json(path, frame, count, slabs):
 
 
 def _write_gpkg(path, frame, count, slabs):
+    import geopandas  # brings half a second, which the other formats do without
+    import shapely
+
     columns = _whole_table(frame, slabs)
     columns["id"] = columns["id"].astype(np.int64)  # GeoPackage knows no unsigned numbers
     points = shapely.points(columns["x"], columns["y"])
@@ -123,6 +125,9 @@ def _write_gpkg(path, frame, count, slabs):
 
 def _write_parquet(path, frame, count, slabs):
     """GeoParquet 1.0 with WKB points, so that QGIS and geopandas open it as a layer."""
+    import pyarrow
+    import pyarrow.parquet
+
     crs = pyproj.CRS(frame.crs).to_json_dict() if frame.crs is not None else None
     geometry = {"encoding": "WKB", "geometry_types": ["Point"], "crs": crs}
     geo = {"version": "1.0.0", "primary_column": "geometry", "columns": {"geometry": geometry}}
@@ -140,6 +145,8 @@ def _write_parquet(path, frame, count, slabs):
 
 def _wkb_points(x, y):
     """Arrow binary array of little-endian WKB points."""
+    import pyarrow
+
     points = np.empty(len(x), _WKB_POINT)
     points["order"], points["kind"], points["x"], points["y"] = 1, 1, x, y
     offsets = np.arange(len(x) + 1, dtype=np.int32) * _WKB_POINT.itemsize

@@ -4,7 +4,6 @@
 def load():
     """Import the writers and the libraries behind them; half a second that need not be waited for."""
     import netCDF4  # noqa: F401
-    import pyogrio  # noqa: F401
 
     from . import mesh, outlines, qgis, stack, styles
 

@@ -6,15 +6,13 @@ import math
 import warnings
 from pathlib import Path
 
-import geopandas
 import numpy as np
-import pyogrio
 import pyproj
 import rasterio.features
 import shapely
 from affine import Affine
 
-from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError, one_line
+from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError
 from ..geo.georeference import horizontal, name_of, same_place, warp_command
 from ..geo.grid import Grid
 from ..geo.release import (
@@ -28,17 +26,14 @@ from ..geo.release import (
     without_overlaps,
 )
 from ..geo.terrain import bilinear
-from ..seeding.bed import bed_under
 from .gdal_input import require_undisguised
+from .ogr import pyogrio
 from .raster import WithoutCRS, file_sha256, open_raster, read_raster
-from .zip_input import require_zip_fits
+from .vector_table import LAYER, names_of, read_table, require_polygons
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 _RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] a raster of larger values so near to the ground holds elevations
-_LAYER = "|layername="  # as QGIS writes a source with several layers
-KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
-_FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
 _SAME_METRES = 1e-3  # [m] reprojection that moves nothing further than this is none
 _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting
 _AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
@@ -65,6 +60,8 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     ------
     FormatError, GeoreferenceError, InputError
     """
+    from ..seeding.bed import bed_under  # brings the kernels of seeding, which outlines do without
+
     say = say or (lambda text: None)
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give one of them")
@@ -85,7 +82,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
         )
     if own is not None:
         features = [_where_thick(part, own, say) for part in features]
-    plain = Path(str(path).split(_LAYER)[0])
+    plain = Path(str(path).split(LAYER)[0])
     return ReleaseArea(
         without_overlaps(features, say),
         VERTICAL if surface is not None else thickness_mode,
@@ -94,6 +91,27 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
         sha256=file_sha256(plain),
         record=record,
     )
+
+
+def read_outlines(path, terrain):
+    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as `read_release` has them.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def say(text):
+        """No release is seeded here: nobody needs to know what was assumed."""
+
+    wanted = _Thickness(number=1.0)
+    if is_raster(path):
+        features, _ = _raster_features(path, terrain, wanted, say)
+    else:
+        features = _vector_features(path, terrain, wanted, say)
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    return [part.polygon for part in without_overlaps(features, say)]
 
 
 class _Thickness:
@@ -134,128 +152,9 @@ def _vector_features(path, terrain, wanted, say):
     table = require_polygons(table, path, say)
     names = names_of(table)
     heights = _feature_thickness(table, names, path, wanted, say)
-    shapes = to_terrain(table.geometry.to_numpy(), table.crs, terrain, path, say)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
     shapes = [repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
-
-
-def read_table(path, kind="Polygon", flag="--release "):
-    """The GeoDataFrame at `path`, where `file.gpkg|layername=name` names a layer.
-
-    Parameters
-    ----------
-    path : str or Path
-    kind : {"Polygon", "LineString"}
-        Of which layers are wanted; geometries of other kinds are read too.
-    flag : str
-        What the command line would have to say before the path, for messages.
-
-    Raises
-    ------
-    FormatError, InputError
-        No vector file, or several layers of that kind and none named.
-    """
-    text, _, layer = str(path).partition(_LAYER)
-    source = Path(text)
-    if not source.exists():
-        raise FormatError(f"{source}: no such file")
-    if source.is_file() and source.stat().st_size == 0:
-        raise FormatError(f"{source} is empty (0 bytes), wanted {KINDS[kind]}")
-    require_undisguised(source)
-    if source.is_file():
-        require_zip_fits(source)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            if source.suffix.lower() in (".parquet", ".geoparquet"):
-                table = geopandas.read_parquet(source)
-            else:
-                chosen = _require_layer(source, layer, kind) if layer else _only_layer(source, kind, flag)
-                table = geopandas.read_file(source, layer=chosen, engine="pyogrio")
-        except InputError:
-            raise
-        except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
-            raise FormatError(_unreadable(source, error)) from error
-    if isinstance(table, geopandas.GeoDataFrame):
-        _require_places(table.geometry, source)
-    return table
-
-
-def _require_places(shapes, path):
-    """Coordinates that a map can have."""
-    farthest = np.abs(shapes[~(shapes.isna() | shapes.is_empty)].bounds.to_numpy()).max(initial=0.0)
-    if not np.isfinite(farthest):
-        raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
-    if farthest > _FARTHEST:
-        raise InputError(
-            f"{path}: coordinates reach {farthest:.3g}, wanted below {_FARTHEST:g} as on any map; repair the geometry, "
-            "or copy the file again"
-        )
-
-
-def _only_layer(source, kind, flag):
-    layers = pyogrio.list_layers(source)
-    with_geometry = [name for name, found in layers if found is not None]
-    right = [name for name, found in layers if found is not None and (kind in found or found == "Unknown")]
-    choice = right or with_geometry
-    if len(choice) > 1:
-        raise InputError(
-            f"{source} has {len(choice)} layers with {KINDS[kind]} ({', '.join(choice[:6])}); name one: "
-            f"{flag}'{source.name}{_LAYER}{choice[0]}'"
-        )
-    if not choice:
-        raise FormatError(
-            f"{source} holds no layer with geometry, wanted {KINDS[kind]}; it is a table without, or damaged"
-        )
-    return choice[0]
-
-
-def _require_layer(source, layer, kind):
-    """Refuse a layer that a file of layers does not have, with those that it has."""
-    there = [str(name) for name, _ in pyogrio.list_layers(source)]
-    if layer not in there:
-        raise InputError(f"{source} has no layer {layer!r} with {KINDS[kind]}; it has {', '.join(there[:6])}")
-    return layer
-
-
-def _unreadable(source, error):
-    reason = one_line(error).replace(str(source), source.name)[:140]
-    if source.suffix.lower() == ".shp" and not source.with_suffix(".shx").exists():
-        parts = "copy all parts of the shapefile (.shp, .shx, .dbf, .prj)"
-        return f"{source} cannot be read without its {source.stem}.shx; {parts}"
-    return f"{source} is neither a vector file nor a raster that GDAL reads ({reason})"
-
-
-def require_polygons(table, path, say):
-    """The features with an area; other kinds of geometry are refused, empty ones are said."""
-    if not isinstance(table, geopandas.GeoDataFrame):
-        raise InputError(f"{path} holds a table without geometry, wanted polygons")
-    if len(table) == 0:
-        raise InputError(f"{path} holds no feature at all, wanted polygons")
-    kinds = table.geometry.geom_type
-    foreign = sorted(set(kinds.dropna()) - {"Polygon", "MultiPolygon"})
-    if foreign:
-        cure = "Lines to polygons" if any("Line" in kind for kind in foreign) else "Buffer"
-        raise InputError(f"{path} holds {', '.join(foreign)}, wanted polygons; {cure} in QGIS makes them")
-    empty = table.geometry.isna() | table.geometry.is_empty
-    if empty.all():
-        raise InputError(f"{path}: all {len(table)} features have an empty geometry, wanted polygons")
-    if empty.any():
-        say(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
-        table = table[~empty]
-    return table
-
-
-def names_of(table):
-    """A name per feature: the column 'name' where there is one, else its number in the file."""
-    column = next((c for c in table.columns if str(c).lower() == "name"), None)
-    numbered = [f"feature {i + 1}" for i in range(len(table))]
-    if column is None:
-        return numbered
-    return [
-        str(value) if isinstance(value, str) and value.strip() else number
-        for value, number in zip(table[column], numbered, strict=True)
-    ]
 
 
 def _feature_thickness(table, names, path, wanted, say):
@@ -265,20 +164,20 @@ def _feature_thickness(table, names, path, wanted, say):
     if wanted.number is not None:
         return [wanted.number] * len(names)
     column = _thickness_column(table, path, wanted.column, say)
-    values = table[column]
+    values = table.columns[column]
     if values.dtype.kind not in "fiu":
         raise InputError(f"{path}: column {column!r} holds {_kind(values)}, wanted numbers (thickness in metres)")
-    values = values.to_numpy(dtype=float, na_value=math.nan).tolist()
+    values = values.astype(float).tolist()
     return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
 
 
 def _kind(values):
-    return "text" if values.map(lambda value: isinstance(value, str)).any() else str(values.dtype)
+    return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
 
 
 def _thickness_column(table, path, asked, say):
     """The column to use: the one asked for, or the first of the usual ones (which is said)."""
-    columns = [str(c) for c in table.columns if c != table.geometry.name]
+    columns = list(table.columns)
     if asked is None:
         lower = {c.lower(): c for c in reversed(columns)}
         found = next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
@@ -416,7 +315,7 @@ def _crs_and_bounds(path):
         table = read_table(path)
     except MpmgisError:  # its own refusal comes once the DTM has a CRS
         return None, None
-    return (table.crs, table.total_bounds) if isinstance(table, geopandas.GeoDataFrame) else (None, None)
+    return (table.crs, shapely.total_bounds(table.geometry)) if table.geometry is not None else (None, None)
 
 
 # ---------------------------------------------------------------------------------------------------- raster sources
@@ -425,7 +324,7 @@ def _crs_and_bounds(path):
 def is_raster(path):
     """True where GDAL reads `path` as a raster; files that may be both (GeoPackage) count as vector if they can."""
     text = str(path)
-    if _LAYER in text:
+    if LAYER in text:
         return False
     path = Path(text)
     if path.suffix.lower() in _RASTER_SUFFIXES:
@@ -434,7 +333,7 @@ def is_raster(path):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            if len(pyogrio.list_layers(path)):
+            if len(pyogrio().list_layers(path)):
                 return False
     except Exception:  # not a vector file: the raster door says whether it is one
         pass

@@ -37,6 +37,27 @@ numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORI
 # LLVM's SLP pass stays off, as numba has it: it makes odd vectors inside loops that then cannot become vectors as a
 # whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
 
+
+
+def _without_a_look_at_blas():
+    """Import numba's functions of arrays, which it needs at the first kernel, without scipy.linalg (0.2 s).
+
+    It is imported there to know whether there is a BLAS. SciPy is one of our dependencies, so there is; what calls BLAS
+    imports it when it is compiled.
+    """
+    from numba.np import linalg
+
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+if not numba.config.DISABLE_JIT:
+    _without_a_look_at_blas()
+
 # Only what leaves every result as IEEE 754 has it. "contract" lets the compiler choose which product of a*b + c*d goes
 # into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
 # between two compilations (measured). "nnan" and "ninf" fold x != x to False, and kernels count non-finite values.

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 
 from ..errors import InputError, one_line
+from ..io.extras import needed_for
 from .workers import POLL_SECONDS, RETRIES
 
 
@@ -19,9 +20,10 @@ def connected(address):
     Raises
     ------
     InputError
-        No scheduler answers there.
+        No scheduler answers there, or Dask's scheduler is not installed.
     """
-    from distributed import Client
+    with needed_for(f"--dask {address}", "cluster"):
+        from distributed import Client
 
     _hush()
     try:

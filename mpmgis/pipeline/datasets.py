@@ -9,7 +9,15 @@ from ..errors import GeoreferenceError, InputError
 from ..fields import BAND
 from ..geo.georeference import name_of, same_place
 from ..geo.terrain import Terrain
-from ..io.datasets import ELEVATION, averaged_steps, computed_bands, gridded, open_export, terrain_of
+from ..io.datasets import (
+    ELEVATION,
+    averaged_step,
+    averaged_steps,
+    computed_bands,
+    gridded,
+    open_export,
+    terrain_of,
+)
 from ..io.exported_steps import is_export
 from ..io.foreign.readers import OWN
 from ..io.frame_list import list_frames
@@ -118,7 +126,7 @@ def open_results(folder, dem=None, say=lambda text: None, **options):
             raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
         return open_export(folder)
     request = _request(folder, options, "open_results")
-    return _dataset(request, list_frames([folder], request.terms()), dem, say, with_maxima=True)
+    return _dataset(request, list_frames([folder], request.terms()), dem, say, lazy=True)
 
 
 def depth_average(frame, dem=None, say=lambda text: None, **options):
@@ -147,7 +155,7 @@ def depth_average(frame, dem=None, say=lambda text: None, **options):
     entries = (GivenFrame(frame),) if given else list_frames([frame], request.terms())
     if len(entries) > 1:
         raise InputError(f"{frame} holds {len(entries)} frames, wanted one; mpmgis.open_results averages them all")
-    return _dataset(request, entries, dem, say).isel(time=0).compute()
+    return _dataset(request, entries, dem, say, lazy=False).isel(time=0)
 
 
 def _request(frames, options, where):
@@ -157,7 +165,8 @@ def _request(frames, options, where):
     return ExportRequest(frames=(frames,), **({"extent": "dtm", "north_up": True} | options))
 
 
-def _dataset(request, entries, dem, say, with_maxima=False):
+def _dataset(request, entries, dem, say, lazy):
+    """The steps averaged when they are asked for, with the solver's maxima; or, not `lazy`, the first one in memory."""
     products = choose_products(request.products)
     if dem is None or isinstance(dem, (str, Path)):
         terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
@@ -167,8 +176,12 @@ def _dataset(request, entries, dem, say, with_maxima=False):
         plan = make_plan(request, entries, terrain, products, pool, say)
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
     quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
-    variables = averaged_steps(len(steps), quantities, grid, AveragedSteps(steps, plan.averaging, terrain))
-    if with_maxima and plan.peaks is not None:
+    averaged = AveragedSteps(steps, plan.averaging, terrain)
+    if lazy:
+        variables = averaged_steps(len(steps), quantities, grid, averaged)
+    else:
+        variables = averaged_step(quantities, grid, averaged(0))
+    if lazy and plan.peaks is not None:
         kept = SolverMaxima(plan.peaks, plan.averaging)
         variables |= computed_bands([BAND[name] for name in kept.names], grid, kept)
     variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)

@@ -469,13 +469,13 @@ def _write_maps(folder, study, products, tasks, records, workers):
 
 def _release(study):
     """Polygons of the scene's release; none where it has no outline of its own."""
-    from ..io.vector import read_release  # brings pandas
+    from ..io.vector import read_outlines  # brings GDAL's vector files
 
     _, prepared = study.first
     release = prepared.scene.release
     if release is None or release.source is None:
         return []
     try:
-        return read_release(prepared.scene.path(release.source), prepared.terrain, thickness=1.0).polygons
+        return read_outlines(prepared.scene.path(release.source), prepared.terrain)
     except MpmgisError:
         return []

@@ -14,6 +14,7 @@ from ..io.ascii_grid import require_square
 from ..io.atomic import whole_folder
 from ..io.foreign.terms import ForeignTerms
 from ..io.frame_list import OWN, list_frames, missing_frames
+from ..io.ogr import pyogrio
 from ..io.step_spool import StepSpool
 from ..products.bed import Bed
 from ..products.frame_values import Averaging
@@ -134,6 +135,8 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     terrain = run_terrain(request, entries, output, say)
     if request.naming == "iseesnow":
         require_square(terrain.grid, "--naming iseesnow", terrain.path)
+    if request.qgis:
+        pyogrio()  # before there are threads, for it then comes without pandas
     with frame_pool(request.workers, request.dask) as pool:
         if request.qgis:
             pool.threads.submit(qgis_folder.load)  # while the first frames are read

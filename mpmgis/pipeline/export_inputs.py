@@ -170,13 +170,11 @@ def release_outlines(entries, terrain):
     file = release_file(entries)
     if file is None:
         return None
-    from ..io.vector import read_release  # brings pandas, which rasters alone do without
+    from ..io.vector import read_outlines  # brings GDAL's vector files, which rasters alone do without
 
     try:
         require_local(file, entries[0].path)
-        if not file.exists():
-            return None
-        return read_release(file, terrain, thickness=1.0).polygons  # only its outline is wanted
+        return read_outlines(file, terrain) if file.exists() else None
     except MpmgisError:
         return None
 

@@ -3,9 +3,12 @@
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 
 from .. import system
+from ..errors import InputError
+from ..io.trust import is_trusted
 from .cluster import connected
 
 
@@ -22,7 +25,11 @@ class FramePool:
 
         Only a few results are ever waiting, so that memory does not grow with the number of frames.
         """
-        submit, ahead = self.threads.submit, self.workers
+        ahead = self.workers
+
+        def submit(*work):
+            return self.threads.submit(copy_context().run, *work)  # what the user trusts, threads know, too
+
         if self.cluster is not None:
             # frames are read where the work is done, so that their paths must hold there too
             entries = [replace(entry, path=entry.path.resolve()) for entry in entries]
@@ -55,8 +62,10 @@ def frame_pool(workers=None, dask=None):
     Raises
     ------
     InputError
-        No scheduler answers at that address.
+        No scheduler answers at that address; what the user trusts cannot be told to its workers.
     """
     workers = workers or system.cores()
+    if dask is not None and is_trusted():
+        raise InputError("--trust holds in this process and not on a Dask cluster; leave --dask or --trust out")
     with nullcontext() if dask is None else connected(dask) as cluster, ThreadPoolExecutor(workers) as threads:
         yield FramePool(threads, cluster, workers)

@@ -9,7 +9,7 @@ that field. So volume is conserved in every cell size, and a fine raster shows a
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are loaded when they are first used
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
@@ -287,7 +287,8 @@ def _gains(share):
     """
     if share.min(initial=1.0) > 1.0 - 1e-9:
         return np.ones(share.shape)
-    part = ndimage.convolve1d(ndimage.convolve1d(share, _AT_NODES, 0, mode="nearest"), _AT_NODES, 1, mode="nearest")
+    part = scipy.ndimage.convolve1d(share, _AT_NODES, 0, mode="nearest")
+    part = scipy.ndimage.convolve1d(part, _AT_NODES, 1, mode="nearest")
     return np.divide(1.0, part, out=np.zeros(share.shape), where=part > 1e-9)
 
 

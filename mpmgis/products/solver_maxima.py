@@ -16,9 +16,10 @@ solver's splines, and the cell has no value.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are loaded when they are first used
 
 from ..peaks import PEAK_NAMES, TRANSFORM, lattices_of
 from .maxima import ARRIVAL, ARRIVAL_THICKNESS, least_depth
@@ -191,9 +192,8 @@ def _turned(nodes, lattice, grid):
     step = grid.matrix / lattice_along.units(grid)[0]
     x, y = (step[k, 0] * across[None, :] + step[k, 1] * down[:, None] for k in (0, 1))
     place = np.stack([-y, x]) / lattice.spacing
-    turned = np.stack(
-        [ndimage.map_coordinates(nodes[..., k], place, order=1, mode="grid-constant") for k in range(held)], axis=-1
-    )
+    at_place = partial(scipy.ndimage.map_coordinates, coordinates=place, order=1, mode="grid-constant")
+    turned = np.stack([at_place(nodes[..., k]) for k in range(held)], axis=-1)
     anchor = west + float(x[0, 0]), north + float(y[0, 0])
     turned *= lattice_along.node_area(grid) / lattice.spacing**2
     return np.ascontiguousarray(turned), Lattice(lattice_along.spacing, anchor)

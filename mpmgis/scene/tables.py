@@ -557,10 +557,15 @@ def read_toml(path):
     return tables
 
 
+_MAY_BE_KEY = re.compile(r"[\w\s.\[\"'-]+")
+
+
 def _require_short_keys(path, text):
     """Refuse dotted keys of many parts: the parser's memory and time grow with the square of their number."""
     for number, line in enumerate(text.splitlines(), 1):
-        dots = re.match(r"[\w\s.\[\"'-]*", line).group().count(".")
+        runs = _MAY_BE_KEY.finditer(line)  # a line begins with one, and one stands before each = of an inline table
+        dots = max((run[0].count(".") for run in runs if run.start() == 0 or line[run.end() : run.end() + 1] == "="),
+                   default=0)  # fmt: skip
         if dots > MOST_DOTS:
             raise SceneError(f"{path}, line {number}: a key of {dots + 1} parts; a scene's keys have one or two")
 

@@ -238,6 +238,23 @@ def test_a_full_disk_leaves_no_half_of_any_file(verb, site, small_disk, capsys, 
     assert list(place.iterdir()) == []
 
 
+def test_wherever_the_disk_is_full_an_export_says_so_in_one_line_and_libraries_say_nothing(
+    sound, small_disk, capfd, tmp_path
+):
+    """Read from the descriptors, which is where C libraries write."""
+    place, remount = small_disk
+    words = ["export-raster", str(sound / "columns"), "-q", "--workers", "2"]
+    assert main([*words, "-o", str(tmp_path / "gis")]) == 0
+    whole = sum(4096 * -(-path.stat().st_size // 4096) for path in (tmp_path / "gis").rglob("*"))
+    capfd.readouterr()
+    for share in (0.1, 0.3, 0.5, 0.7, 0.85, 0.95):
+        assert remount(f"size={int(share * whole)}")
+        assert main([*words, "-o", str(place / "gis")]) == 2
+        line = only_line(capfd.readouterr().err)
+        assert line == f"mpmgis export-raster: {place / 'gis'}: the disk is full; free some space or give another -o\n"
+        assert list(place.iterdir()) == []
+
+
 @pytest.mark.parametrize("verb", WRITERS)
 def test_a_disk_that_cannot_be_written_is_told_in_a_line(verb, site, small_disk, capsys, monkeypatch):
     place, remount = small_disk
@@ -253,6 +270,19 @@ def test_a_run_on_a_disk_that_cannot_be_written_is_told_in_a_line(site, small_di
     for options in ([], ["--resume"]):
         assert main(["run", str(site / "columns.toml"), "-q", "-o", str(place / "run"), *options]) == 2
         assert "no permission" in only_line(capsys.readouterr().err)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="address space is limited on Linux")
+@pytest.mark.parametrize("words", ["run columns.toml -o few", "export-raster columns -o few", "info columns"])
+def test_too_little_address_space_is_told_in_a_line_before_a_library_aborts(words, site):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, (600_000_000, 600_000_000))
+
+    command = [sys.executable, "-m", "mpmgis", *words.split()]
+    done = subprocess.run(command, cwd=site, capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode == 2
+    assert "address space is limited to 0.6 GB, the libraries need 1 GB" in only_line(done.stderr)
+    assert not (site / "few").exists()
 
 
 @needs_fork

@@ -57,6 +57,13 @@ def test_keys_of_thousands_of_parts_are_refused(text, tmp_path):
         read_toml(tmp_path / "scene.toml")
 
 
+@pytest.mark.parametrize("head", ["", "[", "t = {", "t = {b = 1, ", "t = [{a = 1}, {"])
+def test_keys_of_many_parts_are_refused_wherever_they_stand(head, tmp_path):
+    (tmp_path / "scene.toml").write_text("b = 1\n" + head + "a." * 100_000 + "a = 1}")
+    with pytest.raises(SceneError, match=r"line 2: a key of 100001 parts"):
+        read_toml(tmp_path / "scene.toml")
+
+
 def test_long_lists_and_dotted_text_are_no_long_keys(tmp_path):
     (tmp_path / "scene.toml").write_text(
         "[release]\ntimes = [\n" + ", ".join(["1.5"] * 500) + "\n]\nnote = '" + "." * 300 + "'\n"

@@ -67,6 +67,17 @@ def test_what_the_system_refuses_is_one_line(tmp_path, monkeypatch, number, says
     assert everything(tmp_path) == []
 
 
+@pytest.mark.parametrize("whole", [whole_file, whole_folder])
+def test_refusals_of_writers_name_what_the_user_knows(tmp_path, whole):
+    target = tmp_path / "x"
+    with pytest.raises(OutputError) as caught, whole(target) as part:
+        if whole is whole_file:
+            part.write_text("data")
+        raise OutputError(f"{part}: layer 'a' cannot be written")
+    assert str(caught.value) == f"{target}: layer 'a' cannot be written"
+    assert everything(tmp_path) == []
+
+
 def test_a_file_below_a_file_is_one_line(tmp_path):
     (tmp_path / "plain").write_text("")
     for whole in (whole_file, whole_folder):

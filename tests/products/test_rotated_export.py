@@ -18,7 +18,8 @@ import mpmgis
 from mpmgis.cli.main import main
 from mpmgis.geo.grid import Grid
 from mpmgis.geo.terrain import Terrain
-from mpmgis.io.frames import MAXIMA, read_frame, write_frame
+from mpmgis.io.frames import read_frame, write_frame
+from mpmgis.peaks import PEAK_NAMES as MAXIMA
 from mpmgis.products.bed import Bed
 from mpmgis.products.frame_values import Averaging, average_frame
 from mpmgis.products.sampling import export_axes, export_grid

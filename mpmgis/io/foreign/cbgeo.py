@@ -59,7 +59,7 @@ def _table(path):
             table = file["table"] if isinstance(link, h5py.HardLink) else None
             if not isinstance(table, h5py.Dataset) or table.ndim != 1 or table.dtype.names is None:
                 raise FormatError(f"{path} has no table of records; it is no particle file of CB-Geo MPM")
-            if elsewhere(table.id):
+            if elsewhere(table.id, path):
                 raise FormatError(f"{path}: its table lies in other files; wanted one that holds its own")
             yield table
     except FormatError:

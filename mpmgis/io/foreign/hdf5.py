@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from ...errors import FormatError, InputError, one_line
-from ..hdf5_input import MOST_OBJECTS, elsewhere, opened, require_room
+from ..hdf5_input import MOST_OBJECTS, elsewhere, not_followed, opened, require_room
 from .arrays import candidates_named, columns_of, picked
 from .file import ForeignFrame, ForeignReader, number_of, require_readable
 from .sidecar import terms_in
@@ -167,7 +167,7 @@ def _group(path, name, group, apart, inner, left):
         if left[0] < 0:
             raise FormatError(f"{path} holds more than {MOST_OBJECTS} objects; it is no file of particles")
         full = f"{name}/{key}" if name else key
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+        if not_followed(group.get(key, getlink=True), path):
             apart.append(full)
             continue
         kind = group.get(key, getclass=True)
@@ -175,7 +175,7 @@ def _group(path, name, group, apart, inner, left):
             inner.append(full)
         elif kind is h5py.Dataset:
             dataset = group[key]
-            if elsewhere(dataset.id):
+            if elsewhere(dataset.id, path):
                 apart.append(full)
             elif dataset.size == 1 and key.lower() == "time":
                 require_room(f"{path}: {full}", 1, 8, dataset)
@@ -266,7 +266,8 @@ def _homes(path, content, terms):
     arrays = [f"{full} {_shape(s)}" for g in content.groups.values() for full, s in _by_path(g).items()]
     held = f"it holds {_listed(arrays)}" if arrays else "it holds no rows of numbers"
     if content.elsewhere:
-        held += f"; {_listed(list(content.elsewhere))} lie in other files or behind links and are not read"
+        apart = _listed(list(content.elsewhere))
+        held += f"; {apart} lie in other files or behind links and are not read without --trust"
     cure = "; name the datasets with --columns x=..,y=..,z=.. or position=.." if arrays else ""
     raise InputError(f"{path}: {what}: {held}{cure}")
 
@@ -368,7 +369,7 @@ def _array(path, file, source):
     """float64[rows, components] of a Source."""
     dataset = file[source.dataset]
     where = f"{path}: {source.dataset}"
-    if not isinstance(dataset, h5py.Dataset) or elsewhere(dataset.id):
+    if not isinstance(dataset, h5py.Dataset) or elsewhere(dataset.id, path):
         raise FormatError(f"{where} has changed since it was opened; try again when its code has written it")
     if dataset.shape[:1] != (source.rows,):
         raise FormatError(f"{where} has shape {dataset.shape}, wanted {source.rows} rows; the file has changed")

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from ...errors import FormatError, one_line
+from ..extras import needed_for
 from .arrays import plainly_named
 from .file import ForeignReader, require_readable, require_room
 from .tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
@@ -32,7 +33,8 @@ def recognises(path, head):
 
 @contextmanager
 def _opened(path):
-    import pyarrow.parquet  # brings a fifth of a second, which frames of mpmgis do without
+    with needed_for(f"{path}: Parquet", "parquet"):
+        import pyarrow.parquet  # brings a fifth of a second, which frames of mpmgis do without
 
     require_readable(path)
     try:

@@ -1,10 +1,8 @@
 """Rows of numbers as text that gives every digit back, fast."""
 
 import numpy as np
-import pyarrow
-import pyarrow.csv
 
-_PLAIN = pyarrow.csv.WriteOptions(include_header=False, delimiter=" ")
+from ..number_rows import append_rows
 
 
 def write_rows(sink, *columns):
@@ -12,9 +10,7 @@ def write_rows(sink, *columns):
     flat = []
     for values in columns:
         flat += [values] if values.ndim == 1 else list(values.T)
-    if len(flat[0]):
-        table = pyarrow.table({str(number): np.ascontiguousarray(values) for number, values in enumerate(flat)})
-        pyarrow.csv.write_csv(table, sink, _PLAIN)
+    append_rows(sink, flat, " ")
 
 
 def read_rows(text, width):
