@@ -4,8 +4,6 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from . import system
-
 _LINUX = Path("/proc/meminfo")
 ADDRESS_SPACE = 1_000_000_000  # [bytes] with one thread 0.85e9 are enough for `run` and `export-raster`, 0.75e9 are not
 _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
@@ -27,12 +25,11 @@ def available_memory():
     return float("inf")
 
 
-def address_space_lack():
-    """In words what is wrong with the limit on this process's address space; "" where there is none, or room enough.
+def address_space_lack(limit):
+    """In words what is wrong with a `limit` [bytes] of this process's address space; "" where there is room enough.
 
     Beyond it libraries of C and C++ do not fail but abort, in the middle of whatever is being done.
     """
-    limit = system.address_space_limit()
     if limit >= ADDRESS_SPACE:
         return ""
     return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"

@@ -134,7 +134,7 @@ def verbs_by_group():
 def _guarded(arguments):
     """Run the verb; every error and every wish to stop becomes one line on stderr and the contract's exit code."""
     name = f"mpmgis {arguments.verb}"
-    if lack := address_space_lack():
+    if lack := address_space_lack(system.address_space_limit()):
         talk.complain(f"{name}: {lack}; raise the limit (ulimit -v)")
         return 2
     try:

@@ -22,7 +22,8 @@ HEAVY = {
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
 SEED = {
-    *("cli", "errors", "fields", "geo", "io", "kernels", "machine", "particles", "peaks", "pipeline", "seeding"), "system",
+    *("cli", "errors", "fields", "geo", "io", "kernels", "machine", "particles", "peaks", "pipeline", "seeding"),
+    "system",
 }  # fmt: skip
 EXPORT = SEED - {"seeding"} | {"products"}
 
