@@ -5,11 +5,13 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate fuzz bench study plugin docs lint clean
+.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin docs lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
-	@echo "make test      the tests"
+	@echo "make test      the tests of every command, solver, effect and format (six minutes on two cores the first time)"
+	@echo "make test-all  all tests but the long validation (make test-thorough: those that make test leaves out)"
+	@echo "make test-quick the part of make test that takes under a minute, for the time between two edits"
 	@echo "make validate  the long validation tests"
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
@@ -22,8 +24,17 @@ help:
 demo: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis demo -o $(DEMO) --overwrite
 
+# A worker for each core; a file's tests stay together, because they share what they set up.
+PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
 test: $(ENVIRONMENT)/installed-test
-	@$(BIN)/python -m pytest
+	@$(PYTEST) -m "not slow and not thorough"
+
+test-thorough: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "thorough and not slow"
+
+test-all: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "not slow"
 
 validate: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python -m pytest -m slow

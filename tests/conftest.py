@@ -1,4 +1,4 @@
-"""A session of tests that is told to stop stops.
+"""A session of tests that is told to stop stops; its workers share the cores.
 
 The verbs that tests call in this process hear Ctrl+C and SIGTERM before pytest does: they tidy up and answer 130 or
 143. A session that ran into a time limit then went on, with one test failed for no reason of its own.
@@ -6,11 +6,13 @@ The verbs that tests call in this process hear Ctrl+C and SIGTERM before pytest 
 
 import os
 import signal
+import sys
 
 import pytest
 
 ENDING = {signal.SIGINT: 130, signal.SIGTERM: 143}
 HEARD, HEAR = os.pipe()
+IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 
 
 def pytest_configure():
@@ -18,6 +20,19 @@ def pytest_configure():
     for end in (HEARD, HEAR):
         os.set_blocking(end, False)
     signal.set_wakeup_fd(HEAR, warn_on_full_buffer=False)
+
+
+def pytest_xdist_auto_num_workers():
+    """`-n auto` is a worker for each core that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup():
+    """Every test of a worker begins on one thread: the other cores have workers of their own."""
+    numba = sys.modules.get("numba")
+    if IS_WORKER and hasattr(numba, "set_num_threads"):
+        numba.set_num_threads(1)
 
 
 @pytest.hookimpl(wrapper=True)

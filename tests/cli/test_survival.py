@@ -76,6 +76,7 @@ def killed(tmp_path, count, seed):
     return done.stdout
 
 
+@pytest.mark.thorough
 @needs_fork
 def test_nothing_is_lost_by_a_dozen_kills(tmp_path):
     """Runs of columns and points, seeds, conversions, exports, at random moments; they finish to the same bytes."""
