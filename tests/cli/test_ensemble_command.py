@@ -421,6 +421,7 @@ def fronts(mu):
     return 160.0 + along * across
 
 
+@pytest.mark.thorough
 def test_the_probability_of_arrival_of_a_sliding_block_is_the_closed_form(tmp_path):
     """Uniform friction makes the front's place uniform: its probability is a straight line down the slope.
 

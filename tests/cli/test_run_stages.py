@@ -274,6 +274,7 @@ def kill(scene, output, what, where):
     assert done.returncode == -signal.SIGKILL, done.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS)
 def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
     kill(site / "all.toml", tmp_path / "cut", *KILLS[when])
@@ -292,6 +293,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
         assert (tmp_path / "cut" / name).read_bytes() == (site / "whole" / name).read_bytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS_BESIDE)
 def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, when):
     kill(beside / "beside.toml", tmp_path / "cut", *KILLS_BESIDE[when])
