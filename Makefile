@@ -25,7 +25,8 @@ demo: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis demo -o $(DEMO) --overwrite
 
 # A worker for each core; a file's tests stay together, because they share what they set up.
-PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+# Bytecode is kept whatever the environment says, because tests start many processes.
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"

@@ -102,7 +102,7 @@ def test_narrow_openings_are_found_with_place_and_width_and_corners_are_none():
         (2.0, 1.2, 75.0, (0.4, 0.8), 0.2),  # 0.6 cells
     ],
 )
-@pytest.mark.parametrize("form", ["slope", "swe"])
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_columns_pass_what_a_contraction_does(cell_size, gap, degrees, offset, thickness, form):
     """Between 15 % under finite volumes on fine cells (0.865) and critical flow without losses (1)."""
     metric = WaterMetric() if form == "swe" else None
@@ -110,6 +110,7 @@ def test_columns_pass_what_a_contraction_does(cell_size, gap, degrees, offset, t
     assert 0.85 * 0.865 <= passed <= 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("gap", "degrees", "offset", "thickness", "precision"),
     [
@@ -132,6 +133,7 @@ def slit_dam(dx=2.0):
     return walled_columns([Wall("dam", shapely.MultiPolygon(piers), 20.0)], terrain, frame, dx, WaterMetric()), frame
 
 
+@pytest.mark.thorough
 def test_a_slit_dam_holds_mass_behind_and_passes_the_same_through_slits_that_mirror_each_other():
     solver, frame = slit_dam()
     solver.advance(5.0)
@@ -148,6 +150,7 @@ def test_a_slit_dam_holds_mass_behind_and_passes_the_same_through_slits_that_mir
     assert 0.4 * closed < taken["impulse_east"] < 1.05 * closed
 
 
+@pytest.mark.thorough
 def test_openings_are_bitwise_the_same_for_any_threads_and_after_a_restart():
     frames = []
     for threads in (1, 2):

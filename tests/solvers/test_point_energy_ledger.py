@@ -18,7 +18,7 @@ MATERIALS = {
     "fluid": Fluid(1e6, 10.0, 0.0),
     "granular": MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 0.01, 2500.0, 1.0),
 }
-SOLIDS = ("elastic", "frictional", "granular")
+SOLIDS = ("elastic", "frictional", pytest.param("granular", marks=pytest.mark.thorough))
 SCENES = {
     "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
     "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
@@ -90,6 +90,7 @@ def test_the_residual_falls_with_the_time_step():
     assert fine < 0.25 * coarse
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "material",
     [pytest.param("elastic", marks=pytest.mark.slow), pytest.param("frictional", marks=pytest.mark.slow), "fluid"],

@@ -202,7 +202,7 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
     assert on_nodes(open_edges)[0, 0, 0] == pytest.approx(0.5, rel=1e-3)
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
     frame = block_of((4, 4, 4), 0.5, (10, 8, 0))
     made = [points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.6), precision=precision, maxima=maxima)

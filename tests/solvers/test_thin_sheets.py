@@ -85,7 +85,8 @@ def test_half_the_cells():
     "scene",
     [
         {"shift": (0.25, 0.75)}, {"shift": (0.5, 0.5), "points": 3}, {"shift": (0.6, 0.1)}, {"points": 3},
-        {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3}, {"precision": "float32"},
+        {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3},
+        pytest.param({"precision": "float32"}, marks=pytest.mark.thorough),
     ],
     ids=str,
 )  # fmt: skip

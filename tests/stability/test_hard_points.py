@@ -28,7 +28,7 @@ ROUNDED = {"float64": 1e-9, "float32": 2e-5}  # [m], [m s-1] of hundreds of step
 pytestmark = pytest.mark.usefixtures("threads", "precision")
 
 
-@pytest.fixture(params=["float64", "float32"])
+@pytest.fixture(params=["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def precision(request, monkeypatch):
     """What the points of a case are marched in, unless it says so itself."""
     in_precision = partial(points_on, precision=request.param)
