@@ -10,8 +10,9 @@ DEMO := demo
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
 	@echo "make test      the tests of every command, solver, effect and format (six minutes on two cores the first time)"
-	@echo "make test-all  all tests but the long validation (make test-thorough: those that make test leaves out)"
-	@echo "make test-quick the part of make test that takes under a minute, for the time between two edits"
+	@echo "make test-quick  the part of make test without commands and maps, for the time between two edits"
+	@echo "make test-thorough  the tests that make test leaves out: whole scenes, notebooks, kills, QGIS, rare kernels"
+	@echo "make test-all  both: all tests but the long validation"
 	@echo "make validate  the long validation tests"
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
@@ -30,6 +31,11 @@ PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfil
 
 test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"
+
+QUICK = bench conversion effects geo io qgis_plugin scene seeding solvers studies test_architecture.py
+
+test-quick: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK))
 
 test-thorough: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "thorough and not slow"

@@ -25,6 +25,7 @@ def pytest_configure():
     signal.set_wakeup_fd(HEAR, warn_on_full_buffer=False)
 
 
+@pytest.hookimpl(optionalhook=True)  # where pytest-xdist is not installed, nobody asks
 def pytest_xdist_auto_num_workers():
     """`-n auto` is a worker for each core that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
