@@ -17,7 +17,7 @@ def chosen(target, **marks):
     return eval(re.search(r'-m "?([a-z ]+)"?', recipe.replace("-m pytest", ""))[1], {}, marks)
 
 
-@pytest.mark.parametrize("marks", itertools.product([False, True], repeat=2), ids=str)
+@pytest.mark.parametrize("marks", [*itertools.product([False, True], repeat=2)], ids=str)
 def test_every_test_is_in_one_tier(marks):
     marks = dict(zip(MARKERS, marks, strict=True))
     once = [chosen(target, **marks) for target in ("test", "test-thorough", "validate")]
