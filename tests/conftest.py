@@ -15,7 +15,7 @@ HEARD, HEAR = os.pipe()
 IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # Where nothing is compiled yet, one worker compiles the 3D solver and the other that of columns, each for a minute. In
 # any other order both compile the same.
-EARLY = ("test_points_march.py", "test_columns_exact.py", "test_run_stages.py", "test_columns_step.py")
+EARLY = ("test_points_march.py", "test_columns_exact.py", "test_columns_step.py", "test_places_command.py")
 
 
 def pytest_configure():

@@ -32,7 +32,6 @@ def struck(height=20.0, mu=0.0, speed=20.0, deep=1.0, time=1.0, start=20.0, long
     return solver
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("mu", [0.0, 0.5])
 def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
     """H8: 20 m/s, two cells deep; nothing behind the wall, momentum to round-off, force of the order rho v^2 h."""
@@ -53,7 +52,6 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
         assert 0.0 < lever < 5.0  # the force acts above the foot, within the splash
 
 
-@pytest.mark.thorough
 def test_still_water_presses_as_much_as_it_weighs():
     """rho g h^2 / 2 a metre of wall within 5 %, on average over some waves."""
     depth = 3.0
@@ -72,7 +70,6 @@ def test_still_water_presses_as_much_as_it_weighs():
     assert mean == pytest.approx(0.5 * 1000.0 * 9.81 * depth**2 * 12.0, rel=0.05)
 
 
-@pytest.mark.thorough
 def test_what_passes_above_the_crest_is_counted():
     """The counted mass is that behind the wall and on it, within a tenth."""
     solver = struck(height=1.0, deep=3.0, time=1.5)
@@ -83,7 +80,6 @@ def test_what_passes_above_the_crest_is_counted():
     assert dam["overtopped_mass"] == pytest.approx(behind, rel=0.15)
 
 
-@pytest.mark.thorough
 def test_a_wall_thinner_than_three_cells_holds_all_the_same():
     frame = block_of((8.0, 12.0, 1.0), DX / 2, (20.0, 0.0, 0.0), velocity=(20.0, 0.0, 0.0))
     thin = wall(thickness=0.1)
@@ -92,6 +88,7 @@ def test_a_wall_thinner_than_three_cells_holds_all_the_same():
     assert sorted_points(solver).position[:, 0].max() < 30.05  # the middle of the wall that stands on the map
 
 
+@pytest.mark.thorough
 def test_a_scene_without_a_barrier_knows_nothing_of_barriers():
     frame = block_of((2.0, 2.0, 1.0), DX / 2, (20.0, 5.0, 0.0))
     solver = points_on(FLAT, frame, DX, water(20.0))

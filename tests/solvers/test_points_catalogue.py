@@ -280,6 +280,7 @@ def test_v14_a_column_that_sinks_under_its_weight():
     assert force == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_v14_water_presses_as_deep_as_it_is():
     """Still water, means over four swings and the whole width: 0.1 to 1 % (asked 5), 4 % in the layer at the surface;
     force on the ground 1e-6 off."""
