@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 
+import hypothesis
 import pytest
 
 ENDING = {signal.SIGINT: 130, signal.SIGTERM: 143}
@@ -16,6 +17,11 @@ IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # Where nothing is compiled yet, one worker compiles the 3D solver and the other that of columns, each for a minute. In
 # any other order both compile the same.
 EARLY = ("test_points_march.py", "test_columns_exact.py", "test_columns_step.py", "test_places_command.py")
+
+
+# A machine that is busy is no failure: hypothesis allows 200 ms an example where nothing else is said.
+hypothesis.settings.register_profile("busy", deadline=None)
+hypothesis.settings.load_profile("busy")
 
 
 def pytest_configure():

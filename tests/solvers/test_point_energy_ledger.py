@@ -64,6 +64,7 @@ def closed(solver, plain):
     assert abs(residual(solver, plain)) <= CLOSES * plain.step
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("material", SOLIDS)
 @settings(max_examples=2, deadline=None, derandomize=True)
 @given(**SCENES)
@@ -79,12 +80,14 @@ def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
     closed(*both(material, **scene))
 
 
+@pytest.mark.thorough
 def test_flow_over_an_edge_takes_its_energy_along():
     solver, plain = both("frictional", 30.0, 0.2, 12.0, 0.0, 2e-3, 0.58)
     assert 0.1 < solver.balances()["mass_out"] / solver.mass_start < 1.0
     closed(solver, plain)
 
 
+@pytest.mark.thorough
 def test_the_residual_falls_with_the_time_step():
     coarse, fine = (abs(residual(*both("elastic", 20.0, 0.5, 8.0, 0.6, step))) for step in (4e-3, 5e-4))
     assert fine < 0.25 * coarse

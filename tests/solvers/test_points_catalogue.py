@@ -490,6 +490,7 @@ def settlement(height_over_critical, cells=16, friction_angle=30.0):
     return (start[crest, 2] - sorted_points(solver).position[crest, 2]).mean() / height
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cells", [16, pytest.param(32, marks=pytest.mark.slow)])
 def test_v18_a_vertical_cut_stands_below_the_critical_height_and_fails_above(cells):
     """Hc = 4 c cos(phi) / (rho g (1 - sin phi)). Measured on 16 and 32 cells: the crest of 0.7 Hc settles by

@@ -51,6 +51,7 @@ def test_three_steps_equal_the_plain_loop_in_double_precision():
     np.testing.assert_allclose(now.velocity, velocity, rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_runout_and_mass_are_those_of_double_precision():
     """H33: the front within one cell after 2 s, mass within 1e-6, momentum to rounding of the points."""
     double, single = sliding("float64"), sliding("float32")
