@@ -9,7 +9,7 @@ DEMO := demo
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
-	@echo "make test      the tests of every command, solver, effect and format (six minutes on two cores the first time)"
+	@echo "make test      the tests of every command, solver, effect and format (the first time with minutes of compiling)"
 	@echo "make test-quick  the part of make test without commands and maps, for the time between two edits"
 	@echo "make test-thorough  the tests that make test leaves out: whole scenes, notebooks, kills, QGIS, rare kernels"
 	@echo "make test-all  both: all tests but the long validation"

@@ -294,6 +294,7 @@ def test_bad_arguments_are_refused(site, capsys, tmp_path):
     assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_a_run_that_resumes(site):
     """SIGINT in the middle: exit code 130, whole frames, and the run goes on to the bytes of one never stopped."""
     assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "whole")]) == 0

@@ -60,6 +60,7 @@ def test_the_plot_is_a_picture(studied):
     assert shown.shape[1] > 1000 and len(np.unique(shown)) > 20
 
 
+@pytest.mark.thorough
 def test_table_words_and_settings_for_an_error_are_printed(site, studied, capsys, tmp_path):
     """The error asked for is that of the smallest cells, which no other setting reaches."""
     least = min(float(row["error_with_reference"]) for row in rows(studied / "study.csv") if row["knob"] != "cfl")
@@ -110,6 +111,7 @@ def beside(site, studied):
     return site / "beside"
 
 
+@pytest.mark.thorough
 def test_results_of_others_are_in_the_table_and_decide_nothing(beside, studied):
     found = rows(beside / "study.csv")
     own, others = found[:3], found[3:]

@@ -152,6 +152,7 @@ def test_a_second_run_into_the_same_folder_is_refused_and_the_first_goes_on(site
     assert record(site, "cut")["result_digest"] == record(sound, "columns")["result_digest"]
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_the_lock_of_a_killed_run_holds_nobody_up(site, sound, halted):
     halted.kill()

@@ -443,6 +443,7 @@ def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
     assert np.nanmax(few["Ut_max"]) == pytest.approx(np.nanmax(dense["Ut_max"]), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
     """From [output] through solver, frames and run.json to what the export says, tags and takes."""
     scene = SCENE.format(end=4, interval=2, maxima="true") + "arrival_thickness = 0.5\n"

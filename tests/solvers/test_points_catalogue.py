@@ -192,6 +192,7 @@ def wave_speed_error(cells, heights=(0.25, 0.75), strike=1e-3):
     return (heights[1] - heights[0]) / (arrivals[1] - arrivals[0]) / speed - 1.0, solver
 
 
+@pytest.mark.thorough
 def test_v13_a_wave_arrives_at_the_speed_of_pressure_waves():
     """c_p = sqrt((K + 4 G / 3) / rho); behind the front rho c v of stress. Measured: 1.7, 0.8 and
     0.5 % fast at 40, 80 and 160 cells; stress 0.1 %, lateral stress 0.3 % off."""
@@ -415,6 +416,7 @@ def runout(aspect, cell):
     return sorted_points(collapsed(aspect, cell)).position[:, 0].max() - 1.0
 
 
+@pytest.mark.thorough
 def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cells():
     """Rough ground, on which nothing slides, takes 7 and 3 % as it yields; of what is lost the material's yielding took
     68 and 81 % on cells of a sixteenth and a thirty-second of a metre, and blows and the grid the rest."""

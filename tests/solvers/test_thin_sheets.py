@@ -84,12 +84,13 @@ def test_half_the_cells():
     assert fastest <= 1.35 and energy >= 0.93
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "scene",
     [
         {"shift": (0.25, 0.75)}, {"shift": (0.5, 0.5), "points": 3}, {"shift": (0.6, 0.1)}, {"points": 3},
         {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3},
-        pytest.param({"precision": "float32"}, marks=pytest.mark.thorough),
+        {"precision": "float32"},
     ],
     ids=str,
 )  # fmt: skip
