@@ -5,11 +5,14 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test validate fuzz bench study plugin docs lint clean
+.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin docs lint clean
 
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
-	@echo "make test      the tests"
+	@echo "make test      the tests of every command, solver, effect and format (the first time with minutes of compiling)"
+	@echo "make test-quick  the part of make test without commands and maps, for the time between two edits"
+	@echo "make test-thorough  the tests that make test leaves out: whole scenes, notebooks, kills, QGIS, rare kernels"
+	@echo "make test-all  both: all tests but the long validation"
 	@echo "make validate  the long validation tests"
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
@@ -22,8 +25,23 @@ help:
 demo: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis demo -o $(DEMO) --overwrite
 
+# A worker for each core; a file's tests stay together, because they share what they set up.
+# Bytecode is kept whatever the environment says, because tests start many processes.
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
 test: $(ENVIRONMENT)/installed-test
-	@$(BIN)/python -m pytest
+	@$(PYTEST) -m "not slow and not thorough"
+
+QUICK = bench conversion effects geo io qgis_plugin scene seeding solvers studies test_architecture.py
+
+test-quick: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK))
+
+test-thorough: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "thorough and not slow"
+
+test-all: $(ENVIRONMENT)/installed-test
+	@$(PYTEST) -m "not slow"
 
 validate: $(ENVIRONMENT)/installed-test
 	@$(BIN)/python -m pytest -m slow

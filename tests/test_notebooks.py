@@ -27,6 +27,7 @@ def test_stored_without_results(path):
     assert path.stat().st_size < 100_000
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs_and_draws_what_it_promises(path, tmp_path):
     notebook = nbformat.read(path, as_version=4)

@@ -90,6 +90,7 @@ def parts():
     return blocks[: headings.index(LONGER)], blocks
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name == "nt", reason="the page is typed into a POSIX shell")
 def test_the_first_half_works_as_it_stands(tmp_path):
     assert type_all(parts()[0], tmp_path) >= 11

@@ -5,6 +5,8 @@ import study as shipped
 
 from mpmgis.scene import read_scene
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize("name", shipped.CASES)
 def test_each_case_is_a_scene_with_its_files(name, tmp_path):

@@ -480,6 +480,7 @@ def test_bad_inputs_cost_one_line_and_leave_nothing(discs, capsys, tmp_path):
 # ------------------------------------------------------------------------------------------------------ against others
 
 
+@pytest.mark.thorough
 @needs_iseesnow
 def test_runout_and_area_of_twelve_codes_are_those_published(capsys):
     """ISeeSnow's ensemble.csv: runout where it is faster than 1 m/s along its path, area above 0.1 m, peaks."""

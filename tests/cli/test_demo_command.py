@@ -32,6 +32,7 @@ raise SystemExit(main(["demo", "-o", sys.argv[1]]))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_asked_to_stop_while_it_exports(tmp_path, number, code):
     command = [sys.executable, "-c", STOPPED_WHILE_EXPORTING, str(tmp_path / "demo"), str(int(number))]

@@ -2,11 +2,13 @@
 
 import json
 
+import pytest
 from slope_site import SCENE, write_site
 
 from mpmgis.cli.main import main
 
 
+@pytest.mark.thorough
 def test_the_command_measures_a_scene(tmp_path, capsys):
     site = write_site(tmp_path)
     text = SCENE.replace('"Voellmy"', '"Coulomb"').replace("xi = 1000\n", "")

@@ -224,6 +224,7 @@ def worker_processes():
     return found
 
 
+@pytest.mark.thorough
 def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_there_are(done, site, tmp_path):
     """Two processes, one killed amid its work: all members are there, to the bytes of one process."""
     said, killed, seen = [], [], []
@@ -248,6 +249,7 @@ def deadly(piece):
     return 10 * piece.number
 
 
+@pytest.mark.thorough
 def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
     died, done = [], {}
     with workers.started(2) as pool:
@@ -419,6 +421,7 @@ def fronts(mu):
     return 160.0 + along * across
 
 
+@pytest.mark.thorough
 def test_the_probability_of_arrival_of_a_sliding_block_is_the_closed_form(tmp_path):
     """Uniform friction makes the front's place uniform: its probability is a straight line down the slope.
 

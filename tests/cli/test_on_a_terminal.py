@@ -70,6 +70,7 @@ def test_a_run_shows_its_time_and_ends_well(site):
     assert "ended: " in typed.shown and (site / "results" / "run.json").exists()
 
 
+@pytest.mark.thorough
 def test_a_long_run_asks_first_and_takes_no_for_an_answer(site):
     (site / "scene.toml").write_text(SCENE.replace("= 30", "= 1e9").replace("= 5\n", "= 1e8\n"))
     typed = Typed(site, "run", "scene.toml")
@@ -79,6 +80,7 @@ def test_a_long_run_asks_first_and_takes_no_for_an_answer(site):
     assert not (site / "results").exists()
 
 
+@pytest.mark.thorough
 def test_an_export_counts_its_frames(site):
     assert Typed(site, "run", "-q", "scene.toml").ended() == 0
     typed = Typed(site, "export-raster", "results")

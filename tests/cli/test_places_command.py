@@ -76,6 +76,7 @@ def test_zones_in_another_crs_are_brought_over_and_that_is_said(site, capsys):
     assert "reprojected from EPSG:4326" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_high_barrier_holds_everything_and_books_its_load(site, capsys):
     write_shapes(site / "dam.gpkg", [shapely.LineString([(450, -50), (450, 450)])], name=["dam"])
     dam = SCENE + '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 50\n'

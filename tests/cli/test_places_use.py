@@ -152,6 +152,7 @@ def test_erodible_ground_that_is_none_is_refused(site, capsys):
 # -------------------------------------------------------------------------------------------- barriers over a restart
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stopped", [2, 4])
 def test_the_table_of_barriers_goes_on_where_the_frames_do(stopped, site, monkeypatch):
     """Stopped when the rows of a frame are written and the frame is not: these rows are there once in the end."""

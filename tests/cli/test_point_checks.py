@@ -69,6 +69,7 @@ def dropped(folder, cells):
     return read_record(folder / "results")
 
 
+@pytest.mark.thorough
 def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp_path, capsys):
     """It hung half a cell above the bed before the ground acted between nodes; too coarse it is in any case."""
     coarse = dropped(tmp_path / "coarse", 1.0)
@@ -95,6 +96,7 @@ def test_effects_say_that_runout_of_drucker_prager_depends_on_the_cells(site, ca
     assert "free collapse" not in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, capsys):
     fine = dropped(tmp_path / "fine", 4.0)
     assert fine["volume"]["kept"] and fine["troubles"] == []
@@ -115,6 +117,7 @@ def test_effects_show_the_cells_over_depth_and_wall_before_the_run(site, capsys,
     assert told["cells_over_wall"]["state"] == state and told["cells_over_depth"]["state"] == "on"
 
 
+@pytest.mark.thorough
 def test_each_switch_to_points_reports_the_cells_over_the_flow_as_it_is_then(site, capsys):
     """The block has thinned out on its way, which the release does not tell; the report names both solvers."""
     stages = (
@@ -179,6 +182,7 @@ def check_mach_number(site, seed):
     assert 0.85 < stiffness["indicator"] / told["balances"]["mach_max"] < 3.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 def test_the_mach_number_is_foreseen_where_the_release_has_speed(seed, tmp_path):
     check_mach_number(write_block_site(tmp_path), seed)

@@ -14,6 +14,8 @@ from mpmgis.io.frames import read_frame
 from mpmgis.peaks import PEAK_NAMES, lattices_of
 from mpmgis.products.solver_maxima import SolverPeaks
 
+pytestmark = pytest.mark.thorough
+
 END = 7
 BANDS = ("h_max", "t_max", "Ut_max", "p_max", "t_arrival")
 STAGES = '[[stage]]\nsolver = "columns"\nuntil = {time = 3}\n[[stage]]\nsolver = "points"\n'

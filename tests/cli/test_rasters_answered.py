@@ -72,6 +72,7 @@ def test_pressure_of_another_codes_rasters_comes_from_density_and_speed(tmp_path
     assert [float(row["area_m2"]) for row in table(tmp_path / "classes" / "intensity.csv")] == [2 * SIDE**2, SIDE**2, 0]
 
 
+@pytest.mark.thorough
 def test_a_report_of_an_export_and_of_rasters_tells_what_these_tell(tmp_path, export, other_code):
     assert ask("report", export, "-o", tmp_path / "export.html") == 0
     page = Reader((tmp_path / "export.html").read_text(encoding="utf-8"))

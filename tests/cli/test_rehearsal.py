@@ -48,6 +48,7 @@ def scene(tmp_path):
     return folder / "scene.toml"
 
 
+@pytest.mark.thorough
 def test_a_run_compiles_nothing_after_its_rehearsal(scene):
     """In a process of its own, where nothing is loaded: all kernels of all stages are there before the first step."""
     done = subprocess.run([sys.executable, "-c", CHILD, scene], capture_output=True, text=True, check=False)

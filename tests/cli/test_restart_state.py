@@ -133,6 +133,7 @@ def test_a_digest_that_was_changed_or_taken_away_is_refused(runs, tmp_path, attr
             require_restartable(newest, before)
 
 
+@pytest.mark.thorough
 def test_damaged_bytes_are_refused_or_change_nothing(runs, tmp_path):
     """Bits flipped and ends cut off anywhere in the file: a line, or a state that is the same to the bit."""
     newest, random = interrupted(runs, "columns", tmp_path / "cut"), Random(15)

@@ -294,6 +294,7 @@ def test_bad_arguments_are_refused(site, capsys, tmp_path):
     assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_a_run_that_resumes(site):
     """SIGINT in the middle: exit code 130, whole frames, and the run goes on to the bytes of one never stopped."""
     assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "whole")]) == 0
@@ -337,6 +338,7 @@ def test_scenes_from_any_editor(site, encoding):
     assert read_scene(site / "scene.toml").friction.parameters == {"mu": 0.25, "xi": 1000.0}
 
 
+@pytest.mark.thorough
 def test_a_very_large_run_is_not_started_unasked(site, capsys):
     (site / "scene.toml").write_text(SCENE.replace("end_time = 6", "end_time = 1e6") + "[numerics]\ncell_size = 0.5\n")
     assert refused(["run", str(site / "scene.toml"), "-q"], capsys, "--yes")

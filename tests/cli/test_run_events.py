@@ -131,6 +131,7 @@ KILLS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS)
 def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
     number, what, where = KILLS[when]
@@ -176,6 +177,7 @@ def released_at(site):
     return times
 
 
+@pytest.mark.thorough
 def test_inputs_that_changed_are_refused_and_notes_in_them_are_not(site, tmp_path, capsys):
     code, _ = cut_short(site, tmp_path / "cut", signal.SIGKILL, "columns", 4.9)
     assert code == -signal.SIGKILL

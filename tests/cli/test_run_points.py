@@ -103,6 +103,7 @@ def test_the_resolved_scene_runs_again_to_the_same_bytes(shared_site, tmp_path):
     assert all(one[key] == two[key] for key in one if key[1] != "time")  # whose digest names the files
 
 
+@pytest.mark.thorough
 def test_a_killed_run_resumes_to_the_same_bytes(shared_site, site):
     (site / "scene.toml").write_text(SCENE)
     command = [sys.executable, "-m", "mpmgis", "run", str(site / "scene.toml"), "-q"]
@@ -146,6 +147,7 @@ def test_frames_export_to_rasters(shared_site, tmp_path, capsys):
     assert volume[1] == pytest.approx(volume[0], rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_what_is_beyond_words_of_a_table_is_refused(site, capsys):
     """What only the files tell."""
     far = SCENE.replace(f"window = [{WEST}", "window = [0").replace(

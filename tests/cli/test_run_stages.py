@@ -42,8 +42,8 @@ COUPLED = SCENE + DAM + AREAS.format("near") + BEFORE + BESIDE + AFTER + INFLOW
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The slope with a block, a dam, two areas at rest, a window, and one run of all of it, never stopped."""
+def files(tmp_path_factory):
+    """The slope with a block, a dam, two areas at rest, a window."""
     folder = write_block_site(tmp_path_factory.mktemp("stages"))
     write_shapes(folder / "near.geojson", [shapely.box(150, 190, 160, 210)])
     write_shapes(folder / "foot.geojson", [shapely.box(195, 190, 205, 210)])
@@ -52,8 +52,14 @@ def site(tmp_path_factory):
     write_shapes(folder / "inlet.geojson", [shapely.box(70, 190, 90, 210)])
     (folder / "inflow.csv").write_text("time,discharge\n0,0\n1,100\n4.5,100\n")
     (folder / "all.toml").write_text(ALL)
-    assert main(["run", str(folder / "all.toml"), "-q", "-o", str(folder / "whole")]) == 0
     return folder
+
+
+@pytest.fixture(scope="module")
+def site(files):
+    """The same with one run of all of it, never stopped."""
+    assert main(["run", str(files / "all.toml"), "-q", "-o", str(files / "whole")]) == 0
+    return files
 
 
 def frames(site, folder="whole"):
@@ -65,6 +71,7 @@ def momentum(frame):
     return (frame.particles.mass[:, None] * frame.particles.velocity).sum(axis=0)
 
 
+@pytest.mark.thorough
 def test_frames_go_on_through_the_stages(site):
     """One frame at each switch, the first of the stage that begins, whenever it begins."""
     shown, told = frames(site), record(site, "whole")
@@ -80,6 +87,7 @@ def test_frames_go_on_through_the_stages(site):
     assert [bool(frame.state) for frame in shown] == [False] * (len(shown) - 2) + [True] * 2
 
 
+@pytest.mark.thorough
 def test_mass_and_momentum_are_kept_across_each_switch(site):
     """What was before is what goes on and what is booked, to rounding; vertical momentum and energy are told."""
     told = record(site, "whole")
@@ -100,6 +108,7 @@ def test_mass_and_momentum_are_kept_across_each_switch(site):
     assert told["stages"][1]["switch"]["outside"]["count"] == 0
 
 
+@pytest.mark.thorough
 def test_the_ledger_of_all_stages_closes(site):
     told = record(site, "whole")
     mass = told["mass"]
@@ -112,6 +121,7 @@ def test_the_ledger_of_all_stages_closes(site):
     assert told["stages"][0]["balances"]["mass_released"] == pytest.approx(mass["released"] - 0.5 * areas, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_first_frame_of_a_stage_is_what_the_switch_says(site):
     """A frame of points is rounded to float32; one of columns is not."""
     shown, told = frames(site), record(site, "whole")
@@ -126,6 +136,7 @@ def test_the_first_frame_of_a_stage_is_what_the_switch_says(site):
     assert told["stages"][0]["reason"] == "the flow is within reach of barrier 'dam'"
 
 
+@pytest.mark.thorough
 def test_the_flow_came_within_two_seconds_of_the_dam(site):
     """At the switch and not a look before: 3 depths or what it covers in 2 s."""
     told = record(site, "whole")
@@ -138,6 +149,7 @@ def test_the_flow_came_within_two_seconds_of_the_dam(site):
     assert (WEST + 220.0 - before.map_xy()[0] > np.maximum(2.0 * speed, 3.0 * thickness)).all()
 
 
+@pytest.mark.thorough
 def test_each_stage_has_its_own_table_of_barriers(site):
     """Their columns are the solver's; the last row of a stage is that of its end."""
     told, rows = record(site, "whole"), {}
@@ -156,6 +168,7 @@ def test_each_stage_has_its_own_table_of_barriers(site):
     assert float(rows[2][-1][rows[2][0].index("normal impulse [N s]")]) == taken > 0.0
 
 
+@pytest.mark.thorough
 def test_all_stages_export_as_one_flow(site, tmp_path):
     paths = map(str, sorted((site / "whole").glob("*.h5")))
     given = ["-o", str(tmp_path / "gis"), "--cs-e", "5", "--products", "t_vol", "-q"]
@@ -169,6 +182,7 @@ def test_all_stages_export_as_one_flow(site, tmp_path):
         assert volume == pytest.approx(frame.particles.mass.sum() / 1500, rel=1e-5)
 
 
+@pytest.mark.thorough
 def test_the_resolved_scene_runs_again_to_the_same_bytes(site, tmp_path):
     again = ["run", str(site / "whole" / "scene.toml"), "-q", "-o", str(tmp_path / "again"), "--threads", "2"]
     assert main(again) == 0
@@ -188,6 +202,7 @@ def beside(site):
     return site
 
 
+@pytest.mark.thorough
 def test_columns_outside_go_on_and_become_points_in_the_window(beside):
     told, shown = record(beside, "beside"), frames(beside, "beside")
     over = told["stages"][1]["balances"]
@@ -218,6 +233,7 @@ def coupled(site):
             return sequence.solver
 
 
+@pytest.mark.thorough
 def test_going_back_takes_back_what_was_exchanged(beside):
     """As the guard of a march does, in the same solver; and then it goes the same way again."""
     solver = coupled(beside)
@@ -232,6 +248,7 @@ def test_going_back_takes_back_what_was_exchanged(beside):
     np.testing.assert_array_equal(told[0][1], told[1][1])
 
 
+@pytest.mark.thorough
 def test_an_exchange_keeps_mass_and_momentum(beside):
     """Of what is taken out of the columns and what comes to the points, to rounding."""
     solver, seen = coupled(beside), []
@@ -274,6 +291,7 @@ def kill(scene, output, what, where):
     assert done.returncode == -signal.SIGKILL, done.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS)
 def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
     kill(site / "all.toml", tmp_path / "cut", *KILLS[when])
@@ -292,6 +310,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
         assert (tmp_path / "cut" / name).read_bytes() == (site / "whole" / name).read_bytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS_BESIDE)
 def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, when):
     kill(beside / "beside.toml", tmp_path / "cut", *KILLS_BESIDE[when])
@@ -302,6 +321,7 @@ def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, 
         assert again[part] == whole[part], part
 
 
+@pytest.mark.thorough
 def test_a_finished_run_says_so_and_another_scene_is_refused(site, tmp_path, capsys):
     given = ["-o", str(site / "whole"), "--resume"]
     assert main(["run", str(site / "all.toml"), *given]) == 0
@@ -321,25 +341,25 @@ def test_a_finished_run_says_so_and_another_scene_is_refused(site, tmp_path, cap
 # ------------------------------------------------------------------------------------------------- what else is told
 
 
-def test_effects_are_told_for_each_stage(site, capsys):
+def test_effects_are_told_for_each_stage(files, capsys):
     capsys.readouterr()
-    assert main(["effects", str(site / "all.toml")]) == 0
+    assert main(["effects", str(files / "all.toml")]) == 0
     out = capsys.readouterr().out
     assert "stage 1: columns, cells of 5 m, until within reach of barrier" in out
     assert "stage 2: points in box.geojson, cells of 5 m, until t = 4.7 s" in out
     assert "stage 3: columns, cells of 4 m, until the end" in out
-    assert main(["effects", str(site / "all.toml"), "--json"]) == 0
+    assert main(["effects", str(files / "all.toml"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     names = {number: {d["effect"] for d in told if d["stage"] == number} for number in (1, 2, 3)}
     assert "plasticity" in names[2] and "curvature" not in names[2]
     assert "curvature" in names[1] and names[1] == names[3]
-    assert main(["effects", str(site / "all.toml"), "--measure", "-q"]) == 2
+    assert main(["effects", str(files / "all.toml"), "--measure", "-q"]) == 2
     assert "solver = 'columns' only" in capsys.readouterr().err
 
 
-def test_a_deposit_becomes_columns_when_it_is_calm(site, tmp_path):
+def test_a_deposit_becomes_columns_when_it_is_calm(files, tmp_path):
     """A block on level ground slumps in 3D; a second after the last of it moves off the bed it goes on as columns."""
-    for path in site.glob("*.*"):
+    for path in files.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     write_shapes(tmp_path / "block.geojson", [shapely.box(500, 180, 540, 220)])
     level = SCENE.replace(f"window = [{WEST}", f"window = [{WEST + 410}").replace(f"{WEST + 400}", f"{WEST + 620}")
@@ -368,16 +388,16 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_wrong_is_refused_before_anything_is_written(site, tmp_path, capsys, name):
-    for path in site.glob("*.*"):
+def test_what_is_wrong_is_refused_before_anything_is_written(files, tmp_path, capsys, name):
+    for path in files.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "inflow.csv").write_text("time,discharge\n0,5\n3,5\n")
     text, words = REFUSED[name]
     assert words in refused(tmp_path, capsys, text)
 
 
-def test_a_hole_that_a_later_stage_cannot_have_is_refused_before_the_first(site, tmp_path, capsys):
-    for path in site.glob("*.*"):
+def test_a_hole_that_a_later_stage_cannot_have_is_refused_before_the_first(files, tmp_path, capsys):
+    for path in files.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     x, y = distances()
     write_raster(
@@ -388,8 +408,8 @@ def test_a_hole_that_a_later_stage_cannot_have_is_refused_before_the_first(site,
     assert "the 3D solver needs ground without holes where the flow can get" in line and "fill_nodata" in line
 
 
-def test_inflow_may_come_before_a_stage_of_points(site, tmp_path):
-    for path in site.glob("*.*"):
+def test_inflow_may_come_before_a_stage_of_points(files, tmp_path):
+    for path in files.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "inflow.csv").write_text("time,discharge\n0,5\n2,5\n")
     text = SCENE + DAM + BEFORE.replace('reach = "barrier"', "time = 2") + '[[stage]]\nsolver = "points"\n'
@@ -397,6 +417,7 @@ def test_inflow_may_come_before_a_stage_of_points(site, tmp_path):
     assert prepare(tmp_path / "scene.toml").events.ends() == 2.0
 
 
+@pytest.mark.thorough
 def test_nothing_in_the_window_is_told_at_the_switch(site, tmp_path, capsys):
     for path in site.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())

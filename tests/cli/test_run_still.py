@@ -36,6 +36,7 @@ def test_a_flow_that_moves_does_not_say_so(site, capsys):
     assert told(site, capsys, SCENE) == ([], [])
 
 
+@pytest.mark.thorough
 def test_points_that_stick_say_so_although_they_swing_as_they_settle(site, capsys):
     assert [len(lines) for lines in told(site, capsys, HELD)] == [1, 1]
 

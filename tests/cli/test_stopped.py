@@ -60,7 +60,7 @@ def raster(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", ["seed", *(pytest.param(verb, marks=pytest.mark.thorough) for verb in [*VERBS][1:])])
 def test_sigterm_ends_a_verb_as_ctrl_c_does(verb, columns, raster, tmp_path):
     files = {"dem": DEM, "release": RELEASE, "columns": columns, "raster": raster, "to": tmp_path / "new" / "result"}
     words = [word.format(**files) for word in VERBS[verb].split()]

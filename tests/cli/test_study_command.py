@@ -60,6 +60,7 @@ def test_the_plot_is_a_picture(studied):
     assert shown.shape[1] > 1000 and len(np.unique(shown)) > 20
 
 
+@pytest.mark.thorough
 def test_table_words_and_settings_for_an_error_are_printed(site, studied, capsys, tmp_path):
     """The error asked for is that of the smallest cells, which no other setting reaches."""
     least = min(float(row["error_with_reference"]) for row in rows(studied / "study.csv") if row["knob"] != "cfl")
@@ -74,6 +75,7 @@ def test_table_words_and_settings_for_an_error_are_printed(site, studied, capsys
     assert lines[-1] == f"{out}/study.png" and not (tmp_path / "out" / "export.csv").exists()
 
 
+@pytest.mark.thorough
 def test_against_an_exact_answer(site, tmp_path):
     """The run itself at its end, with frames at the study's times, is the answer: its own error is none."""
     (site / "as_studied.toml").write_text(SCENE.replace("frame_interval = 5", "frame_interval = 7.5"))
@@ -109,6 +111,7 @@ def beside(site, studied):
     return site / "beside"
 
 
+@pytest.mark.thorough
 def test_results_of_others_are_in_the_table_and_decide_nothing(beside, studied):
     found = rows(beside / "study.csv")
     own, others = found[:3], found[3:]
@@ -124,12 +127,14 @@ def test_results_of_others_are_in_the_table_and_decide_nothing(beside, studied):
     assert sum(row["on_front"] == "1" for row in own) >= 1
 
 
+@pytest.mark.thorough
 def test_a_table_with_results_of_others_is_read_again_without_them(beside, site, tmp_path):
     arguments = ["study", str(site / "scene.toml"), "--knobs", "cfl", "--repeats", "1", "--no-exports", "-q"]
     assert main([*arguments, "--beside", str(beside / "study.csv"), "-o", str(tmp_path / "out")]) == 0
     assert len(rows(tmp_path / "out" / "study.csv")) == 6
 
 
+@pytest.mark.thorough
 def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site, tmp_path, capsys):
     """Half the exact thickness is off by a half; the exact answer itself by nothing."""
     with rasterio.open(site / "dtm.tif") as source:
@@ -173,6 +178,7 @@ def test_a_table_beside_that_makes_no_sense_is_refused_in_one_line(site, capsys,
     assert len(lines) == 1 and words in lines[0] and not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
     """Columns become points after a second; both stages' steps and the conversion are in the time."""
     folder = write_block_site(tmp_path)

@@ -80,6 +80,7 @@ def killed(tmp_path, count, seed):
     return done.stdout
 
 
+@pytest.mark.thorough
 @needs_fork
 def test_nothing_is_lost_by_a_dozen_kills(tmp_path):
     """Runs of columns and points, seeds, conversions, exports, at random moments; they finish to the same bytes."""
@@ -155,6 +156,7 @@ def test_a_second_run_into_the_same_folder_is_refused_and_the_first_goes_on(site
     assert record(site, "cut")["result_digest"] == record(sound, "columns")["result_digest"]
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_the_lock_of_a_killed_run_holds_nobody_up(site, sound, halted):
     halted.kill()
@@ -165,6 +167,7 @@ def test_the_lock_of_a_killed_run_holds_nobody_up(site, sound, halted):
     assert not (site / "cut" / ".lock").exists()
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_inputs_that_vanish_are_not_needed_any_more(site, sound, halted):
     for name in ("dtm.tif", "release.geojson", "columns.toml"):
@@ -173,6 +176,7 @@ def test_inputs_that_vanish_are_not_needed_any_more(site, sound, halted):
     assert contents(site / "cut") == contents(sound / "columns")
 
 
+@pytest.mark.thorough
 @needs_proc
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_folder_that_vanishes_ends_its_run(site, halted, replaced):
@@ -185,6 +189,7 @@ def test_a_folder_that_vanishes_ends_its_run(site, halted, replaced):
     require_whole(site / "moved")
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_a_frame_that_vanishes_is_missed_by_info_alone(site, halted, capsys):
     (site / "cut" / "frame_000000.h5").unlink()
@@ -304,6 +309,7 @@ def test_files_that_may_not_grow_are_told_in_a_line(verb, site):
 # ------------------------------------------------------------------------------------------------------------- clock
 
 
+@pytest.mark.thorough
 def test_a_clock_that_jumps_changes_nothing(site, sound):
     """Frames, progress, threads and waiting go by a clock that only goes forward."""
     words = ["run", str(site / "columns.toml"), "-o", str(site / "jumped")]

@@ -38,6 +38,7 @@ def test_where_nothing_is_that_is_said(tmp_path, capsys):
     assert "nothing lies within" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_of_very_many_points_the_tables_hold_all_and_the_plot_the_first(tmp_path, capsys):
     """A row for each of them would be a picture of 100 000 pixels, which cannot be drawn."""
     run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)

@@ -217,11 +217,13 @@ def test_no_flow_passes_a_barrier_that_is_off(seed, tmp_path, blind, checked):
     assert (states["barrier"]["state"] == "on") == ("barrier" in taken)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1])
 def test_no_flow_of_points_passes_a_barrier_that_is_off(seed, tmp_path, blind, checked):
     holds(tmp_path, seed, ["barrier"], ["points"], checked)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_no_flow_of_columns_beside_points_passes_a_feature_that_is_off(seed, tmp_path, blind, checked):
     """outside = "columns": those in the window are points, and both look out for the features."""

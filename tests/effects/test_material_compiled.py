@@ -86,6 +86,7 @@ def test_the_loop_runs_points_side_by_side(name):
     assert re.search(r"fdiv .*<\d+ x double>", code)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["frictional", "softened", "inertial", "fluid"])
 def test_in_single_precision_all_of_it_is(name):
     """One source for both precisions: no double in between, and the answers of double to rounding."""

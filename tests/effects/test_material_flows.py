@@ -39,6 +39,7 @@ def vortex_rate(viscosity, cell=1.0, time=40.0, **numerics):
     return float(np.log(amplitudes[0] / amplitudes[1]) / time), solver
 
 
+@pytest.mark.thorough
 def test_a_shear_wave_dies_at_its_rate():
     """exp(-eta |k|^2 t / rho), |k|^2 = 2 (pi / 40 m)^2; the transfer's own decay is taken off."""
     own, _ = vortex_rate(0.0)
@@ -49,6 +50,7 @@ def test_a_shear_wave_dies_at_its_rate():
     assert solver.balances()["viscosity_capped_share_max"] == 0.0
 
 
+@pytest.mark.thorough
 def test_a_viscosity_beyond_the_time_step_is_cut_and_counted():
     rate, solver = vortex_rate(4000.0, time_step=0.1)
     assert solver.balances()["viscosity_capped_share_max"] == 1.0
@@ -56,6 +58,7 @@ def test_a_viscosity_beyond_the_time_step_is_cut_and_counted():
     assert rate == pytest.approx(largest * 2.0 * (np.pi / 40.0) ** 2, rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("active", "passive"), [(0.4, 0.4), (2.0, 2.0), (0.4, 3.0), (0.7, 3.25)])
 def test_a_granular_dam_breaks_as_ritters_with_the_active_push(active, passive):
     """It stretches everywhere, so that K_passive must not show."""
@@ -70,6 +73,7 @@ def test_a_granular_dam_breaks_as_ritters_with_the_active_push(active, passive):
     assert relative_l1(h.mean(axis=0), exact) <= 0.03
 
 
+@pytest.mark.thorough
 def test_a_pile_in_compression_is_pushed_by_the_passive_factor():
     """Where the flow is compressed everywhere, another K_active changes nothing."""
 
@@ -99,6 +103,7 @@ def cohesive_speed(stress, degrees=20.0, time=1.0):
     return speed.max(), speed[np.abs(p.position[:, 0] - 50.0) < 10.0].mean()
 
 
+@pytest.mark.thorough
 def test_cohesion_holds_up_to_its_stress_and_slows_beyond():
     driving = 1000.0 * G * np.sin(np.radians(20.0))
     assert cohesive_speed(1.001 * driving)[0] == 0.0

@@ -28,11 +28,13 @@ def test_voellmy():
     assert speed == pytest.approx(np.sqrt(500.0 * depth * (np.sin(theta) - 0.15 * np.cos(theta))), rel=0.01)
 
 
+@pytest.mark.thorough
 def test_hergartens_modified_voellmy():
     speed, depth = slab_speed(ModifiedVoellmy(0.15, 500.0, 4.0), 20.0, 25.0, length=300.0, run=700.0)
     assert speed == pytest.approx(np.sqrt(500.0 * depth * np.sin(np.radians(20.0))), rel=0.01)
 
 
+@pytest.mark.thorough
 def test_bingham():
     law = Bingham(500.0, 200.0)
     speed, depth = slab_speed(law, 15.0, 12.0)
@@ -42,6 +44,7 @@ def test_bingham():
     assert speed == pytest.approx(exact, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_pouliquen():
     theta = np.radians(25.0)
     law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
@@ -66,12 +69,14 @@ def moved(law, degrees):
     return float(np.abs(after.position[order, :2] - frame.particles.position[:, :2]).max())
 
 
+@pytest.mark.thorough
 def test_bingham_does_not_move_below_its_yield_stress():
     driving = DENSITY * G * np.sin(np.radians(15.0))
     assert moved(Bingham(float(1.01 * driving), 200.0), 15.0) == 0.0
     assert moved(Bingham(float(0.9 * driving), 200.0), 15.0) > 1e-3
 
 
+@pytest.mark.thorough
 def test_pouliquen_does_not_move_on_slopes_below_mu1():
     law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
     assert moved(law, 20.9) == 0.0

@@ -27,6 +27,7 @@ def fuzzed(cases, whole, seed):
     return done.stdout
 
 
+@pytest.mark.thorough
 def test_three_hundred_damaged_inputs_each_end_in_a_line():
     """Exit code 0, 2 or 3, one line, within 10 s and 1 GB, nothing written outside of the output."""
     assert "0 findings" in fuzzed(300, 2, 20261121)

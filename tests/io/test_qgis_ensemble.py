@@ -35,6 +35,7 @@ def maps(tmp_path_factory):
     return made
 
 
+@pytest.mark.thorough
 @pytest.mark.qgis
 def test_the_project_opens_with_a_probability_over_the_terrain(maps):
     report = look(maps, *(maps.file(raster) for raster in maps.bands))

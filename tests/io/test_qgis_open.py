@@ -8,7 +8,7 @@ import shapely
 from pyproj import CRS
 from qgis_python import report_of
 
-pytestmark = pytest.mark.qgis
+pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent
 MOVING = {"flow depth (normal) h (m)", "outline of the flow", "velocity arrows"}
 

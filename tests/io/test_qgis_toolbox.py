@@ -1,7 +1,6 @@
 """The toolbox in a real QGIS: it seeds, simulates, exports, opens what came of it, and fails in one line."""
 
 import os
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -13,12 +12,12 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from qgis_python import clean_environment, python_with_qgis, report_of
+from qgis_python import clean_environment, python_with_qgis, qgis_process, report_of
 
 from mpmgis.cli.main import main
 from mpmgis.qgis_plugin.mpmgis_qgis.commands import VERBS
 
-pytestmark = pytest.mark.qgis
+pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PLUGINS = ROOT / "mpmgis" / "qgis_plugin"
@@ -203,10 +202,10 @@ def test_a_missing_command_is_told_with_the_cure(site, report):
 
 
 def test_qgis_process_runs_the_toolbox(site, tmp_path):
-    qgis_process = shutil.which("qgis_process.bin") or shutil.which("qgis_process")
-    if python_with_qgis() is None or qgis_process is None:
-        pytest.skip("no qgis_process on this machine (Debian: apt-get install qgis)")
-    path = os.pathsep.join([str(command_of_tests(tmp_path).parent), os.environ["PATH"]])
+    program, reason = qgis_process()
+    if program is None:
+        pytest.skip(reason)
+    environment = clean_environment(python_with_qgis())
     assert main(["qgis-plugin", "-o", str(tmp_path / "mpmgis_qgis.zip"), "-q"]) == 0
     with zipfile.ZipFile(tmp_path / "mpmgis_qgis.zip") as archive:  # what Install from ZIP does
         archive.extractall(tmp_path / "plugins")
@@ -215,10 +214,11 @@ def test_qgis_process_runs_the_toolbox(site, tmp_path):
         "QT_QPA_PLATFORM": "offscreen",
         "QGIS_CUSTOM_CONFIG_PATH": str(tmp_path),
     }
-    environment = clean_environment() | told | {"PATH": path}
+    path = os.pathsep.join([str(command_of_tests(tmp_path).parent), environment["PATH"]])
+    environment |= told | {"PATH": path}
 
     def process(*words):
-        return subprocess.run([qgis_process, *words], env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run([program, *words], env=environment, capture_output=True, text=True, check=False)
 
     assert process("plugins", "enable", "mpmgis_qgis").returncode == 0
     given = (f"DEM={site / 'dtm.tif'}", f"RELEASE={site / 'release.gpkg'}", "COUNT=100")

@@ -425,6 +425,7 @@ def commanded(site, name, capsys, *options):
 CLOSE = {"h_max": 0.16, "t_max": 0.16, "Ut_max": 0.05, "p_max": 0.07, "t_arrival": 0.15}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cell_size", ["10", "5", "20"])
 def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
     options = () if cell_size == "10" else ("--cs-e", cell_size, "--extent", "dtm")
@@ -442,6 +443,7 @@ def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
     assert np.nanmax(few["Ut_max"]) == pytest.approx(np.nanmax(dense["Ut_max"]), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
     """From [output] through solver, frames and run.json to what the export says, tags and takes."""
     scene = SCENE.format(end=4, interval=2, maxima="true") + "arrival_thickness = 0.5\n"
@@ -474,6 +476,7 @@ def test_an_arrival_thickness_that_cannot_be_is_refused(tmp_path, maxima, value,
     assert "arrival_thickness" in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.thorough
 def test_peak_flow_thickness_for_the_intercomparison_is_that_of_sixty_frames(site, capsys):
     """`t_vol` is over the whole cell, as the solver's field is, so that only the sampling remains."""
     pft = {}

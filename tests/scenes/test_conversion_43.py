@@ -7,6 +7,7 @@ case = scene_module("conversion_43")
 WIDE, DEEP = case.SPACINGS_X[:4], case.SPACINGS_Z[:3]
 
 
+@pytest.mark.thorough
 def test_the_case_through_seed_and_convert(tmp_path):
     """From rasters: columns' mass is the midpoint sum of Eq 10, points hold the same; velocities of points are stored
     in float32, 2.001 within 4e-8."""

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from chain import scene_module
 
+pytestmark = pytest.mark.thorough
+
 dam = scene_module("dam_break")
 
 

@@ -36,6 +36,7 @@ def test_a_deposit_ends_where_it_is_one_grain_thick():
     assert 2.0 * sand.LENGTH < end <= 3.0 * sand.LENGTH
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("aspect", "cells", "found"), [(1.0, 16, 1.105), (2.0, 8, 2.136), (4.0, 8, 5.006)])
 def test_v15_a_plane_column_runs_out_as_measured(tmp_path, aspect, cells, found):
     """99 % of the mass lie within 15 % of Lube et al. (2005): 0.92, 0.87, 1.05 times its runout."""

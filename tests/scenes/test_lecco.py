@@ -55,6 +55,7 @@ def check_run(folder, cell):
     return run, found
 
 
+@pytest.mark.thorough
 def test_mud_runs_up_the_barrier(small):
     """Columns for 30 s, then points in the box: what each switch and the run keep, and what the barrier takes up."""
     run, found = check_run(small, SMALL.points)

@@ -7,6 +7,7 @@ from chain import scene_module
 s1 = scene_module("s1_block")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("cell", "interval"), [(0.05, 0.005), pytest.param(0.01, None, marks=pytest.mark.slow)])
 def test_the_block_of_the_paper_from_points_to_bands(tmp_path, cell, interval):
     """Asked: speeds 1 %, depth in flight 2 % of 10.1 m, thickness 0.095 to 0.32 m, a point's size added."""

@@ -15,6 +15,7 @@ def test_at_rest_friction_holds_back_what_it_can():
     assert flume.arrival(90.0) == pytest.approx(np.sqrt(2.0 * flume.PATH / flume.GRAVITY))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("cell", "peak"), [(0.04, 4540.0), pytest.param(0.03, 4540.0, marks=pytest.mark.slow)])
 def test_sand_strikes_the_wall_and_rests_on_it(tmp_path, cell, peak):
     """65 degrees: the largest force is the same on both cells; at the end it lies between that of a floor whose

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from chain import frames, record, scene_module
 
+pytestmark = pytest.mark.thorough
+
 wall = scene_module("wall")
 SMALL = wall.Size(width=0.4, cell=0.1)
 

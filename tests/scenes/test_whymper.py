@@ -40,6 +40,7 @@ def check_percentiles(folder, cell):
     assert max(kept["h at 20 % over h, attached"], kept["t at 20 % over t, attached"]) <= 0.5
 
 
+@pytest.mark.thorough
 def test_the_flow_jumps_the_cliff(tmp_path):
     """Cells of 4 m: 19 200 points, 26 s."""
     record, *_ = whymper.make(tmp_path / "whymper", 4.0, 26.0)

@@ -49,6 +49,7 @@ def both():
     return answers(), answers(NUMBA_DISABLE_JIT="1")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", range(len(OPTIONS)), ids=[str(list(o.values())) for o in OPTIONS])
 def test_plain_python_agrees(both, case):
     for compiled, plain in zip(both[0][case], both[1][case], strict=True):

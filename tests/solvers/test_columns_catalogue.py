@@ -54,6 +54,7 @@ def test_v8_similarity_cap(time, most):
         assert error <= largest and abs(speed) <= 0.006 and sound(solver)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "most"), [("slosh", [0.013, 0.0035, 0.001]), ("breathe", [0.019, 0.005, 0.0013])])
 def test_v9_swinging_pools_are_second_order(kind, most):
     """Thacker's pools after a period, cells of 0.08, 0.04 and 0.02 radii: the plane surface that circles to 1.15, 0.31,
@@ -77,6 +78,7 @@ def test_v11_angular_momentum():
     assert place <= 2e-4 * 5.0 and sound(solver)
 
 
+@pytest.mark.thorough
 def test_v19_steady_bingham_speed():
     """A Bingham sheet between walls: its own steady speed within 1 %, no motion where the yield stress holds it."""
     slope, thickness, strength, viscosity = np.radians(10), 2.0, 2000.0, 3000.0
@@ -111,6 +113,7 @@ def test_v20_a_point_keeps_its_energy_on_a_curved_track():
     assert worst[1] > 0.05
 
 
+@pytest.mark.thorough
 def test_v20_through_the_grid_a_body_keeps_its_energy():
     """A body in a valley of 100 m: within 0.13 % at 40 and at 100 cells to the radius (asked: 10 % and 3 %)."""
     for dx in (2.5, 1.0):
@@ -118,6 +121,7 @@ def test_v20_through_the_grid_a_body_keeps_its_energy():
         assert abs(drift) <= 0.0015 and sound(solver)
 
 
+@pytest.mark.thorough
 def test_v20_load_in_a_circular_valley():
     """A body rubs with mu (g cos + U^2 / R): 0.22 % from the exact bead, 3 % from one pressed by gravity alone."""
     radius, mu = 200.0, 0.2
@@ -141,6 +145,7 @@ def test_v20_load_in_a_circular_valley():
     assert abs(here[0] / unpressed[0] - 1.0) > 0.02 and sound(solver)
 
 
+@pytest.mark.thorough
 def test_v20_a_body_with_friction_runs_as_the_exact_bead():
     """Where a body on a parabola is after 3 s with mu = 0.2, against the ordinary differential equation: 0.16 %."""
     radius, mu = 100.0, 0.2

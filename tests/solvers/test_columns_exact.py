@@ -82,6 +82,7 @@ def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
     assert all(order > 0.4 for order in orders(errors))
 
 
+@pytest.mark.thorough
 def test_v7_fails_in_water_form():
     """Plain shallow water misses the slope's geometry: the test above can fail."""
     x, h, exact, _ = dam_break(1.0, degrees=35, friction_degrees=25, reservoir=80, length=160, metric=WaterMetric())
@@ -195,18 +196,21 @@ def lake(bump, reference, spacing_shift=0.0):
     return fastest, np.sqrt(G * level)
 
 
+@pytest.mark.thorough
 def test_v10_lake_at_rest_with_its_level_known():
     """At most 1e-12 m/s for 1000 steps, for any set of points."""
     assert lake(1.2, reference=True)[0] <= 1e-12
     assert lake(1.2, reference=True, spacing_shift=0.4)[0] <= 1e-12
 
 
+@pytest.mark.thorough
 def test_v10_lake_at_rest_without_it():
     """Of the order of 1e-3 sqrt(g h), as asked: it is 5.4e-4 with C = 0.3, 1.04e-3 with 0.6."""
     fastest, wave = lake(0.4, reference=False)
     assert fastest <= 1.2e-3 * wave
 
 
+@pytest.mark.thorough
 def test_curvature_keeps_the_speed_round_a_bend():
     """A point mass through a slope change of 30 to 0 degrees keeps its energy to 0.02 %; a quarter is lost without."""
 

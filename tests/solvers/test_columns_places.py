@@ -149,6 +149,7 @@ def weightless_slab(coefficient, erodible, **laws):
     return frame, solver_on(terrain, frame, DX, edges="wall", gravity=1e-9, places=places, laws={"entrainment": law})
 
 
+@pytest.mark.thorough
 def test_a_slab_that_erodes_grows_as_the_law_says_and_keeps_its_momentum():
     """dh/dt = k u with h u constant: h^2 = h0^2 + 2 k h0 u0 t; until the mass has doubled."""
     k, time = 0.02, 15.0
@@ -167,6 +168,7 @@ def test_a_slab_that_erodes_grows_as_the_law_says_and_keeps_its_momentum():
     assert balances["mass_now"] == pytest.approx(balances["mass_start"] + balances["mass_entrained"], rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_no_more_is_taken_than_lies_there_and_the_bed_sinks_by_it():
     _, solver = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
     bed = solver.fields.bed.copy()
@@ -177,6 +179,7 @@ def test_no_more_is_taken_than_lies_there_and_the_bed_sinks_by_it():
     np.testing.assert_allclose(sunk, (400.0 - left) / 1600.0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_erosion_restarts_bitwise():
     _, whole = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
     whole.advance(5.0)
@@ -220,6 +223,7 @@ def test_laws_of_places_say_the_same_compiled():
     assert ErosionEnergy(5000.0).erosion_rate(1000.0, 2500.0, 12.0) == 6.0
 
 
+@pytest.mark.thorough
 def test_friction_by_place_brakes_where_it_lies():
     """A thin sheet on 20 degrees: frictionless ground lets it go, mu above the slope holds it to the last bit."""
     slope = math.tan(math.radians(20))

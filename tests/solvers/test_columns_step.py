@@ -109,7 +109,7 @@ def plain_step(particles, solver, dt, law, curved):
     return np.array(out)
 
 
-@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("curved", [False, pytest.param(True, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("law", [Frictionless(), Coulomb(0.3), Voellmy(0.2, 800.0)])
 def test_a_step_equals_the_plain_loop(law, curved):
     terrain = terrain_of(rough, 400, 200, 5)
@@ -385,6 +385,7 @@ def test_a_clamp_may_be_asked_for_and_keeps_the_exact_answers():
     assert relative_l1(h, exact) <= 0.006 and solver.balances()["speed_limited_share_max"] <= 1e-3
 
 
+@pytest.mark.thorough
 def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
     """H1: a sharp 100 m cliff in one cell: no abort, mass kept, no column faster than its drop allows."""
     terrain = terrain_of(lambda x, y: np.where(x < 200, 160 - 0.3 * x, 0.2 * (400 - x)), 400, 100, 5)
@@ -399,6 +400,7 @@ def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
     assert abs(solver.balances()["mass_error_relative"]) <= 1e-12
 
 
+@pytest.mark.thorough
 def test_a_thin_slow_flow_onto_a_steep_slope_is_not_outrun_by_its_time_step():
     terrain = terrain_of(lambda x, y: np.where(x < 100, 0.0, (100 - x) * np.tan(np.radians(35))), 400, 100, 5)
     frame = columns_of(1e-3, 50, 95, 30, 70, 1.25, velocity=(0.05, 0.0))

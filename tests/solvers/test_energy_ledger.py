@@ -85,7 +85,8 @@ def closed(solver, least=CLOSES):
     return b | {"put_in": put_in}
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.thorough
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (12.0, 3.0)])
 def test_a_release_at_rest_and_one_with_speed(form, velocity):
     solver = hill_solver(release(velocity=velocity), form=form)
@@ -97,7 +98,7 @@ def test_a_release_at_rest_and_one_with_speed(form, velocity):
 
 
 @pytest.mark.parametrize("degrees", [5.0, 20.0, 40.0])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_friction_takes_what_the_law_says(form, degrees):
     """A sheet far from its rims slides as a block does: its loss to the ground is mu c per metre of way along it."""
     frame = columns_of(0.05, 0, 400, 0, 40, 2.5, velocity=(8.0, 0.0))
@@ -114,6 +115,7 @@ def test_friction_takes_what_the_law_says(form, degrees):
     assert abs(b["energy_lost_to_mixing"]) <= 0.01 * b["energy_lost_to_ground"] + CLOSES * b["put_in"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lowering", [0.0, 1.0 / 1600.0])
 @pytest.mark.parametrize(("form", "law"), [("slope", ErosionEnergy), ("slope", ErosionSpeed), ("swe", ErosionEnergy)])
 def test_erosion_by_both_laws_and_with_a_lowered_bed(form, law, lowering):
@@ -126,6 +128,7 @@ def test_erosion_by_both_laws_and_with_a_lowered_bed(form, law, lowering):
     assert b["energy_entrained"] > 0.0
 
 
+@pytest.mark.thorough
 def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
     """Without weight momentum is kept: the kinetic energy is m0 / m of what it was, and all the loss has this name."""
     frame = columns_of(2.0, 50, 250, 0, 40, 1.25, velocity=(10.0, 0.0))
@@ -142,6 +145,7 @@ def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
     assert b["energy_lost_to_eroded_mass"] == pytest.approx(b["energy_lost"], rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("given", ["discharge", "thickness", "speed", "rest"])
 def test_inflow(given):
     """What a hydrograph brings is its mass with its speed, at the height of the inlet."""
@@ -161,7 +165,7 @@ def test_inflow(given):
     assert b["energy_start"] == 0.0 and b["energy_released_later"] == pytest.approx(wanted, rel=0.04)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     discharge=st.floats(-0.3, 2.7).map(lambda power: 10.0**power), speed=st.one_of(st.just(0.0), st.floats(0.0, 15.0)),
@@ -182,6 +186,7 @@ def test_inflow_in_batches_every_few_steps(form, discharge, speed, cell_size, de
     assert bent or abs(b["energy_error_relative"]) < 1e-12
 
 
+@pytest.mark.thorough
 def test_a_secondary_release():
     solver = hill_solver(release())
     lower = area(80, 100, 16, 32, 1.0, 0.8)
@@ -194,7 +199,8 @@ def test_a_secondary_release():
     assert b["energy_released_later"] == pytest.approx(mass * G * height, rel=0.05)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.thorough
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("height", [3.0, 100.0])
 def test_a_barrier(form, height):
     wall = Wall("dam", shapely.box(119.0, -9, 122.0, 99), height)
@@ -204,6 +210,7 @@ def test_a_barrier(form, height):
     assert b["energy_lost_to_barriers"] > 0.02 * b["put_in"]
 
 
+@pytest.mark.thorough
 def test_a_wall_takes_the_energy_across_it():
     """A sheet against a high wall at 20 m/s: what is booked to the barrier and to mixing is what it had."""
     frame = columns_of(2.0, 60, 90, 12, 36, 1.0, velocity=(20.0, 0.0))
@@ -213,7 +220,8 @@ def test_a_wall_takes_the_energy_across_it():
     assert b["energy_lost_to_barriers"] > 0.2 * b["put_in"]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.thorough
+@pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_outflow_over_edges_and_into_a_hole(form):
     """What left is reported with its place: over the edges beside the flow and into the hole, with their masses."""
     hole = np.s_[5:7, 20:22]  # rows from the north: N 20 to 28, E 80 to 88

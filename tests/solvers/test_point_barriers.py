@@ -88,6 +88,7 @@ def test_a_wall_thinner_than_three_cells_holds_all_the_same():
     assert sorted_points(solver).position[:, 0].max() < 30.05  # the middle of the wall that stands on the map
 
 
+@pytest.mark.thorough
 def test_a_scene_without_a_barrier_knows_nothing_of_barriers():
     frame = block_of((2.0, 2.0, 1.0), DX / 2, (20.0, 5.0, 0.0))
     solver = points_on(FLAT, frame, DX, water(20.0))

@@ -18,7 +18,7 @@ MATERIALS = {
     "fluid": Fluid(1e6, 10.0, 0.0),
     "granular": MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 0.01, 2500.0, 1.0),
 }
-SOLIDS = ("elastic", "frictional", "granular")
+SOLIDS = ("elastic", "frictional", pytest.param("granular", marks=pytest.mark.thorough))
 SCENES = {
     "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
     "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
@@ -64,6 +64,7 @@ def closed(solver, plain):
     assert abs(residual(solver, plain)) <= CLOSES * plain.step
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("material", SOLIDS)
 @settings(max_examples=2, deadline=None, derandomize=True)
 @given(**SCENES)
@@ -79,17 +80,20 @@ def test_takers_explain_what_is_lost_in_many_scenes(material, **scene):
     closed(*both(material, **scene))
 
 
+@pytest.mark.thorough
 def test_flow_over_an_edge_takes_its_energy_along():
     solver, plain = both("frictional", 30.0, 0.2, 12.0, 0.0, 2e-3, 0.58)
     assert 0.1 < solver.balances()["mass_out"] / solver.mass_start < 1.0
     closed(solver, plain)
 
 
+@pytest.mark.thorough
 def test_the_residual_falls_with_the_time_step():
     coarse, fine = (abs(residual(*both("elastic", 20.0, 0.5, 8.0, 0.6, step))) for step in (4e-3, 5e-4))
     assert fine < 0.25 * coarse
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "material",
     [pytest.param("elastic", marks=pytest.mark.slow), pytest.param("frictional", marks=pytest.mark.slow), "fluid"],

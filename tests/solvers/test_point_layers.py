@@ -72,6 +72,7 @@ class Chute:
         return self.above(points.position[amid]) / deep, speed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("transfer", TRANSFERS)
 @pytest.mark.parametrize(("degrees", "xi", "mu"), [(17.0, 200.0, 0.1), (30.0, 1000.0, 0.3)])
 def test_a_steady_chute_has_voellmys_mean_with_either_transfer(degrees, xi, mu, transfer):
@@ -81,6 +82,7 @@ def test_a_steady_chute_has_voellmys_mean_with_either_transfer(degrees, xi, mu, 
     assert chute.solver.balances()["momentum_error_relative"] <= 1e-10
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shear", [1.0, 0.0], ids=["from the log law", "from a plug"])
 def test_the_steady_profile_is_the_log_law_of_the_drag(shear):
     """u(z) = (u* / KAPPA) ln(1 + z / z0): sixths of the depth within 0.1 of the mean, on eight cells. Measured 0.09 in
@@ -94,6 +96,7 @@ def test_the_steady_profile_is_the_log_law_of_the_drag(shear):
         assert got == pytest.approx(exact, abs=0.12 if low == 0.0 else 0.07), low
 
 
+@pytest.mark.thorough
 def test_layers_of_solids_keep_their_own_strength():
     """A slab with an internal friction above the slope slides as one piece: links take under 1 % of what it loses."""
     sand = drucker_prager(6.7e6, 4e6, 35.0, 0.0)

@@ -109,6 +109,7 @@ def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
     np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-7)
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 1 << 30), dx=st.sampled_from([0.05, 0.7, 2.0, 5.0]), single=st.booleans())
 def test_thickness_and_arrival_are_those_of_numpy_in_every_step(seed, dx, single):
@@ -177,6 +178,7 @@ def test_a_sliding_block_leaves_its_known_peaks():
     np.testing.assert_allclose(found[passed, 0], thick / np.cos(angle), rtol=0.06)
 
 
+@pytest.mark.thorough
 def test_a_single_point_in_the_air_makes_no_speed_pressure_or_arrival():
     """Cells so large that one point is thicker than arrival_thickness; two that fly together count."""
     place = np.array([[6.0, 6.0, 9.0], [16.0, 10.0, 9.0], [16.2, 10.1, 9.2]])
@@ -190,6 +192,7 @@ def test_a_single_point_in_the_air_makes_no_speed_pressure_or_arrival():
     assert two[..., 2].max() > 0.9 * DENSITY * 30.0**2 and (two[..., 3] > 0).any()
 
 
+@pytest.mark.thorough
 def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
     """The mirror image beyond a wall counts, as it does for columns; the corner of the domain too."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 8.0, 6.0, 2.0)
@@ -202,7 +205,7 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
     assert on_nodes(open_edges)[0, 0, 0] == pytest.approx(0.5, rel=1e-3)
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
     frame = block_of((4, 4, 4), 0.5, (10, 8, 0))
     made = [points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.6), precision=precision, maxima=maxima)

@@ -192,6 +192,7 @@ def wave_speed_error(cells, heights=(0.25, 0.75), strike=1e-3):
     return (heights[1] - heights[0]) / (arrivals[1] - arrivals[0]) / speed - 1.0, solver
 
 
+@pytest.mark.thorough
 def test_v13_a_wave_arrives_at_the_speed_of_pressure_waves():
     """c_p = sqrt((K + 4 G / 3) / rho); behind the front rho c v of stress. Measured: 1.7, 0.8 and
     0.5 % fast at 40, 80 and 160 cells; stress 0.1 %, lateral stress 0.3 % off."""
@@ -280,6 +281,7 @@ def test_v14_a_column_that_sinks_under_its_weight():
     assert force == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_v14_water_presses_as_deep_as_it_is():
     """Still water, means over four swings and the whole width: 0.1 to 1 % (asked 5), 4 % in the layer at the surface;
     force on the ground 1e-6 off."""
@@ -414,6 +416,7 @@ def runout(aspect, cell):
     return sorted_points(collapsed(aspect, cell)).position[:, 0].max() - 1.0
 
 
+@pytest.mark.thorough
 def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cells():
     """Rough ground, on which nothing slides, takes 7 and 3 % as it yields; of what is lost the material's yielding took
     68 and 81 % on cells of a sixteenth and a thirty-second of a metre, and blows and the grid the rest."""
@@ -489,6 +492,7 @@ def settlement(height_over_critical, cells=16, friction_angle=30.0):
     return (start[crest, 2] - sorted_points(solver).position[crest, 2]).mean() / height
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cells", [16, pytest.param(32, marks=pytest.mark.slow)])
 def test_v18_a_vertical_cut_stands_below_the_critical_height_and_fails_above(cells):
     """Hc = 4 c cos(phi) / (rho g (1 - sin phi)). Measured on 16 and 32 cells: the crest of 0.7 Hc settles by

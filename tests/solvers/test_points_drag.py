@@ -46,6 +46,7 @@ def speed_error(cell, start, time=3.0, **scene):
     return along(solver) / exact - 1.0, solver
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start", [0.7, 1.4])
 def test_v19_a_slab_comes_to_its_steady_speed_in_3d(start):
     """U^2 = xi h_n (sin - mu cos), from below and above, on two cells: within 1 %. Measured -0.5 and -0.8 %; on one
@@ -53,12 +54,14 @@ def test_v19_a_slab_comes_to_its_steady_speed_in_3d(start):
     assert speed_error(1.0, start)[0] == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_v19_the_steady_speed_converges_with_the_cells():
     """What is left is bed under the slab's steep sides: it goes with the cells over the slab's width."""
     coarse, fine = abs(speed_error(2.0, 0.7)[0]), abs(speed_error(1.0, 0.7)[0])
     assert fine < 0.6 * coarse
 
 
+@pytest.mark.thorough
 def test_what_drag_takes_is_booked():
     """Friction and drag are all that takes energy from a slab in steady sliding, within 3 %; momentum closes."""
     solver = speed_error(1.0, 0.7)[1]
@@ -67,6 +70,7 @@ def test_what_drag_takes_is_booked():
     assert balances["momentum_error_relative"] <= 1e-10
 
 
+@pytest.mark.thorough
 def test_without_drag_voellmys_law_is_coulombs():
     """xi = 1e15 m s-2: the bed takes what CoulombContact takes; only the slab's own swing differs, layer by layer."""
     answers = []
@@ -77,6 +81,7 @@ def test_without_drag_voellmys_law_is_coulombs():
     assert answers[0] == pytest.approx(answers[1], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_drag_gives_the_same_bits_for_any_number_of_threads_and_slices_and_after_a_restart():
     answers = []
     for threads, slices in ((1, 1 << 40), (2, 7)):

@@ -38,8 +38,8 @@ def plain(solver, frame, material, mu, xi=0.0):
     [
         (MATERIALS["elastic"], CoulombContact(0.3)),
         (MATERIALS["frictional"], CoulombContact(0.3)),
-        (MATERIALS["elastic"], VoellmyContact(0.3, 40.0)),
-        (MATERIALS["fluid"], VoellmyContact(0.3, 400.0)),
+        pytest.param(MATERIALS["elastic"], VoellmyContact(0.3, 40.0), marks=pytest.mark.thorough),
+        pytest.param(MATERIALS["fluid"], VoellmyContact(0.3, 400.0), marks=pytest.mark.thorough),
     ],
     ids=["elastic", "frictional", "drag", "fluid"],
 )

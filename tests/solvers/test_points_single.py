@@ -30,6 +30,7 @@ def sliding(precision, east=0.0, length=200.0, velocity=(0.0, 0.0, 0.0), **numer
     return points_on(terrain, frame, 1.0, SAND, CoulombContact(MU), precision=precision, **numerics)
 
 
+@pytest.mark.thorough
 def test_three_steps_equal_the_plain_loop_in_double_precision():
     """Places within 1e-6 cells, velocities within 1e-5 m/s of 4 m/s."""
     frame = block_of((2.0, 1.5, 1.5), 0.5, (20.3, 5.2, 60.0 - 20.3 * 0.57735), velocity=(4.0, -1.0, -2.0))
@@ -50,6 +51,7 @@ def test_three_steps_equal_the_plain_loop_in_double_precision():
     np.testing.assert_allclose(now.velocity, velocity, rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_runout_and_mass_are_those_of_double_precision():
     """H33: the front within one cell after 2 s, mass within 1e-6, momentum to rounding of the points."""
     double, single = sliding("float64"), sliding("float32")
@@ -64,6 +66,7 @@ def test_runout_and_mass_are_those_of_double_precision():
     assert balances["momentum_error_relative"] <= 1e-5
 
 
+@pytest.mark.thorough
 def test_nothing_is_lost_far_from_the_corner():
     """The same bits ten kilometres east, where single precision from the corner would resolve a millimetre."""
     here, far = sliding("float32"), sliding("float32", east=10_000.0, length=10_200.0)
@@ -82,6 +85,7 @@ def test_a_creep_of_a_millimetre_a_second_moves():
     assert moved[1] == pytest.approx(moved[0], rel=0.02) and moved[0] >= 1e-3
 
 
+@pytest.mark.thorough
 def test_the_same_bits_for_any_number_of_threads_slices_and_restarts():
     answers = []
     for threads, slices in ((1, 1 << 40), (2, 7)):

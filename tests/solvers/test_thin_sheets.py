@@ -58,6 +58,7 @@ def outcome(**scene):
     return balances["speed_max"] / speed, balances["kinetic_energy"] / balances["energy_start"], balances
 
 
+@pytest.mark.thorough
 def test_splash_does_not_throw_a_sheet_of_three_cells():
     """1.02 times the sheet's speed and 87 % of the energy. Without the limiter 1.43 and 92 %."""
     fastest, energy, balances = outcome()
@@ -68,6 +69,7 @@ def test_splash_does_not_throw_a_sheet_of_three_cells():
     assert balances["energy_lost_to_mixing"] > 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sparse", [0, 1])
 def test_sparse_splash_does_not_throw_the_sheet(sparse):
     """Measured: 1.02 and 88 % of the energy. Without the limiter 1.35 and 1.41, 94 and 95 %."""
@@ -75,17 +77,20 @@ def test_sparse_splash_does_not_throw_the_sheet(sparse):
     assert fastest <= 1.1 and energy >= 0.85
 
 
+@pytest.mark.thorough
 def test_half_the_cells():
     """Six cells over the sheet: 1.31 and 95 %. Without the limiter 1.45 and 96 %."""
     fastest, energy, _ = outcome(cell=0.5)
     assert fastest <= 1.35 and energy >= 0.93
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "scene",
     [
         {"shift": (0.25, 0.75)}, {"shift": (0.5, 0.5), "points": 3}, {"shift": (0.6, 0.1)}, {"points": 3},
-        {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3}, {"precision": "float32"},
+        {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3},
+        {"precision": "float32"},
     ],
     ids=str,
 )  # fmt: skip
@@ -95,6 +100,7 @@ def test_other_offsets_densities_of_points_and_speeds(scene):
     assert fastest <= 1.1 and energy >= (0.83 if "sound" in scene else 0.85)  # twice the steps lose more
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("speed", "most", "least"), [(20.0, 1.1, 0.84), (10.0, 1.3, 0.84), (5.0, 1.3, 0.83)])
 def test_slow_sheets(speed, most, least):
     """At 0.1, 0.05 and 0.025 times the speed of pressure waves: 1.03, 1.21 and 1.24, and 85, 86 and 86 %.
@@ -105,6 +111,7 @@ def test_slow_sheets(speed, most, least):
     assert fastest <= most and energy >= least
 
 
+@pytest.mark.thorough
 def test_the_front_of_a_dam_break_is_as_fast_as_ritter_has_it():
     """The place that 1 % of the water has passed after 4 sqrt(H / g), on 8 cells: 0.5 % short of Ritter's (1892).
 
@@ -136,6 +143,7 @@ def test_any_sheet_is_held_together(speed, points, shift, sound):
     assert fastest <= 1.15 and energy >= 0.8
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shift", [0.0, 0.37])
 def test_a_sheet_that_turns_and_one_that_shears_are_not_limited(shift):
     """Velocities that are linear in place: R^2 is 1, however thin the sheet and wherever its faces are."""
@@ -152,6 +160,7 @@ def test_a_sheet_that_turns_and_one_that_shears_are_not_limited(shift):
     assert solver.balances()["clips"]["affine_velocity"] == 0
 
 
+@pytest.mark.thorough
 def test_the_limited_step_equals_the_plain_loop():
     """Places and velocities to 1e-11 after four steps in which some points are limited, and as many are counted."""
     rng = np.random.default_rng(5)
@@ -196,6 +205,7 @@ def test_exceeded_by_is_the_least_value_that_at_most_the_share_exceeds(values, s
     assert exceeded_by(share, values, mass) == expected
 
 
+@pytest.mark.thorough
 def test_the_percentile_of_a_run_is_that_of_its_fastest_frame():
     solver, end = struck()
     speeds = [40.0]

@@ -7,7 +7,7 @@ import pytest
 sys.path[:0] = [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("solvers", "cli"))]
 
 
-@pytest.fixture(params=[1, 2], ids=["1 thread", "2 threads"])
+@pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)], ids=["1 thread", "2 threads"])
 def threads(request):
     """A hard case runs on one thread and on two."""
     from mpmgis.kernels.jit import set_threads

@@ -29,6 +29,7 @@ def test_columns_of_a_random_scene(scene):
     check_columns(scene)
 
 
+@pytest.mark.thorough
 @FEW
 @given(point_scenes())
 def test_points_of_a_random_scene(scene):

@@ -23,7 +23,10 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SCENES)
+WATER = pytest.param("water off a step", marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("name", [*list(SCENES)[:-1], WATER])
 def test_threads_and_slices_change_no_bit(name):
     scene, end = SCENES[name]
     states = []

@@ -114,6 +114,7 @@ def require_same(one, other):
     assert len(one) > 40
 
 
+@pytest.mark.thorough
 def test_threads_stops_and_processes_change_no_byte(site, reference, tmp_path):
     """Columns with running maxima, points in both precisions, stages, exports, seeds of each kind, a conversion."""
     require_same(made(site, tmp_path / "out", 2, stop=True), reference)

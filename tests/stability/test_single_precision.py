@@ -8,6 +8,7 @@ from hard_scenes import Watch, in_the_map
 from test_same_bits import SCENES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["sand off a step", "water off a step"])
 def test_single_precision_ends_where_double_precision_does(name):
     """Mass within 1e-6; the foremost hundredth and the middle of the flow within a cell of 1 m, and energies 1 %."""
