@@ -33,9 +33,10 @@ test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"
 
 QUICK = bench conversion effects geo io qgis_plugin scene seeding studies test_architecture.py
+LONGER = effects/test_kernel_cache.py effects/test_material_compiled.py seeding/test_seed_command.py
 
 test-quick: $(ENVIRONMENT)/installed-test
-	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK))
+	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(LONGER))
 
 test-thorough: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "thorough and not slow"
