@@ -10,7 +10,7 @@ DEMO := demo
 help:
 	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
 	@echo "make test      the tests of every command, solver, effect and format (the first time with minutes of compiling)"
-	@echo "make test-quick  the part of make test without commands and maps, for the time between two edits"
+	@echo "make test-quick  the part of make test without commands, solvers and maps, for the time between two edits"
 	@echo "make test-thorough  the tests that make test leaves out: whole scenes, notebooks, kills, QGIS, rare kernels"
 	@echo "make test-all  both: all tests but the long validation"
 	@echo "make validate  the long validation tests"
@@ -32,10 +32,11 @@ PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfil
 test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"
 
-QUICK = bench conversion effects geo io qgis_plugin scene seeding solvers studies test_architecture.py
+QUICK = bench conversion effects geo io qgis_plugin scene seeding studies test_architecture.py
+LONGER = effects/test_kernel_cache.py effects/test_material_compiled.py seeding/test_seed_command.py
 
 test-quick: $(ENVIRONMENT)/installed-test
-	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK))
+	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(LONGER))
 
 test-thorough: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "thorough and not slow"
