@@ -3,7 +3,7 @@
 A wall that is thinner than three cells is held by nodes up to a cell and a half from its middle. Beyond its end, and in
 an opening narrower than that, the same nodes also serve the flow that passes. Such a node gets the share of its
 quadratic B-spline, along the wall, that sees no wall: summed over the nodes of a row, the shares times the cell size
-are the width of the opening, whatever its place and its direction on the grid.
+are the width of the opening within 3 %, whatever its place and its direction on the grid.
 """
 
 from typing import NamedTuple
