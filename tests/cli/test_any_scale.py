@@ -62,6 +62,7 @@ def exported(folder, cell, solver):
     return len(prepare(scene).frame.particles), depth / cell
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ["columns", "points"])
 def test_files_of_four_millimetres_run_and_export_as_those_of_a_metre(tmp_path, solver):
     (small, depth), (count, expected) = (exported(tmp_path / f"{cell:g}", cell, solver) for cell in (0.004, 1.0))

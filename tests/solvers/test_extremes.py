@@ -50,6 +50,7 @@ def test_the_fastest_column_and_the_deepest_node_of_all_steps():
     assert all(again.balances()[name] == told[name] for name in told if "_max" in name)
 
 
+@pytest.mark.thorough
 def test_the_fastest_point_of_all_steps_and_the_thickest_flow_of_all_looks():
     frame = block_of((10.0, 6.0, 4.0), 1.0, corner=(20.0, 20.0, 60.0), velocity=(3.0, 0.0, 0.0))
     ground = terrain_of(lambda x, y: np.where(x < 40, 50 - 0.5 * x, 30 + 0.0 * x), 100, 60, 2.0)

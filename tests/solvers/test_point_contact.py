@@ -43,6 +43,7 @@ def test_a_slab_stops_on_the_flat_after_its_exact_path(speed, off):
     assert abs(left) <= 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("azimuth", [pytest.param(20.0, marks=pytest.mark.slow), 45.0])
 def test_beds_askew_in_the_grid_bear_as_much_as_aligned_ones(azimuth):
     """24 degrees within 0.05 m, 26 within 6.5 % (under its weight), 35 within 0.5 %. Measured 0.012 m, 5.3 to 6 % and
@@ -55,6 +56,7 @@ def test_beds_askew_in_the_grid_bear_as_much_as_aligned_ones(azimuth):
     assert moved == pytest.approx(exact, rel=0.005)
 
 
+@pytest.mark.thorough
 def test_single_precision_bears_as_much():
     """24 degrees: 0.009 m as in double precision."""
     moved, speed, _, _ = slab(24.0, 6.0, above=0.3, precision="float32")
@@ -62,7 +64,12 @@ def test_single_precision_bears_as_much():
 
 
 @pytest.mark.parametrize(
-    ("degrees", "time", "start"), [(35.0, 3.0, {}), (26.0, 6.0, {"weighted": True}), (0.0, 4.0, {"speed": 5.0})]
+    ("degrees", "time", "start"),
+    [
+        (35.0, 3.0, {}),
+        pytest.param(26.0, 6.0, {"weighted": True}, marks=pytest.mark.thorough),
+        pytest.param(0.0, 4.0, {"speed": 5.0}, marks=pytest.mark.thorough),
+    ],
 )
 def test_what_friction_takes_is_what_the_law_says(degrees, time, start):
     """mu m g cos(slope) times the path within 1 %, measured 0.2 %; and no more than all that the ground takes."""
@@ -73,6 +80,7 @@ def test_what_friction_takes_is_what_the_law_says(degrees, time, start):
     assert balances["ground_friction_work"] <= balances["energy_lost_to_ground"]
 
 
+@pytest.mark.thorough
 def test_sand_without_cohesion_rests_away_from_its_free_front():
     """24 degrees under friction of 25, 35 in the sand: the front of 2 m slumps to its angle of repose over some 10 m;
     24 m and more behind it points move 0.003 to 0.01 m in 6 s."""
@@ -87,7 +95,7 @@ def test_sand_without_cohesion_rests_away_from_its_free_front():
     assert np.abs(now.velocity[behind] @ down).mean() <= 1e-3
 
 
-@pytest.mark.parametrize("layers", [20, 4])
+@pytest.mark.parametrize("layers", [pytest.param(20, marks=pytest.mark.thorough), 4])
 @pytest.mark.parametrize("above", [0.05, 0.5, 0.75])
 def test_what_falls_comes_to_rest_on_the_ground(layers, above):
     """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, wherever the ground lies."""
