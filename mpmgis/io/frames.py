@@ -19,6 +19,7 @@ from .hdf5_input import opened_whole, require_numbers_that_fit
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
+_SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of particles that are numbers above 0
 _LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
 PLACES = ("position", "area")  # all that is asked of particles where only their places matter
 
@@ -189,6 +190,8 @@ def _read(path, file, with_state, with_particles, density, memory, names):
     if not isinstance(file.get("particles"), h5py.Group):
         raise FormatError(f"{path}: no group 'particles'")
     header = _attributes(path, file["particles"])
+    for name in _SIZES & set(header):
+        _require_size(path, header, name)
     if with_particles:
         if not file.is_small:
             require_particles_fit(path, file["particles"], memory or {}, names)
@@ -220,6 +223,13 @@ def _number(path, attrs, name, default):
     if value.size != 1 or value.dtype.kind not in "fiu":
         raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, wanted a number")
     return value.item()
+
+
+def _require_size(path, header, name):
+    """Refuse an attribute `name` of the particles that is no finite number above 0."""
+    value = _number(path, header, name, None)
+    if not (np.isfinite(value) and value > 0):
+        raise FormatError(f"{path}: {name} is {value:g}, wanted a finite number above 0")
 
 
 def _step(path, attrs):

@@ -176,11 +176,13 @@ def test_impossible_dimension(run, capsys):
     refused(capsys, run, says="dimension")
 
 
-def test_impossible_density_in_the_frames(run, capsys):
+@pytest.mark.parametrize("value", [-3.0, float("nan"), "[[]]", np.array([1.0, 2.0])], ids=str)
+@pytest.mark.parametrize("name", ["density", "cell_size", "converted_spacing"])
+def test_impossible_sizes_in_the_frames(run, capsys, name, value):
     for frame in run.glob("*.h5"):
         with h5py.File(frame, "r+") as file:
-            file["particles"].attrs["density"] = -3.0
-    refused(capsys, run, says="density")
+            file["particles"].attrs[name] = value
+    refused(capsys, run, says=name)
 
 
 def test_unreadable_crs_of_a_frame(run, capsys):
