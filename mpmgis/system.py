@@ -184,12 +184,12 @@ def machine_number() -> str:
         import uuid
 
         return f"{uuid.getnode():012x}"
-    return told("/etc/machine-id")
+    return text_of("/etc/machine-id")
 
 
 def start_of_machine() -> str:
     """Text of this start of the machine on Linux; elsewhere "", as processes there have the date of their own start."""
-    return told(PROCESSES / "sys/kernel/random/boot_id")
+    return text_of(PROCESSES / "sys/kernel/random/boot_id")
 
 
 def process_space() -> str:
@@ -232,7 +232,7 @@ def runs(number) -> bool:
 
 def process_facts(number) -> list:
     """What Linux tells of process `number` after its name: its state, ..., its start; [] elsewhere."""
-    return told(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
+    return text_of(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
 
 
 def _has_processes():
@@ -249,7 +249,7 @@ def _may_be_signalled(number):
     return True
 
 
-def told(path) -> str:
+def text_of(path) -> str:
     """The text of a file in which a system tells something of itself; "" where there is none."""
     try:
         return Path(path).read_text(encoding="ascii", errors="replace").strip()

@@ -62,7 +62,7 @@ def frame_pool(workers=None, dask=None):
     Raises
     ------
     InputError
-        No scheduler answers at that address; what the user trusts cannot be told to its workers.
+        No scheduler answers at that address; --trust does not reach its workers.
     """
     workers = workers or system.cores()
     if dask is not None and is_trusted():
