@@ -73,6 +73,7 @@ def test_seeds_are_the_same_without_arrow(site, suffix, tmp_path, capsys):
     assert few == everything and few["n"] > 100
 
 
+@pytest.mark.thorough
 def test_a_run_and_its_export_and_an_ensemble_need_none_of_them(site):
     for words in (
         ("run", "scene.toml", "-o", "results", "--overwrite"),

@@ -333,6 +333,7 @@ def test_cells_too_fine(run, capsys):
     refused(capsys, run, run, "--cs-e", "1e-320", says="--cs-e")
 
 
+@pytest.mark.thorough
 def test_dask_that_does_not_answer(run, capsys):
     refused(capsys, run, run, "--dask", "tcp://127.0.0.1:1", says="--dask")
     refused(capsys, run, run, "--dask", "nonsense://", says="--dask")

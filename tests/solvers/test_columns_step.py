@@ -110,7 +110,9 @@ def plain_step(particles, solver, dt, law, curved):
 
 
 @pytest.mark.parametrize("curved", [False, pytest.param(True, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("law", [Frictionless(), Coulomb(0.3), Voellmy(0.2, 800.0)])
+@pytest.mark.parametrize(
+    "law", [Frictionless(), pytest.param(Coulomb(0.3), marks=pytest.mark.thorough), Voellmy(0.2, 800.0)]
+)
 def test_a_step_equals_the_plain_loop(law, curved):
     terrain = terrain_of(rough, 400, 200, 5)
     frame = pile(per_side=1)
@@ -136,6 +138,7 @@ def test_mass_is_constant_and_momentum_is_conserved_without_a_bed_force():
         np.testing.assert_allclose(last, first, rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_any_number_of_threads_gives_the_same_bits():
     results = []
     for threads in (1, 2, 2):

@@ -118,6 +118,7 @@ def falling(gap, mu=0.5, time=0.8):
     return solver, start
 
 
+@pytest.mark.thorough
 def test_nodes_beside_a_cliff_are_not_held_by_ground_metres_below():
     """A block falls freely a cell and a half before the foot of a cliff: no touch, no push. One cell before it
     the nodes within half a cell of the face take 3 of 62 000 N s."""

@@ -75,6 +75,7 @@ def test_nothing_is_lost_far_from_the_corner():
     assert np.array_equal(here.state()["rows"], far.state()["rows"])
 
 
+@pytest.mark.thorough
 def test_a_creep_of_a_millimetre_a_second_moves():
     moved = []
     for precision in ("float64", "float32"):

@@ -120,6 +120,7 @@ def test_threads_stops_and_processes_change_no_byte(site, reference, tmp_path):
     require_same(made(site, tmp_path / "out", 2, stop=True), reference)
 
 
+@pytest.mark.thorough
 def test_digests_tell_scenes_and_precisions_apart(reference):
     assert len({reference[name] for name in ("lattice", "halton", "random", *SCENES)}) == 3 + len(SCENES)
 
