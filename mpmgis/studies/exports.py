@@ -88,7 +88,7 @@ class ExportSweep:
             ExportSetting(
                 self.averagings[cell].grid.cell_size, step * self.interval, self.frames[cell, step],
                 self.seconds[cell, step],
-                *(_apart(self._on_finest(name, cell, step), finest[name]) for name in LOSSES),
+                *(_export_difference(self._on_finest(name, cell, step), finest[name]) for name in LOSSES),
             )
             for cell in CELL_FACTORS for step in STEP_FACTORS
         ]  # fmt: skip
@@ -105,5 +105,5 @@ def _multiple(count, of):
     return math.ceil(math.ceil(round(count, 6)) / of) * of
 
 
-def _apart(values, reference):
+def _export_difference(values, reference):
     return float(np.abs(values - reference).sum() / max(np.abs(reference).sum(), 1e-300))
