@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..products.runout_report import PROFILE_COLUMNS, TIME_COLUMNS
+from ..products.runout_report import ENERGY_LINE_COLUMNS, TIME_COLUMNS
 from .csv_table import column_name, write_records
 from .plots import COLOURS, draw_ground, dress, legend, plot_file
 
@@ -21,7 +21,7 @@ def write_over_time(path, found):
 
 def write_profile(path, found):
     """The line's profile, a row a place."""
-    write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], zip(*found.profile, strict=True))
+    write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
 
 
 def write_runout_plot(path, found):

@@ -11,7 +11,7 @@ TIME_COLUMNS = (
     ("time", "s"), ("mass", "kg"), ("centre_E", "m"), ("centre_N", "m"), ("centre_elevation", "m"),
     ("centre_along", "m"), ("along_1_percent", "m"), ("along_50_percent", "m"), ("along_99_percent", "m"),
 )  # fmt: skip
-PROFILE_COLUMNS = (
+ENERGY_LINE_COLUMNS = (
     ("along", "m"), ("ground_length", "m"), ("E", "m"), ("N", "m"), ("elevation", "m"), ("energy_line", "m"),
     ("h_max", "m"), ("h_deposit", "m"),
 )  # fmt: skip
@@ -35,7 +35,7 @@ class RunoutFound:
     farthest_mass : Place or None
         On the line, where 99 % of the last frame's mass lie at or before.
     profile : tuple of float[k]
-        The columns PROFILE_COLUMNS along the line.
+        The columns ENERGY_LINE_COLUMNS along the line.
     files : tuple of Path
     """
 
