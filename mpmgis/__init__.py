@@ -6,7 +6,7 @@
 >>> mpmgis.export_raster("results", cell_size=1, time_step=0.2)  # doctest: +SKIP
 >>> mpmgis.open_results("results_gis").h_max.plot()  # doctest: +SKIP
 
-Names come from `mpmgis.face`, each loaded when it is first used: `import mpmgis` alone costs nothing.
+Names come from `mpmgis.api`, each loaded when it is first used: `import mpmgis` alone costs nothing.
 """
 
 import importlib
@@ -21,7 +21,7 @@ __all__ = [
 def __getattr__(name):
     if name not in __all__:
         raise AttributeError(f"module 'mpmgis' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.face"), name)
+    return getattr(importlib.import_module(f"{__name__}.api"), name)
 
 
 def __dir__():

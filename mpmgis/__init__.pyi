@@ -1,4 +1,4 @@
-from .face import *
-from .face import __all__ as __all__
+from .api import *
+from .api import __all__ as __all__
 
 __version__: str

@@ -18,15 +18,26 @@ import shapely
 
 import mpmgis
 from mpmgis.fields import BAND, PARTICLE
-from mpmgis.io.foreign.sidecar import KEYS
+from mpmgis.interop.declarations import KEYS
 from mpmgis.io.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
-from mpmgis.io.sample import sample_folder
+from mpmgis.workflows.demo import sample_folder
 
 PACKAGE = Path(mpmgis.__file__).parent
 DOCS = PACKAGE / "docs"
 THEORY = (DOCS / "theory.md").read_text(encoding="utf-8")
 ROLE = re.compile(r"\{py:(?P<kind>func|class|meth|mod)\}`~?(?P<name>[\w.]+)`(?:: \*(?P<words>(?:\\\*|[^*])+)\*)?")
-PACKAGES = ("scene", "effects", "geo", "seeding", "conversion", "solvers", "kernels", "products", "studies")
+PACKAGES = (
+    "scene",
+    "effects",
+    "terrain",
+    "spatial",
+    "seeding",
+    "conversion",
+    "solvers",
+    "kernels",
+    "analysis",
+    "experiments",
+)
 FORMATS = (DOCS / "formats.md").read_text(encoding="utf-8")
 LINKS = list(ROLE.finditer(THEORY))
 
@@ -63,8 +74,8 @@ def test_all_links_of_the_theory_page_are_looked_at():
 
 
 def test_the_face_is_shown_in_full():
-    text = (DOCS / "api" / "face.md").read_text(encoding="utf-8")
-    members = re.search(r"automodule:: mpmgis.face\n   :members: (.*)$", text, re.MULTILINE)[1].split(", ")
+    text = (DOCS / "api" / "api.md").read_text(encoding="utf-8")
+    members = re.search(r"automodule:: mpmgis.api\n   :members: (.*)$", text, re.MULTILINE)[1].split(", ")
     assert {*members, "Frame", "Particles", "MpmgisError"} == set(mpmgis.__all__)
 
 

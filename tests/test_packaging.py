@@ -181,8 +181,10 @@ def test_the_installed_wheel_works(wheel, tmp_path):
     python = tmp_path / "venv" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     install = ["pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index", str(wheel)]
     subprocess.run([sys.executable, "-m", *install], check=True, capture_output=True)
-    (site,) = (tmp_path / "venv").glob("[Ll]ib*/**/site-packages") if os.name == "nt" else (
-        (tmp_path / "venv" / "lib").glob("python*/site-packages")
+    (site,) = (
+        (tmp_path / "venv").glob("[Ll]ib*/**/site-packages")
+        if os.name == "nt"
+        else ((tmp_path / "venv" / "lib").glob("python*/site-packages"))
     )
     (site / "zz_libraries.pth").write_text(f"{Path(numpy.__file__).parents[1]}\n")
 

@@ -76,8 +76,8 @@ def add_arguments(parser):
 
 def run(arguments):
     """Compare; the numbers go to stdout."""
-    from ..pipeline.compare import CompareRequest, compare
-    from ..pipeline.export import ExportRequest
+    from ..workflows.compare import CompareRequest, compare
+    from ..workflows.export import ExportRequest
 
     asked = {key: value for key, value in vars(arguments).items() if key in CompareRequest.__dataclass_fields__}
     names = set(ExportRequest.__dataclass_fields__) - set(asked)

@@ -106,7 +106,7 @@ def _add_terrain_options(group):
 
 def run(arguments):
     """Convert and write; prints the paths of the files, one a line."""
-    from ..pipeline.convert import ConvertRequest
+    from ..workflows.convert import ConvertRequest
 
     sources = arguments.source
     named = set(ConvertRequest.__dataclass_fields__) - {"source", "terms"}
@@ -137,7 +137,7 @@ def _require_one(arguments):
 
 def _run(arguments, request, say):
     """Paths of the frames written."""
-    from ..pipeline.convert import convert_to_columns, convert_to_points, dimension_of
+    from ..workflows.convert import convert_to_columns, convert_to_points, dimension_of
 
     to = arguments.to or ("points" if dimension_of(request) == 2 else "columns")
     if to == "points":
@@ -150,7 +150,7 @@ def _run(arguments, request, say):
 def _run_for_solver(arguments, request, say):
     """The folder written."""
     from ..errors import InputError
-    from ..pipeline.solver_start import convert_for_solver
+    from ..workflows.solver_start import convert_for_solver
 
     if arguments.to == "columns":
         raise InputError(f"--to columns: {arguments.solver} starts from points; leave it out")

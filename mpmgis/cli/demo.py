@@ -22,7 +22,7 @@ def run(arguments):
     if arguments.threads is not None and arguments.threads < 1:
         raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
     from ..io.atomic import refuse_existing
-    from ..pipeline.demo import demo
+    from ..workflows.demo import demo
     from .run import tell
 
     refuse_existing(arguments.output, arguments.overwrite)

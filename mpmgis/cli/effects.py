@@ -41,7 +41,7 @@ def run(arguments):
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
         answer.give(words, arguments)
         return 0
-    from ..pipeline.effects import decided, measured
+    from ..workflows.run import decided, measured
 
     if arguments.measure:
         decisions, costs = measured(arguments.scene, arguments.law, talk.detail, talk.say)

@@ -94,7 +94,7 @@ def _add_machine_options(group):
 
 def run(arguments):
     """Run the ensemble; the paths written go to stdout, one a line."""
-    from ..pipeline.ensemble import EnsembleRequest, ensemble
+    from ..workflows.ensemble import EnsembleRequest, ensemble
     from .run import asked
 
     request = {name: value for name, value in vars(arguments).items() if name in EnsembleRequest.__dataclass_fields__}

@@ -167,7 +167,7 @@ def _add_machine_options(group):
 
 def run(arguments):
     """Export; the paths written go to stdout, one a line."""
-    from ..pipeline.export import ExportRequest, export_raster
+    from ..workflows.export import ExportRequest, export_raster
 
     asked = {key: value for key, value in vars(arguments).items() if key in ExportRequest.__dataclass_fields__}
     notes = []  # told when all went well, so that a refusal stands alone

@@ -36,7 +36,7 @@ def add_arguments(group, with_times=True):
 
 def terms(arguments):
     """ForeignTerms of the parsed arguments."""
-    from ..io.foreign.terms import ForeignTerms
+    from ..interop.declarations import ForeignTerms
 
     return ForeignTerms.named(vars(arguments) | {"time_step": arguments.frame_step}, arguments.crs)
 

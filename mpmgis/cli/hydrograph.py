@@ -32,7 +32,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the hydrograph; figures and paths go to stdout."""
-    from ..pipeline.hydrograph import HydrographRequest, hydrograph
+    from ..workflows.hydrograph import HydrographRequest, hydrograph
 
     request = results_options.answer_request(HydrographRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: hydrograph(request, say, progress))

@@ -78,7 +78,7 @@ def run(arguments):
     With -o there is no answer then: what it writes is whole.
     """
     from ..errors import MpmgisError, one_line
-    from ..io.inspect import inspect
+    from ..reports.inspect import inspect
 
     answer.require_writable(arguments, arguments.files)
     terms = foreign_options.terms(arguments)

@@ -20,7 +20,7 @@ SQUARE_METRES_PER_HECTARE = 1e4
 
 def add_arguments(parser):
     """Declare the verb's options."""
-    from ..io.guideline_tables import read_guidelines
+    from ..reports.intensity import read_guidelines
 
     shipped = "\n".join(f"  {name:<30}{entry.title}" for name, entry in read_guidelines().items())
     parser.description = f"{DESCRIPTION.strip()}\n\nguidelines:\n{shipped}"
@@ -32,7 +32,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Classify; areas and paths go to stdout."""
-    from ..pipeline.intensity import IntensityRequest, intensity
+    from ..workflows.intensity import IntensityRequest, intensity
 
     request = results_options.answer_request(IntensityRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: intensity(request, say, progress))

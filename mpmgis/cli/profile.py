@@ -31,7 +31,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the profile; the paths go to stdout."""
-    from ..pipeline.profile import ProfileRequest, profile
+    from ..workflows.profile import ProfileRequest, profile
 
     request = results_options.answer_request(ProfileRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: profile(request, say, progress))

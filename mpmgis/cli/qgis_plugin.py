@@ -30,7 +30,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the zip; prints its path."""
-    from ..io.plugin_zip import write_plugin_zip
+    from ..gis.plugin_zip import write_plugin_zip
 
     write_plugin_zip(arguments.output, arguments.homepage, arguments.email, arguments.overwrite)
     talk.say("in QGIS: Plugins > Manage and Install Plugins > Install from ZIP; then Processing > Toolbox > mpmgis")

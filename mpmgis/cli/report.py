@@ -31,7 +31,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the report; its path goes to stdout."""
-    from ..pipeline.report import ReportRequest, report
+    from ..workflows.report import ReportRequest, report
 
     request = results_options.answer_request(ReportRequest, arguments)
     files = results_options.tell(arguments, lambda say, progress: report(request, say, progress))

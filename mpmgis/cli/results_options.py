@@ -52,7 +52,7 @@ def add_output(parser, word, files):
 
 def request(arguments):
     """The ExportRequest of the parsed arguments: which results, and how their cells are averaged."""
-    from ..pipeline.export import ExportRequest
+    from ..workflows.export import ExportRequest
 
     asked = {key: value for key, value in vars(arguments).items() if key in ExportRequest.__dataclass_fields__}
     return ExportRequest(**asked | {"frames": tuple(arguments.frames), "output": None, "overwrite": False})

@@ -2,7 +2,7 @@
 
 import sys
 
-from ..products.run_account import account, extreme_lines
+from ..analysis.run_summary import account, extreme_lines
 from . import talk
 from .progress import interruptible, run_progress, without_bar
 
@@ -47,7 +47,7 @@ def run(arguments):
         raise InputError(f"--threads {arguments.threads}, wanted 1 or more")
     if arguments.resume and arguments.overwrite:
         raise InputError("--resume and --overwrite contradict each other; give one of them")
-    from ..pipeline.run import run as run_scene
+    from ..workflows.run import run as run_scene
 
     with run_progress() as shown, interruptible(shown) as watch:
         summary = run_scene(

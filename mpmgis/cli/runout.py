@@ -37,7 +37,7 @@ def add_arguments(parser):
 
 def run(arguments: argparse.Namespace):
     """Find the figures; they go to stdout, then the paths of the files."""
-    from ..pipeline.runout import RunoutRequest, runout
+    from ..workflows.runout import RunoutRequest, runout
 
     request = results_options.answer_request(RunoutRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: runout(request, say, progress))

@@ -118,7 +118,7 @@ def _add_resolution_options(group):
 def run(arguments):
     """Seed and write; prints the file's path."""
     from ..errors import InputError
-    from ..pipeline.seed import seed_file
+    from ..workflows.seed import seed_file
 
     if arguments.surface is not None and arguments.thickness_mode == "normal":
         raise InputError(
@@ -157,7 +157,7 @@ def run(arguments):
 
 
 def _run_for_solver(arguments, asked):
-    from ..pipeline.solver_start import seed_for_solver
+    from ..workflows.solver_start import seed_for_solver
 
     say, flush = solver_options.told_at_the_end()
     request = solver_options.request_of(arguments)

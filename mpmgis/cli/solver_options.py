@@ -56,7 +56,7 @@ def refuse_without_solver(arguments):
 
 def request_of(arguments):
     """The StartRequest in the options."""
-    from ..pipeline.solver_start import StartRequest
+    from ..workflows.solver_start import StartRequest
 
     return StartRequest(
         arguments.solver, arguments.output, arguments.overwrite, arguments.cell, arguments.window, arguments.material

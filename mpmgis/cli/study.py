@@ -70,7 +70,7 @@ def _sizes(text):
 
 def run(arguments):
     """Study; the table goes to stdout."""
-    from ..pipeline.study import StudyRequest, study
+    from ..workflows.study import StudyRequest, study
     from .run import asked
 
     request = {name: value for name, value in vars(arguments).items() if name in StudyRequest.__dataclass_fields__}
@@ -89,7 +89,7 @@ def run(arguments):
 
 def table(study):
     """Lines: a row a setting, the quickest first; * on the front, + of others."""
-    from ..studies.report import value_words
+    from ..experiments.report import value_words
 
     names = [row.outcome.setting.name for row in study.rows] + [other.name for other in study.beside]
     width = max(28, *(len(name) + 2 for name in names))

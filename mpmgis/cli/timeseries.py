@@ -35,7 +35,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the series; a line a point and the paths go to stdout."""
-    from ..pipeline.timeseries import TimeseriesRequest, timeseries
+    from ..workflows.timeseries import TimeseriesRequest, timeseries
 
     request = results_options.answer_request(TimeseriesRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: timeseries(request, say, progress))

@@ -45,7 +45,7 @@ def add_arguments(parser):
 
 def run(arguments):
     """Write the profiles; loads and paths go to stdout."""
-    from ..pipeline.vertical import VerticalRequest, vertical
+    from ..workflows.vertical import VerticalRequest, vertical
 
     request = results_options.answer_request(VerticalRequest, arguments)
     found = results_options.tell(arguments, lambda say, progress: vertical(request, say, progress))

@@ -1,10 +1,16 @@
-"""The bed under columns and points: the surface that the 3D solver stands on (design note E9)."""
+"""The bed under columns and points, and the stress of a column's own weight.
+
+A conversion keeps in the frame's `state`, a row a point: `depth` [m], vertical, under the surface, and
+`vertical_stress` [Pa], negative in compression. A material makes its own strain of them; started without it every
+layer would first drop onto its own elasticity.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..geo.terrain import Terrain, bilinear
+from ..errors import InputError
+from ..terrain.elevation import Terrain, bilinear
 
 _MARGIN = 3  # [pixels] beyond the particles, so that gradients under them are central
 
@@ -35,3 +41,26 @@ class Ground:
 def slope_cosine(gradient_east, gradient_north):
     """Cosine of the slope angle."""
     return 1.0 / np.sqrt(1.0 + gradient_east**2 + gradient_north**2)
+
+
+def vertical_stress(density, gravity, depth, cosine):
+    """float64[n] [Pa]: -rho g c^2 d, the load of `depth` [m] (vertical) on a slope of `cosine` c."""
+    return -density * gravity * cosine**2 * depth
+
+
+def vertical_strain(stress, bulk_modulus, shear_modulus):
+    """float64[n] [1]: Hencky strain e_zz of a point confined sideways, all other components 0; K0 follows.
+
+    `stress` [Pa] vertical, moduli [Pa]. The material's own return mapping then takes what it cannot bear.
+    """
+    stiffness = bulk_modulus + 4.0 / 3.0 * shear_modulus
+    if not stiffness > 0:
+        raise InputError(f"confined modulus K + 4 G / 3 is {stiffness:g} Pa, wanted above 0")
+    return stress / stiffness
+
+
+def volume_ratio(density, gravity, depth, bulk_modulus):
+    """float64[n] [1]: J of a weakly compressible fluid under `depth` [m] of itself, 1 - rho g d / K."""
+    if not bulk_modulus > 0:
+        raise InputError(f"bulk modulus is {bulk_modulus:g} Pa, wanted above 0")
+    return 1.0 - density * gravity * depth / bulk_modulus

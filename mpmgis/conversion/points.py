@@ -9,11 +9,10 @@ from ..errors import InputError
 from ..kernels import columns_to_points as stack_kernel
 from ..kernels.column_rows import CXX, ROW
 from ..particles import Frame, Particles
-from . import geostatic
-from .footprints import squares, stretched
+from . import ground as geostatic
 from .ground import Ground, slope_cosine
 from .options import MOST, PointOptions
-from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, within
+from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, squares, stretched, within
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
 OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)

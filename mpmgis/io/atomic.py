@@ -11,7 +11,7 @@ from pathlib import Path
 from .. import system
 from ..errors import MpmgisError, OutputError
 from .links import is_above, is_folder, real_place, refuse_link, remove, require_free, status
-from .writer import PATTERN, new_token, this_process, written_by
+from .lock import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] where so little does not fit, the disk is full
 _LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] beside which a token and what libraries add fit into 255
@@ -118,7 +118,7 @@ def _short(stem, suffix):
 def _sweep(path, stem, suffix=""):
     """Remove what processes that are no more left half done of `path`; bring back what they had put aside.
 
-    What a process on another machine or in another container may still be writing stays (`io.writer`).
+    What a process on another machine or in another container may still be writing stays (`io.lock`).
     """
     stem, suffix = _short(stem, suffix)
     left = re.compile(rf"\.{re.escape(stem)}\.(part|old)({PATTERN}){re.escape(suffix)}(-\w+)?")  # and SQLite's journal

@@ -1,24 +1,65 @@
-"""Results as xarray datasets: coordinates, CRS and attributes by the CF conventions, values read when they are needed.
+"""Results as lazy xarray datasets with CRS and CF attributes, and particles as GeoDataFrames.
 
 Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
 """
 
+import warnings
+
+import geopandas
 import numpy as np
 import pyproj
 import rasterio
 import rioxarray  # noqa: F401  registers `.rio`, which carries the CRS
+import shapely
 import xarray
 
 from .. import __version__
 from ..errors import FormatError, InputError
 from ..fields import BAND, Quantity
-from ..geo.georeference import require_metric
-from ..geo.grid import Grid
-from ..geo.terrain import Terrain
-from .exported import read_part
-from .exported_steps import open_steps
+from ..particles import Frame
+from ..terrain.elevation import Terrain
+from ..terrain.georeference import require_metric
+from ..terrain.grid import Grid
+from .exported import open_steps, read_part
 from .raster import mask_false_heights, open_raster
-from .step_rasters import SparseBands
+from .raster_output import SparseBands
+
+
+def particle_table(frame):
+    """GeoDataFrame of a Frame's particles: points with x, y, z [m], u, v, w [m s-1], mass [kg], volume [m3], ...
+
+    `frame` is one in memory; a column's z is its bed.
+    """
+    if not isinstance(frame, Frame) or frame.particles is None:
+        raise InputError(f"got {type(frame).__name__}, wanted a Frame with its particles (mpmgis.read_frame)")
+    arrays = frame.particles.arrays()
+    x, y = frame.map_xy()
+    columns = {name: arrays.pop(name) for name in ("id", "parent") if name in arrays}
+    columns |= {"x": x, "y": y, "z": arrays["position"][:, 2] + frame.origin[2]}
+    columns |= dict(zip("uvw", arrays["velocity"].T, strict=True))
+    columns |= {name: values for name, values in arrays.items() if values.ndim == 1}
+    return geopandas.GeoDataFrame(columns, geometry=shapely.points(x, y), crs=frame.crs)
+
+
+def cell_table(dataset, wet="h"):
+    """GeoDataFrame of a Dataset's cells, squares with a column a band; only those where `wet` is above 0.
+
+    `dataset` has no dimension of time (take one: `.isel(time=-1)`).
+    """
+    if "time" in dataset.dims:
+        raise InputError("the dataset has times; take one of them, for example dataset.isel(time=-1)")
+    if wet not in dataset:
+        raise InputError(f"the dataset has no {wet!r}, only {', '.join(map(str, dataset.data_vars))}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        row, column = np.nonzero(np.asarray(dataset[wet]) > 0)
+    t = dataset.rio.transform()
+    west, north = t.c + t.a * column, t.f + t.e * row
+    bands = {str(name): np.asarray(band)[row, column] for name, band in dataset.data_vars.items() if band.ndim == 2}
+    return geopandas.GeoDataFrame(
+        bands, geometry=shapely.box(west, north + t.e, west + t.a, north), crs=dataset.rio.crs
+    )
+
 
 BLOCK = 2048  # rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")

@@ -11,13 +11,13 @@ import rasterio
 from ..errors import FormatError, OutputError, one_line
 from ..scene.text import toml_value
 from .atomic import output_error, refuse_existing, whole_file
-from .csv_table import write_records
 from .gdal_input import require_undisguised
-from .geotiff import BLOCK
+from .input_files import require_file
 from .links import one_of, refuse_links, remove, within
 from .lock import LOCK_FILE, sole_writer
-from .plain_file import require_file
+from .raster_output import BLOCK
 from .run_folder import versions
+from .tables import write_records
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
 STACK_BYTES = 64_000_000  # of members' values that are in memory at a time, of all threads together

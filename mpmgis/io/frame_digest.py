@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FormatError, one_line
-from .hdf5_input import opened_whole, require_numbers_that_fit
+from .hdf5 import opened_whole, require_numbers_that_fit
 
 CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
 DIGESTED = ("particles", "maxima")  # groups; the state of a restart is dropped later

@@ -8,14 +8,12 @@ import numpy as np
 
 from .. import __version__
 from ..errors import FormatError, InputError, one_line
-from ..geo.georeference import crs_of_text
 from ..particles import Frame
+from ..terrain.georeference import crs_of_text
 from .atomic import whole_file
+from .frame_contents import create_dataset, particle_count, read_particles, require_maxima, require_particles_fit
 from .frame_digest import CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
-from .frame_maxima import require_maxima
-from .frame_particles import create_dataset, particle_count, read_particles, require_particles_fit
-from .hdf5_file import written
-from .hdf5_input import opened_whole, require_numbers_that_fit
+from .hdf5 import opened_whole, require_numbers_that_fit, written
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1

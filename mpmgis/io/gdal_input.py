@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from .. import system
 from ..errors import FormatError, one_line
-from .plain_file import require_file_or_folder
+from .input_files import require_file_or_folder
 from .trust import is_trusted
 
 HEAD = 2048  # bytes in which GDAL looks for what a file is

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FormatError
-from ..geo.inflow import COLUMNS, Hydrograph
-from .plain_file import require_file
+from ..terrain.inflow import COLUMNS, Hydrograph
+from .input_files import require_file
 
 _SIGNED = ("time", "velocity_east", "velocity_north")
 # more than that is a slip of the pen, in the units of COLUMNS

@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are first used
 from rasterio.fill import fillnodata
 
-from ..geo.nodata import nodata_groups
+from ..terrain.nodata import nodata_groups
 
 INTERPOLATE = "interpolate"
 FILLS = (INTERPOLATE,)

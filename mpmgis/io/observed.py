@@ -6,8 +6,8 @@ import shapely
 from rasterio.features import geometry_mask
 
 from ..errors import GeoreferenceError, InputError
-from ..geo.georeference import horizontal, name_of, same_place
-from ..geo.release import polygons_only
+from ..terrain.georeference import horizontal, name_of, same_place
+from ..terrain.release import polygons_only
 from .vector import transformer_to
 from .vector_table import KINDS, names_of, read_table
 

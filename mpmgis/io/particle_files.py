@@ -1,4 +1,4 @@
-"""Columns of a seed on disk: the suffix picks the format; every file appears whole or not at all.
+"""Columns of a seed as .h5, .csv, .json, .gpkg, .parquet and .vtp files.
 
 .h5 (a frame), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
 .json and .vtp hold the whole table in memory once. Tables have a row per column and these fields: id, x, y [m, in the
@@ -17,8 +17,61 @@ from ..errors import OutputError
 from .atomic import whole_file
 from .extras import needed_for
 from .frames import write_frame_slabs
-from .number_rows import append_rows
-from .vtp import write_vtp
+from .tables import append_rows
+
+
+def write_vtp(path, points, data, fields, note=""):
+    """Write points to `path`.
+
+    Parameters
+    ----------
+    path : Path
+    points : float64[n, 3]
+    data : dict of str to array[n] or array[n, k]
+        What the points have.
+    fields : dict of str to list of float
+        What the file has: `TimeValue` is the time that ParaView shows.
+    note : str
+        For those who look into the file.
+    """
+    count, blocks = len(points), []
+    arrays = "".join(_array(name, values, blocks) for name, values in data.items())
+    place = _array("points", points, blocks)
+    verts = _array("connectivity", np.arange(count), blocks)
+    verts += _array("offsets", np.arange(1, count + 1), blocks)
+    told = "".join(_field(name, values) for name, values in fields.items())
+    head = (
+        '<?xml version="1.0"?>\n<!-- ' + note.replace("--", "- -") + " -->\n"
+        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f"<PolyData><FieldData>{told}</FieldData>\n"
+        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
+        'NumberOfPolys="0">\n'
+        f"<PointData>{arrays}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
+        '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
+    )
+    with whole_file(path) as part, open(part, "wb") as sink:
+        sink.write(head.encode())
+        for block in blocks:
+            sink.write(np.uint64(block.nbytes).tobytes())
+            sink.write(block.data)
+        sink.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _array(name, values, blocks):
+    """The XML of an array whose bytes are appended to `blocks`."""
+    kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
+    offset = sum(block.nbytes + 8 for block in blocks)
+    eight = np.ascontiguousarray(values).astype(f"<{values.dtype.kind}8", copy=False)
+    blocks.append(eight)
+    parts = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    return f'\n<DataArray type="{kind}" Name="{name}"{parts} format="appended" offset="{offset}"/>'
+
+
+def _field(name, values):
+    text = " ".join(repr(float(value)) for value in values)
+    size = f'NumberOfTuples="{len(values)}"'
+    return f'<DataArray type="Float64" Name="{name}" {size} format="ascii">{text}</DataArray>'
+
 
 UNITS = {
     "id": "1", "x": "m", "y": "m", "z_bed": "m", "z_surface": "m", "thickness": "m", "area": "m2", "mass": "kg",

@@ -18,7 +18,8 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
-from ..geo.georeference import (
+from ..terrain.elevation import Terrain
+from ..terrain.georeference import (
     LOCAL,
     horizontal,
     name_of,
@@ -28,8 +29,7 @@ from ..geo.georeference import (
     scale_command,
     warp_command,
 )
-from ..geo.grid import Grid
-from ..geo.terrain import Terrain
+from ..terrain.grid import Grid
 from .gdal_input import require_undisguised
 from .nodata_fill import INTERPOLATE, filled
 

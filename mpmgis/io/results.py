@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..analysis.comparison import SAME_QUANTITY
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..fields import Quantity
-from ..geo.georeference import name_of, require_metric, same_place, warp_command
-from ..products.comparison import SAME_QUANTITY
+from ..terrain.georeference import name_of, require_metric, same_place, warp_command
 from .raster import open_raster, read_raster
 
 PEAK_KINDS = {  # ending of the file's name -> quantity, and what its values are multiplied by

@@ -15,9 +15,8 @@ from .atomic import is_left_over, output_error, refuse_existing, whole_file
 from .frame_digest import require_restartable, result_after, stored
 from .frames import drop_state, read_frame, set_digest, write_frame
 from .links import one_of, refuse_links, remove, require_free, status
-from .lock import LOCK_FILE, sole_writer
+from .lock import LOCK_FILE, new_token, sole_writer
 from .raster import file_sha256
-from .writer import new_token
 
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2

@@ -13,9 +13,10 @@ import shapely
 from affine import Affine
 
 from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError
-from ..geo.georeference import horizontal, name_of, same_place, warp_command
-from ..geo.grid import Grid
-from ..geo.release import (
+from ..terrain.elevation import bilinear
+from ..terrain.georeference import horizontal, name_of, same_place, warp_command
+from ..terrain.grid import Grid
+from ..terrain.release import (
     NORMAL,
     VERTICAL,
     ReleaseArea,
@@ -25,7 +26,6 @@ from ..geo.release import (
     require_on_terrain,
     without_overlaps,
 )
-from ..geo.terrain import bilinear
 from .gdal_input import require_undisguised
 from .ogr import pyogrio
 from .raster import WithoutCRS, file_sha256, open_raster, read_raster

@@ -14,7 +14,7 @@ from .jit import jit, jit_inline, jit_parallel, prange
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
 # wall here), friction along it [1], how it holds the flow (`effects.barrier`), and the weight with which what passes
 # there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
-# is open, how much passes there at most, and to which side of it the opening lies (`geo.openings`)
+# is open, how much passes there at most, and to which side of it the opening lies (`spatial.openings`)
 WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
 # what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
 IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)

@@ -1,6 +1,6 @@
 """The door to the compiler: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
 
-Where compiled kernels are kept, `kernels.cache_folder` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
+Where compiled kernels are kept, `kernels.code_cache` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
 to run every kernel as plain Python.
 """
 
@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from types import FunctionType
 
-from .cache_folder import cache_folder, choose, given_cache_folder
+from .code_cache import cache_folder, choose, given_cache_folder
 
 # Threads that wait spin for some tens of microseconds and then sleep. Asleep at once, 25 600 columns take 0.83 ms a
 # step on 2 threads instead of 0.23, for waking takes a tenth of a millisecond; spinning without end, they take 7.4 ms
@@ -29,14 +29,13 @@ import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.extending import overload, overload_method, register_jitable  # noqa: E402
 
-from .kept_code import keep_checked  # noqa: E402
+from .code_cache import keep_checked  # noqa: E402
 
 # It may have been imported already, by whoever imports us.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
 numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORITY"].split()
 # LLVM's SLP pass stays off, as numba has it: it makes odd vectors inside loops that then cannot become vectors as a
 # whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
-
 
 
 def _without_a_look_at_blas():

@@ -12,8 +12,8 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 
 # of a node column with a barrier: outward unit normal of its nearest side, elevation of the crest above the domain's
 # lowest level [m], depth behind that side [m], friction [1], weight with which what passes above is counted [m-1],
-# place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of openings (`geo.openings`) the
-# share that is open, how much passes at most, to which side it lies
+# place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of openings (`spatial.openings`)
+# the share that is open, how much passes at most, to which side it lies
 (
     WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
     POINT_BARRIER_ENTRIES,

@@ -4,7 +4,7 @@ import re
 from dataclasses import fields
 
 from ..effects import entrainment, friction, metric
-from ..geo.inflow import COLUMNS
+from ..terrain.inflow import COLUMNS
 from .materials import MATERIALS
 from .tables import TABLES
 

@@ -3,8 +3,8 @@
 A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
 `TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
 compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (nothing in the scene).
-To add one: write it beside its kind (`scene/resistance`, `scene/ground`, `scene/placed`), give `TerrainFacts` its
-number with None as default, fill that in `pipeline/prepare`, and name the decider in `resolve.DECIDERS`.
+To add one: write it beside its kind (`scene/resistance`, `scene/terrain_effects`), give `TerrainFacts` its number
+with None as default, fill that in `workflows/run_setup/prepare`, and name the decider in `resolve.DECIDERS`.
 """
 
 from typing import NamedTuple
@@ -38,7 +38,7 @@ class Decision(NamedTuple):
 
 
 class TerrainFacts(NamedTuple):
-    """Numbers about release and reachable terrain that decide effects, computed in seconds (`geo.reach`).
+    """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.reach`).
 
     What a scene has by place is None where the scene has nothing of the kind.
     """

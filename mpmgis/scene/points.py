@@ -7,7 +7,7 @@ from ..effects.softening import NoSoftening
 from ..fields import GRAVITY
 from .decisions import Decision, as_asked, by_number, not_called_for
 from .materials import least_internal_friction, made_material, made_softening, stiffened
-from .placed import use_of_several
+from .terrain_effects import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
 FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D grid needs to see what happens there

@@ -1,8 +1,6 @@
 """Which effects a scene calls for, decided by numbers, with the reason (design notes 8)."""
 
 from ..effects.slots import ColumnEffects, PointEffects
-from .ground import decide_curvature, decide_flight, decide_metric, decide_outflow
-from .placed import decide_barrier, decide_entrainment, decide_still_water, decide_zones
 from .points import (
     decide_contact,
     decide_depth_cells,
@@ -28,7 +26,18 @@ from .resistance import (
     decide_point_drag,
     decide_viscosity,
 )
-from .sources import decide_hydrograph, decide_secondary_release
+from .terrain_effects import (
+    decide_barrier,
+    decide_curvature,
+    decide_entrainment,
+    decide_flight,
+    decide_hydrograph,
+    decide_metric,
+    decide_outflow,
+    decide_secondary_release,
+    decide_still_water,
+    decide_zones,
+)
 
 # in the order in which a reader wants them; each puts its law into its slot (see `scene/decisions`)
 DECIDERS = (

@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 
 from ..errors import InputError
-from ..geo.release import NORMAL, ThicknessRaster
-from ..geo.terrain import bilinear
 from ..kernels import sampling
+from ..terrain.elevation import bilinear
+from ..terrain.release import NORMAL, ThicknessRaster
 from .cover import Lattice, Outline
 
 _MARGIN = 3  # [cells] beyond the release, so that gradients under it are central

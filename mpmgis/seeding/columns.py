@@ -7,10 +7,10 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..geo.grid import Grid
-from ..geo.release import require_on_terrain
 from ..kernels import sampling
 from ..particles import Frame, Particles
+from ..terrain.grid import Grid
+from ..terrain.release import require_on_terrain
 from .bed import bed_under, deposit_of, extended_elevation, steepness
 from .options import SeedOptions
 from .sources import column_sources

@@ -1,7 +1,8 @@
-"""What the user may ask of the seeding, checked once."""
+"""Options of the seeding, checked once, and warnings about releases that are possible but unlikely."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -128,3 +129,40 @@ class SeedOptions:
 def _require_choice(name, value, choices):
     if value not in choices:
         raise InputError(f"{name} {value!r} is unknown, wanted {', '.join(choices)}")
+
+
+DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
+THICKNESS = (0.01, 100.0)  # [m]
+FEWEST_COLUMNS = 50
+
+
+class Cures(NamedTuple):
+    """What the user would change: where `density` and `thickness` are given, and how to have `more` columns."""
+
+    density: str
+    thickness: str
+    more: str
+
+
+def tell_if_implausible(count, density, thickness, cures, say):
+    """Say in one line each what about a release is hardly meant; it is taken as it is.
+
+    Parameters
+    ----------
+    count : int
+        Columns.
+    density : float [kg m-3]
+    thickness : float [m]
+        Mean, vertical.
+    cures : Cures
+    say : callable
+    """
+    for name, value, unit, (low, high), cure in (
+        ("density", density, "kg m-3", DENSITY, cures.density),
+        ("mean thickness", thickness, "m", THICKNESS, cures.thickness),
+    ):
+        if not low <= value <= high:
+            say(f"{name} of the release: {value:.5g} {unit}, usual is {low:g} to {high:g}; check {cure} and its unit")
+    if count < FEWEST_COLUMNS:
+        columns = "1 column carries" if count == 1 else f"{count} columns carry"
+        say(f"only {columns} the release, too few to resolve a flow; {cures.more}")

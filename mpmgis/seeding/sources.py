@@ -3,11 +3,10 @@
 import numpy as np
 
 from ..errors import InputError
-from ..geo.release import ThicknessRaster
+from ..terrain.release import ThicknessRaster
 from .bed import integral
-from .equal_mass import EqualMassColumns
-from .halton import HaltonColumns
 from .lattice_columns import LatticeColumns, Tiling, tiling_rows
+from .placements import EqualMassColumns, HaltonColumns
 
 _BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
 _TOLERANCE = 0.01  # of a count that was asked for

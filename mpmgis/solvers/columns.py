@@ -13,13 +13,11 @@ from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
 from ..peaks import PEAK_STATE, fits, maxima_of, no_peaks, peaks_state, restore_peaks
-from .energy_look import EnergyLook, least_kinetic
-from .flow import Flow
-from .grid import ColumnGrid
-from .left_places import left_places
-from .particle_store import ParticleStore, named_sums
-from .places import Places
-from .restart_checks import LEFT_STATE, require_column_state
+from ..spatial.features import Places
+from ..spatial.node_grid import ColumnGrid
+from ..spatial.outflow import left_places
+from .particle_store import EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from .restart import LEFT_STATE, require_column_state
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0

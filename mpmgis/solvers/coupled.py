@@ -12,7 +12,7 @@ from ..kernels import columns as column_kernel
 from ..kernels import points as point_kernel
 from ..particles import Particles
 from ..peaks import together
-from .flow import Flow
+from .particle_store import Flow
 
 EXCHANGE_SECONDS = 0.1  # simulated time between two looks for columns that have come into the window
 PREFIX = "outside_"  # of the columns' state in a frame

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import FormatError, SceneError
-from ..geo.inflow import BATCH_SHARE, batch_times, clearing_time
 from ..particles import Frame, Particles
-from .places import MAX_AREAS
-from .restart_checks import StateCheck
+from ..spatial.features import MAX_AREAS
+from ..terrain.inflow import BATCH_SHARE, batch_times, clearing_time
+from .restart import StateCheck
 
 LARGEST_REASON = 100  # for which a march ends (`marched.STOPPED_AT_REST`)
 
@@ -75,8 +75,8 @@ def inlet_of(frame, hydrograph, grid, end_time):
     """The Inlet through which `hydrograph` flows up to `end_time` [s].
 
     `frame` holds the inlet's columns, 1 m thick in the scene's thickness mode, `grid` is the solver's. A discharge
-    comes in batches of an eighth (BATCH_SHARE) of what the inlet holds, estimated by `geo.inflow.clearing_time`, each
-    at the start of the interval whose exact inflow it is; slabs come whole at their times.
+    comes in batches of an eighth (BATCH_SHARE) of what the inlet holds, estimated by `terrain.inflow.clearing_time`,
+    each at the start of the interval whose exact inflow it is; slabs come whole at their times.
 
     Raises
     ------

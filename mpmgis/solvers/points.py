@@ -8,20 +8,18 @@ from scipy import ndimage
 
 from ..errors import FormatError, SceneError
 from ..fields import GRAVITY
-from ..geo.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes
-from ..geo.terrain import bilinear
 from ..kernels import points as kernel
 from ..kernels.jit import ready_threads
 from ..kernels.point_blocks import EAST
 from ..particles import Particles
 from ..peaks import maxima_of, no_peaks, peaks_state, restore_peaks
-from .energy_look import EnergyLook, least_kinetic
-from .flow import Flow
-from .grid import ColumnGrid, bed_at_nodes
+from ..spatial.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes
+from ..spatial.node_grid import ColumnGrid, bed_at_nodes
+from ..spatial.outflow import left_places
+from ..terrain.elevation import bilinear
 from .ground_folds import folded_ground
-from .left_places import left_places
-from .particle_store import ParticleStore, named_sums
-from .restart_checks import LEFT_STATE, YIELD_STATE, require_point_state
+from .particle_store import EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from .restart import LEFT_STATE, YIELD_STATE, require_point_state
 
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 # of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0

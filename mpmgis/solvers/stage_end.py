@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from ..geo.flight import takes_off
+from ..terrain.reach import takes_off
 
 LOOK_SECONDS = 0.25  # simulated time between two looks at the flow: a restart sees the same
 DEPTHS, SECONDS = 3.0, 2.0  # near is within 3 flow depths, or what the flow covers in 2 s (design note 2.4)
@@ -41,7 +41,7 @@ class Near(NamedTuple):
 
 
 class Cliff(NamedTuple):
-    """Ground of `terrain` from which the flow takes off within two seconds (see `geo.flight`)."""
+    """Ground of `terrain` from which the flow takes off within two seconds (see `terrain.reach`)."""
 
     terrain: object
     words: str = "a cliff"

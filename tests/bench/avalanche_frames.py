@@ -12,11 +12,11 @@ import numpy as np
 import pyproj
 
 from mpmgis.fields import Quantity
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.io.frames import write_frame
-from mpmgis.io.geotiff import write_geotiff
+from mpmgis.io.raster_output import write_geotiff
 from mpmgis.particles import Frame, Particles
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 GRAVITY = 9.81
 END_TIME, STEP = 150.0, 0.05  # s

@@ -43,9 +43,7 @@ def _slope(degrees, friction):
     """Error [%] of the depth of a dam break on a slope, from 50 m above the dam on."""
 
     def error(dx):
-        x, h, exact, _ = dam_break(
-            dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160, **DEFAULTS
-        )
+        x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160, **DEFAULTS)
         return 100 * relative_l1(h, exact, x > -50)
 
     return error

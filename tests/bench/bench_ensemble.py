@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from mpmgis.experiments.statistics import MEMBER_BANDS
 from mpmgis.fields import BAND
-from mpmgis.geo.grid import Grid
 from mpmgis.io.ensemble_folder import STACK_BYTES
-from mpmgis.io.geotiff import write_geotiff
-from mpmgis.io.sample import sample_folder
-from mpmgis.pipeline.ensemble import EnsembleRequest, ensemble
-from mpmgis.studies.statistics import MEMBER_BANDS
+from mpmgis.io.raster_output import write_geotiff
+from mpmgis.terrain.grid import Grid
+from mpmgis.workflows.demo import sample_folder
+from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
 MEMBERS, END_TIME = 10, 60
 EFFICIENCY = 0.85  # that issue 6 asks of two workers
@@ -33,10 +33,10 @@ import sys, time
 from functools import partial
 from pathlib import Path
 import pyproj
-from mpmgis.geo.grid import Grid
+from mpmgis.terrain.grid import Grid
 from mpmgis.io.ensemble_folder import MemberStack
-from mpmgis.io.geotiff import write_rows
-from mpmgis.studies.statistics import MEMBER_BANDS, Products, statistics
+from mpmgis.io.raster_output import write_rows
+from mpmgis.experiments.statistics import MEMBER_BANDS, Products, statistics
 folder, count, side = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
 grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 6e5, 5.2e6, 5.0, (side, side))
 files = sorted(folder.glob("*_max.tif"))

@@ -11,23 +11,20 @@ import numpy as np
 import pyproj
 from avalanche_frames import END_TIME, write_frames
 
+from mpmgis.analysis.cells import Bed, bin_frame, place
+from mpmgis.analysis.frame_values import Averaging, average_frame
+from mpmgis.analysis.sampling import export_grid
 from mpmgis.fields import BAND, Quantity
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
-from mpmgis.io.frame_list import list_frames
+from mpmgis.gis.mesh import step_chunks
+from mpmgis.gis.outlines import BANDS, StepSpool, step_outline
+from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.frames import write_frame
-from mpmgis.io.geotiff import write_geotiff, write_rows
-from mpmgis.io.mesh import step_chunks
-from mpmgis.io.outlines import step_outline
 from mpmgis.io.raster import read_terrain
-from mpmgis.io.step_rasters import SparseBands
-from mpmgis.io.step_spool import BANDS, StepSpool
+from mpmgis.io.raster_output import SparseBands, write_geotiff, write_rows
 from mpmgis.kernels import binning
 from mpmgis.particles import Frame, Particles
-from mpmgis.products.bed import Bed, place
-from mpmgis.products.cells import bin_frame
-from mpmgis.products.frame_values import Averaging, average_frame
-from mpmgis.products.sampling import export_grid
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 FRAMES, COUNT, REPEATS = 40, 500_000, 15
 BUDGET, STARTUP = 250.0, 1.5  # ns per particle and frame; s

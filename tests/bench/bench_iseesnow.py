@@ -16,9 +16,9 @@ import time
 from pathlib import Path
 from statistics import median
 
-from mpmgis.pipeline.compare import CompareRequest, compare
-from mpmgis.pipeline.export import ExportRequest, export_raster
-from mpmgis.pipeline.run import run
+from mpmgis.workflows.compare import CompareRequest, compare
+from mpmgis.workflows.export import ExportRequest, export_raster
+from mpmgis.workflows.run import run
 
 DATA = Path(__file__).parents[2] / "../shared/data/iseesnow_idealized"
 THICK, FAST = 0.1, 1.0  # [m], [m s-1] above which the intercomparison counts area and runout

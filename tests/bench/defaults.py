@@ -43,18 +43,18 @@ from bench_iseesnow import ABSENT, DATA, THICK
 from exact_solutions import stoker
 from run import machine
 
+from mpmgis.experiments.measures import errors_against_exact, errors_of
 from mpmgis.io.frames import read_frame
 from mpmgis.io.run_folder import RunFolder
 from mpmgis.kernels.jit import set_threads
-from mpmgis.pipeline.compare import CompareRequest, compare
-from mpmgis.pipeline.export import ExportRequest, export_raster
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.rehearsal import rehearse
-from mpmgis.pipeline.run import march_into
-from mpmgis.pipeline.sequence import Sequence
-from mpmgis.pipeline.study import _cells, _thickness
 from mpmgis.scene.tables import read_toml
-from mpmgis.studies.errors import errors_against_exact, errors_of
+from mpmgis.workflows.compare import CompareRequest, compare
+from mpmgis.workflows.export import ExportRequest, export_raster
+from mpmgis.workflows.run import march_into
+from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.workflows.run_setup.sequence import Sequence
+from mpmgis.workflows.run_setup.warmup import rehearse
+from mpmgis.workflows.study import _cells, _thickness
 
 LOOKS = 4  # times at which flows are compared, the last the end
 COLUMNS, COURANT = (4, 9, 16), (0.3, 0.45, 0.6, 0.75)
@@ -283,9 +283,7 @@ def states_of(run, cells, end, spread=False):
 def ensemble_overlap(run):
     """Overlap with the median of ISeeSnow's twelve codes, as the intercomparison counts it."""
     into = run.with_name(f"{run.name}_iseesnow")
-    export_raster(
-        ExportRequest((run,), into, overwrite=True, naming="iseesnow", time_step=math.inf, qgis=False)
-    )
+    export_raster(ExportRequest((run,), into, overwrite=True, naming="iseesnow", time_step=math.inf, qgis=False))
     return compare(CompareRequest(into, DATA / "ensemble_median", threshold=THICK, band="pft")).overlap.iou
 
 

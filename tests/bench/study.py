@@ -25,7 +25,7 @@ from exact_solutions import SimilarityCap, ThackerBowl, mangeney
 from run import machine, markdown
 
 from mpmgis.cli.main import main as mpmgis
-from mpmgis.io.sample import sample_folder
+from mpmgis.workflows.demo import sample_folder
 
 NODATA = -9999.0
 FINE = 25  # points along a pixel's side of which a mean is taken

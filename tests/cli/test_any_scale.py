@@ -8,7 +8,7 @@ import shapely
 from affine import Affine
 
 from mpmgis.cli.main import main
-from mpmgis.pipeline.prepare import prepare
+from mpmgis.workflows.run_setup.prepare import prepare
 
 EAST, NORTH, ROWS, COLUMNS = 500_000.0, 5_100_000.0, 4, 40
 MATERIAL = '[material]\nlaw = "DruckerPrager"\nbulk_modulus = {bulk}\nshear_modulus = {shear}\nfriction_angle = 35\n'

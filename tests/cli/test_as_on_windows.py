@@ -25,12 +25,13 @@ from mpmgis import system
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, OutputError
 from mpmgis.fields import BAND
-from mpmgis.io import atomic, gdal_input, links, writer
+from mpmgis.io import atomic, gdal_input, links
+from mpmgis.io import lock as writer
 from mpmgis.io.lock import LOCK_FILE, sole_writer
 from mpmgis.io.run_folder import RunFolder
-from mpmgis.kernels import cache_folder
-from mpmgis.pipeline import answer_files, export_inputs
+from mpmgis.kernels import code_cache
 from mpmgis.solvers.columns import ColumnSolver
+from mpmgis.workflows import answer_files, export_inputs
 
 if sys.platform != "linux":
     pytest.skip("emulated on Linux", allow_module_level=True)
@@ -108,7 +109,7 @@ def imported(tree):
 
 OF_ONE_SYSTEM = {f"{module.__name__}.{name}" for module, names in ABSENT.items() for name in names}
 OF_ONE_SYSTEM |= {"os.name", "sys.platform", "os.kill", "platform.system", "sys.getwindowsversion", "os.startfile"}
-GUARDED = {"os.geteuid": "kernels/cache_folder.py"}  # behind hasattr
+GUARDED = {"os.geteuid": "kernels/code_cache.py"}  # behind hasattr
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=named)
@@ -200,11 +201,11 @@ def kernels_of(path):
     return found
 
 
-@pytest.mark.parametrize("package", ["products", "io"])
+@pytest.mark.parametrize("package", ["analysis", "gis"])
 def test_what_threads_call_at_the_same_time_is_serial(package):
     """Frames are averaged on several threads. Without OpenMP, as on macOS, numba ends a process of parallel calls."""
     used = {kernel for path in (PACKAGE / package).glob("*.py") for kernel in kernels_of(path)}
-    assert PACKAGE / "kernels" / ("binning.py" if package == "products" else "rings.py") in used
+    assert PACKAGE / "kernels" / ("binning.py" if package == "analysis" else "rings.py") in used
     used.discard(PACKAGE / "kernels" / "jit.py")  # the door
     assert not [kernel.name for kernel in used if "jit_parallel" in kernel.read_text(encoding="utf-8")]
 
@@ -258,9 +259,9 @@ def test_kernels_are_kept_where_each_system_keeps_such_files(tmp_path, monkeypat
     monkeypatch.setenv("HOME", str(tmp_path))
     for name, value in system_is.items():
         monkeypatch.setattr(system, name, value)
-    assert cache_folder.cache_folder().parents[1] == tmp_path / folder
+    assert code_cache.cache_folder().parents[1] == tmp_path / folder
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "moved"))
-    assert cache_folder.cache_folder().parents[1] == tmp_path / ("moved" if "WINDOWS" in system_is else folder)
+    assert code_cache.cache_folder().parents[1] == tmp_path / ("moved" if "WINDOWS" in system_is else folder)
 
 
 def test_folders_of_windows_whose_modes_say_nothing_keep_kernels(tmp_path, windows, monkeypatch):
@@ -268,8 +269,8 @@ def test_folders_of_windows_whose_modes_say_nothing_keep_kernels(tmp_path, windo
     (tmp_path / "root").mkdir()
     (tmp_path / "root").chmod(0o777)
     monkeypatch.setenv("MPMGIS_CACHE_DIR", str(tmp_path / "root"))
-    assert cache_folder.cache_folder().parents[1] == tmp_path / "root"
-    assert cache_folder.is_own(tmp_path / "root")
+    assert code_cache.cache_folder().parents[1] == tmp_path / "root"
+    assert code_cache.is_own(tmp_path / "root")
 
 
 def test_paths_between_two_drives_are_absolute_and_have_forward_slashes(monkeypatch, tmp_path):

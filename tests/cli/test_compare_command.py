@@ -15,14 +15,13 @@ import rasterio
 import shapely
 from affine import Affine
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "products"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "analysis"))
 from exporting import write_run
 
 from mpmgis.cli.main import main
 from mpmgis.fields import Quantity
-from mpmgis.geo.grid import Grid
-from mpmgis.io.ascii_grid import write_ascii_grid
-from mpmgis.io.geotiff import write_geotiff
+from mpmgis.io.raster_output import write_ascii_grid, write_geotiff
+from mpmgis.terrain.grid import Grid
 
 CRS = pyproj.CRS.from_epsg(32632)
 WEST, SOUTH = 600000.0, 5170000.0

@@ -12,11 +12,11 @@ from scipy import ndimage
 
 from mpmgis.cli.main import main
 from mpmgis.fields import Quantity
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.io.geotiff import write_geotiff
+from mpmgis.io.raster_output import write_geotiff
 from mpmgis.particles import Frame, Particles
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 ROOT = Path(__file__).parents[2]
 SITE = ROOT / "sample_data/lava_falls"

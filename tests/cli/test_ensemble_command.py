@@ -17,8 +17,8 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 from mpmgis.cli.main import main
 from mpmgis.errors import UnphysicalError
 from mpmgis.io import ensemble_folder
-from mpmgis.pipeline import ensemble_member, workers
-from mpmgis.pipeline.ensemble import EnsembleRequest, ensemble
+from mpmgis.workflows import ensemble_member, workers
+from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 15")
 VARY = ("friction.mu=0.1:0.4", "release.thickness=normal:2:0.3:1:3")
@@ -219,7 +219,7 @@ def worker_processes():
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "mpmgis.pipeline.workers" in " ".join(process.cmdline()):
+            if "mpmgis.workflows.workers" in " ".join(process.cmdline()):
                 found.append(process.pid)
     return found
 
@@ -376,7 +376,7 @@ def test_what_takes_long_asks_first(tmp_path, capsys):
 def test_windows_of_many_members_stay_within_the_memory_that_is_set(done):
     with rasterio.open(next((done / "maps").rglob("*.tif"))) as source:
         shape = source.shape
-    from mpmgis.geo.grid import Grid
+    from mpmgis.terrain.grid import Grid
 
     grid = Grid(None, source.transform, (3000, 4000))
     for count in (1, 300, 5000, 100_000):

@@ -6,8 +6,9 @@ import pytest
 import shapely
 from slope_site import SCENE, slide, write_block_site, write_shapes
 
-from mpmgis.pipeline import foresight
-from mpmgis.pipeline.foresight import (
+from mpmgis.solvers.cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
+from mpmgis.workflows.run_setup import cost_prediction
+from mpmgis.workflows.run_setup.cost_prediction import (
     TYPICAL,
     Machine,
     OwnPace,
@@ -17,8 +18,7 @@ from mpmgis.pipeline.foresight import (
     predicted_memory,
     tried,
 )
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.solvers.cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
+from mpmgis.workflows.run_setup.prepare import prepare
 
 STAGE = '[[stage]]\nsolver = "{}"\n'
 
@@ -85,11 +85,11 @@ def test_a_trial_tells_the_pace_of_each_solver_and_touches_nothing(site):
 
 def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
     run, asked = prepared(site, "time = 2", "time = 5"), []
-    monkeypatch.setattr(foresight, "tried", lambda *given: asked.append(given) or TYPICAL._replace(beside=2.0))
-    monkeypatch.setattr(foresight, "TRIAL_FROM", 1e6)
+    monkeypatch.setattr(cost_prediction, "tried", lambda *given: asked.append(given) or TYPICAL._replace(beside=2.0))
+    monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 1e6)
     short = foreseen(run, 1)
     assert not asked and short.how == ""
-    monkeypatch.setattr(foresight, "TRIAL_FROM", 0.0)
+    monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 0.0)
     assert foreseen(run, 1).seconds > short.seconds and len(asked) == 1
 
 
@@ -97,7 +97,7 @@ def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, m
     """Two seconds of steps are waited for; a machine of a tenth of the typical speed takes ten times as long."""
     run, said = prepared(site, "time = 2", "time = 5"), []
     ahead = foreseen(run, 1, trial_from=1e9)
-    monkeypatch.setattr(foresight, "TELL_FROM", 0.0)
+    monkeypatch.setattr(cost_prediction, "TELL_FROM", 0.0)
     pace = OwnPace(run, 1, ahead, said.append)
     nominal = 1e-9 * NANOSECONDS_PER_STEP + SECONDS_PER_STEP / 1000.0
 

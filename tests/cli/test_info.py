@@ -13,8 +13,8 @@ import shapely
 from mpmgis.cli.info import screen
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.io.sample import sample_folder
 from mpmgis.particles import Frame, Particles
+from mpmgis.workflows.demo import sample_folder
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from slope_site import COLUMNS, ROWS, SCENE, write_raster, write_site
 import mpmgis
 from mpmgis.cli.main import main
 from mpmgis.errors import GeoreferenceError
-from mpmgis.io.frame_list import list_frames
+from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.frames import read_frame
 from mpmgis.io.run_folder import RunFolder
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.solvers.guard import Guard
-from mpmgis.solvers.identity import start_digest
+from mpmgis.solvers.integrate import Guard
+from mpmgis.solvers.restart import start_digest
+from mpmgis.workflows.run_setup.prepare import prepare
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 8").replace("frame_interval = 5", "frame_interval = 2")
 

@@ -10,8 +10,8 @@ import pytest
 from slope_site import SCENE, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.io.foreign.rows_of_text import Form, read_by_python, read_rows
-from mpmgis.io.number_rows import append_rows, as_text
+from mpmgis.interop.readers.parsing import Form, read_by_python, read_rows
+from mpmgis.io.tables import append_rows, as_text
 
 FEW_NEED = ("pyarrow", "dask", "distributed", "zarr", "IPython", "pytest", "hypothesis", "psutil")
 SEED = ("seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "--overwrite")

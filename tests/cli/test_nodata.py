@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.io.frames import read_frame
-from mpmgis.pipeline.prepare import prepare
+from mpmgis.workflows.run_setup.prepare import prepare
 
 WEST, SOUTH, LENGTH, WIDTH, PIXEL = 600_000.0, 5_200_000.0, 400.0, 120.0, 5.0
 IN_THE_PATH, BESIDE, ABOVE = (200.0, 60.0), (200.0, 8.0), (10.0, 60.0)

@@ -9,10 +9,10 @@ import shapely
 from slope_site import run, slide, write_block_site, write_shapes
 
 import mpmgis
+from mpmgis.analysis.maxima import SolverPeaks
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
 from mpmgis.peaks import PEAK_NAMES, lattices_of
-from mpmgis.products.solver_maxima import SolverPeaks
 
 pytestmark = pytest.mark.thorough
 
@@ -161,8 +161,8 @@ def test_points_in_a_window_and_columns_beside_it_have_peaks_together(site):
 
 
 def test_members_of_an_ensemble_of_points_keep_them(site):
-    from mpmgis.pipeline.ensemble import _with_peaks
     from mpmgis.scene import read_scene
+    from mpmgis.workflows.ensemble import _with_peaks
 
     (site / "scene.toml").write_text(scene(END, "false"))
     output = _with_peaks(read_scene(site / "scene.toml"), 0.1)["output"]

@@ -19,10 +19,10 @@ from slope_site import SCENE, write_site
 
 import mpmgis
 from mpmgis.errors import InputError
-from mpmgis.pipeline.export import ExportRequest
-from mpmgis.pipeline.python_options import AveragingOptions, ExportOptions, ForeignOptions, SeedingOptions
-from mpmgis.pipeline.seed import seed_file
 from mpmgis.seeding.options import SeedOptions
+from mpmgis.workflows.export import ExportRequest
+from mpmgis.workflows.python_options import AveragingOptions, ExportOptions, ForeignOptions, SeedingOptions
+from mpmgis.workflows.seed import seed_file
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +46,10 @@ def test_import_alone_loads_nothing():
 
 
 def test_names_are_the_same_in_module_face_and_stub():
-    from mpmgis import face
+    from mpmgis import api
 
     stub = Path(inspect.getsourcefile(mpmgis)).with_suffix(".pyi").read_text(encoding="utf-8")
-    assert set(mpmgis.__all__) == set(face.__all__) and "from .face import *" in stub
+    assert set(mpmgis.__all__) == set(api.__all__) and "from .face import *" in stub
     assert all(getattr(mpmgis, name).__doc__ for name in mpmgis.__all__)
     assert set(mpmgis.__all__) <= set(dir(mpmgis))
     with pytest.raises(AttributeError, match="nonsense"):

@@ -11,7 +11,7 @@ import shapely
 from slope_site import SCENE, contents, write_shapes, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.pipeline import run as run_module
+from mpmgis.workflows import run as run_module
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 4").replace("frame_interval = 5", "frame_interval = 2")
 VICTIM = "years of work"

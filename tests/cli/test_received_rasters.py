@@ -12,7 +12,7 @@ from mpmgis.errors import FormatError, SceneError
 from mpmgis.io.gdal_input import require_local, require_undisguised
 from mpmgis.io.raster import open_raster
 from mpmgis.io.vector import is_raster, read_table
-from mpmgis.pipeline.prepare import scene_to_prepare
+from mpmgis.workflows.run_setup.prepare import scene_to_prepare
 
 VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><SRS>EPSG:32632</SRS>
 <GeoTransform>4e5, 10, 0, 5.1e6, 0, -10</GeoTransform><VRTRasterBand dataType="Float32" band="1"><SimpleSource>

@@ -7,12 +7,13 @@ import pytest
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
-from mpmgis.pipeline import ensemble_member, rehearsal
-from mpmgis.pipeline.ensemble_member import MemberTask, warmed
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.rehearsal import FEW, rehearse
-from mpmgis.pipeline.stage import Stage
 from mpmgis.scene.tables import read_toml
+from mpmgis.workflows import ensemble_member
+from mpmgis.workflows.ensemble_member import MemberTask, warmed
+from mpmgis.workflows.run_setup import warmup
+from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.workflows.run_setup.stage import Stage
+from mpmgis.workflows.run_setup.warmup import FEW, rehearse
 
 STAGES = """
 [[stage]]
@@ -27,9 +28,9 @@ solver = "columns"
 CHILD = """
 import sys
 from mpmgis.kernels import jit
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.rehearsal import rehearse
-from mpmgis.pipeline.sequence import Sequence
+from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.workflows.run_setup.warmup import rehearse
+from mpmgis.workflows.run_setup.sequence import Sequence
 def compiled():
     return sum(len(kernel.signatures) for kernel in jit._kernels)
 prepared = prepare(sys.argv[1])
@@ -71,7 +72,7 @@ def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
         def cancel(self):
             pass
 
-    monkeypatch.setattr(rehearsal.threading, "Timer", Over)
+    monkeypatch.setattr(warmup.threading, "Timer", Over)
     said = []
     rehearse(prepare(scene), said.append, first=1)
     assert [line.split(" ready")[0] for line in said] == [

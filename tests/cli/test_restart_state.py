@@ -17,8 +17,8 @@ from mpmgis.errors import FormatError
 from mpmgis.io.frame_digest import CONTENT, RESULT, STATE, content_of, require_restartable, state_digest, state_of
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.run_folder import RunFolder
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.sequence import Sequence
+from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.workflows.run_setup.sequence import Sequence
 
 COLUMNS = SCENE.replace("end_time = 30", "end_time = 6").replace("frame_interval = 5", "frame_interval = 2")
 SCENES = {

@@ -7,8 +7,8 @@ import shapely
 from slope_site import slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
-from mpmgis.pipeline import room
-from mpmgis.solvers.grid import ColumnGrid
+from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.workflows.run_setup import cost_prediction
 
 MATERIAL = re.compile(r"\[material\][^\[]*")
 STAGES = '[[stage]]\nsolver = "columns"\nuntil = {{time = 1}}\n[[stage]]\nsolver = "points"\n{}'
@@ -51,7 +51,7 @@ def test_what_does_not_fit_is_refused_by_its_key_before_it_is_made(site, capsys,
 
 def test_a_window_that_leaves_few_points_is_not_refused(site, monkeypatch):
     """What becomes points in it is not estimated; the grid of small cells is made."""
-    monkeypatch.setattr(room, "FEW_NODES", 100)
+    monkeypatch.setattr(cost_prediction, "FEW_NODES", 100)
     monkeypatch.setattr("mpmgis.machine.available_memory", lambda: 6.0e6)
     scene = slide(2.0, 2, 1, head="", more="particles_per_cell = 4")
     for window, code in (("", 2), ('window = "box.geojson"\n', 0)):

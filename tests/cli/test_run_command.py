@@ -16,8 +16,8 @@ import pytest
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
-from mpmgis.io.sample import sample_folder
 from mpmgis.scene import read_scene, scene_from_tables, scene_text, template
+from mpmgis.workflows.demo import sample_folder
 
 RELEASE = 'source = "lava_falls_release_small.shp"\ndensity = 2000'
 SCENE = """
@@ -180,7 +180,7 @@ def test_demo_ends_in_a_project_and_a_picture(tmp_path, capsys, monkeypatch):
     text = (short / "scene.toml").read_text()
     assert "end_time = 240" in text
     (short / "scene.toml").write_text(text.replace("end_time = 240", "end_time = 8"))
-    monkeypatch.setattr("mpmgis.pipeline.demo.sample_folder", lambda: short)
+    monkeypatch.setattr("mpmgis.workflows.demo.sample_folder", lambda: short)
     assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
     project, picture = map(Path, capsys.readouterr().out.split())
     assert project == tmp_path / "demo" / "lava_falls_gis" / "lava_falls.qgz" and project.stat().st_size > 1000
@@ -368,7 +368,7 @@ def test_a_run_says_before_what_it_will_take_and_after_what_it_took(site, capsys
 
 
 def test_a_longer_run_is_predicted_from_its_own_steps(site, capsys, monkeypatch):
-    monkeypatch.setattr("mpmgis.pipeline.run.TRIAL_FROM", 0.0)
+    monkeypatch.setattr("mpmgis.workflows.run.TRIAL_FROM", 0.0)
     assert main(["run", str(site / "scene.toml")]) == 0
     measured = digests(site / "results")
     err = capsys.readouterr().err

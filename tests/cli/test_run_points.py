@@ -14,7 +14,7 @@ from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, s
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.pipeline.prepare import prepare
+from mpmgis.workflows.run_setup.prepare import prepare
 
 SCENE = slide(4.0, 3, 0.5) + "maxima = true\n"
 ZONES = '[[zones]]\nsource = "ice.geojson"\nmu = 0.1\n'

@@ -26,8 +26,8 @@ from slope_site import (
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.pipeline.sequence import Sequence
+from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.workflows.run_setup.sequence import Sequence
 
 SCENE = slide(5.0, 5, 1, head="", more="particles_per_cell = 4") + "maxima = true\n"
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 6\nname = "dam"\n'

@@ -3,8 +3,8 @@
 import pytest
 from slope_site import SCENE, record, run, slide, write_block_site
 
+from mpmgis.analysis.run_summary import stood_still
 from mpmgis.cli.main import main
-from mpmgis.products.run_account import stood_still
 
 STILL = "nothing ever moved"
 HELD = slide(4.0, 2, 1, friction='law = "Sticking"')

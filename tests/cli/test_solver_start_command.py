@@ -10,7 +10,7 @@ import pytest
 from slope_site import SOUTH, WEST, write_shapes, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.io.frame_list import list_frames
+from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.frames import read_frame, write_frame
 
 MATERIAL = """

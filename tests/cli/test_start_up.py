@@ -22,10 +22,10 @@ HEAVY = {
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
 SEED = {
-    *("cli", "errors", "fields", "geo", "io", "kernels", "machine", "particles", "peaks", "pipeline", "seeding"),
-    "system",
+    *("cli", "errors", "fields", "io", "kernels", "machine", "particles", "peaks", "seeding", "system", "terrain"),
+    "workflows",
 }  # fmt: skip
-EXPORT = SEED - {"seeding"} | {"products"}
+EXPORT = SEED - {"seeding"} | {"analysis", "gis", "interop"}
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import rasterio
 
 from mpmgis.cli.main import main
 from mpmgis.cli.progress import Interrupted, ended_by_signals
-from mpmgis.io.sample import sample_folder
+from mpmgis.workflows.demo import sample_folder
 
 # the verb itself, sent its signal twice (as `timeout` does) where its file is written but has no name yet, or where
 # the first frame is exported

@@ -11,7 +11,7 @@ from slope_site import SCENE, slide, write_block_site, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.cli.study import target
-from mpmgis.studies.report import RECORD_NAMES, Choice
+from mpmgis.experiments.report import RECORD_NAMES, Choice
 
 
 @pytest.fixture(scope="module")

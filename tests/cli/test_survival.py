@@ -13,8 +13,8 @@ from kills import VERBS, arrays, require_whole
 from slope_site import CHILD, SCENE, contents, record, slide, write_block_site
 
 from mpmgis.cli.main import main
-from mpmgis.io import writer
-from mpmgis.io.writer import Writer
+from mpmgis.io import lock
+from mpmgis.io.lock import Writer
 
 try:
     import resource
@@ -93,7 +93,7 @@ def test_nothing_is_lost_by_two_hundred_kills(tmp_path):
     assert "200 kills, 0 failures" in killed(tmp_path, 200, SEED + 1)
 
 
-KILLED = f"{Writer(2**31 - 1, writer.host(), writer.boot(), 1)}-0123abcd"
+KILLED = f"{Writer(2**31 - 1, lock.host(), lock.boot(), 1)}-0123abcd"
 LEFT = [".run.part{0}.json", ".frame_000000.part{0}.h5"]
 
 

@@ -8,8 +8,8 @@ from slope_site import SCENE, distances, slide, write_block_site, write_raster, 
 
 from mpmgis.errors import MpmgisError
 from mpmgis.fields import GRAVITY
-from mpmgis.pipeline.prepare import prepare
 from mpmgis.scene import read_scene, scene_from_tables, scene_text
+from mpmgis.workflows.run_setup.prepare import prepare
 
 K = SCENE.replace("xi = 1000", f"k = {GRAVITY / 1000.0!r}")
 AREA = '[[zones]]\nsource = "zones.gpkg"\n'

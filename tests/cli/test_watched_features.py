@@ -14,10 +14,10 @@ from slope_site import FOOT, SOUTH, WEST, contents, distances, record, write_ras
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
 from mpmgis.kernels.columns import RUNNING
-from mpmgis.pipeline import prepare as preparing
-from mpmgis.pipeline.sequence import Sequence
 from mpmgis.solvers.columns import ColumnSolver
 from mpmgis.solvers.points import PointSolver
+from mpmgis.workflows.run_setup import prepare as preparing
+from mpmgis.workflows.run_setup.sequence import Sequence
 
 BESIDE = "points beside columns"
 MATERIAL = '[material]\nlaw = "Fluid"\nbulk_modulus = 2e6\n'

@@ -7,7 +7,7 @@ import shapely
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.pipeline.run import run as run_scene
+from mpmgis.workflows.run import run as run_scene
 
 EAST, NORTH = WEST + PIXEL * COLUMNS, SOUTH + PIXEL * ROWS
 SHORT = SCENE.replace("end_time = 30", "end_time = 1").replace("frame_interval = 5", "frame_interval = 1")

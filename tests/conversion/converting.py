@@ -3,9 +3,9 @@
 import numpy as np
 from affine import Affine
 
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.particles import Frame, Particles
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 DENSITY = 1300.0
 ORIGIN = (500_000.0, 5_100_000.0, 0.0)

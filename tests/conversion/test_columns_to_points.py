@@ -7,7 +7,7 @@ import pytest
 import shapely
 from converting import DENSITY, ORIGIN, columns_on, hills, over_bed, slope, terrain_of
 
-from mpmgis.conversion import geostatic
+from mpmgis.conversion import ground as geostatic
 from mpmgis.conversion.options import PointOptions
 from mpmgis.conversion.points import columns_to_points
 from mpmgis.conversion.sums import conservation_error

@@ -5,9 +5,9 @@ import shutil
 import numpy as np
 import pytest
 
-from mpmgis.io.sample import sample_folder
-from mpmgis.pipeline.prepare import prepare
 from mpmgis.solvers.columns import ColumnSolver
+from mpmgis.workflows.demo import sample_folder
+from mpmgis.workflows.run_setup.prepare import prepare
 
 SCENE = """
 [terrain]

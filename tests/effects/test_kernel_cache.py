@@ -14,7 +14,7 @@ from random import Random
 import numba
 import pytest
 
-from mpmgis.kernels import cache_folder as folders
+from mpmgis.kernels import code_cache as folders
 from mpmgis.kernels.jit import jit  # this process has chosen, and says so in its environment
 
 TELL = "import mpmgis.kernels.jit, numba; print(numba.config.CACHE_DIR)"

@@ -6,14 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpmgis.effects.softening import (
-    LinearSoftening,
-    NoSoftening,
-    cone,
-    decay,
-    sine_cosine,
-    softening,
-)
+from mpmgis.effects.softening import LinearSoftening, NoSoftening, cone, decay, sine_cosine, softening
 from mpmgis.errors import InputError
 
 PEAK, RESIDUAL = (40.0, 1e3), (20.0, 0.0)

@@ -11,9 +11,9 @@ from compiled import compiled
 from mpmgis.effects.friction import Voellmy, basal_stress
 from mpmgis.effects.own_law import NO_OWN_LAWS, load_laws, require_sound, tried_inputs
 from mpmgis.errors import InputError, SceneError
-from mpmgis.io.sample import sample_folder
-from mpmgis.kernels.own_laws import require_compiled
+from mpmgis.kernels.laws import require_compiled
 from mpmgis.scene import scene_from_tables
+from mpmgis.workflows.demo import sample_folder
 
 HEAD = "from typing import NamedTuple\nimport math\n"
 SIGNATURE = "    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):\n        "

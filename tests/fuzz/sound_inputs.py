@@ -10,7 +10,7 @@ import rasterio
 import shapely
 from affine import Affine
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "products"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "analysis"))
 
 import foreign_writers
 

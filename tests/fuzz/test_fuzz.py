@@ -53,10 +53,10 @@ def calls():
 
 # of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes
 OWN = {
-    ("kernels/kept_code.py", "pickle.loads"),
-    ("pipeline/workers.py", "pickle.loads"),
-    ("pipeline/workers.py", "pickle.dumps"),
-    ("pipeline/workers.py", "subprocess.Popen"),
+    ("kernels/code_cache.py", "pickle.loads"),
+    ("workflows/workers.py", "pickle.loads"),
+    ("workflows/workers.py", "pickle.dumps"),
+    ("workflows/workers.py", "subprocess.Popen"),
 }
 
 

@@ -8,15 +8,14 @@ import numpy as np
 import rasterio
 
 from mpmgis.fields import BAND, NODATA
-from mpmgis.geo.grid import Grid
+from mpmgis.gis.folder import write_stacks
+from mpmgis.gis.mesh import write_mesh
+from mpmgis.gis.outlines import BANDS, StepSpool, shown_particles, step_outline, write_outlines
+from mpmgis.gis.project import write_project
+from mpmgis.gis.styles import write_styles
 from mpmgis.io.exported import ExportedRun
-from mpmgis.io.mesh import write_mesh
-from mpmgis.io.outlines import shown_particles, step_outline, write_outlines
-from mpmgis.io.qgis import write_project
-from mpmgis.io.stack import write_stacks
-from mpmgis.io.step_spool import BANDS, StepSpool
-from mpmgis.io.styles import write_styles
 from mpmgis.particles import Frame, Particles
+from mpmgis.terrain.grid import Grid
 
 _numbers = itertools.count()
 

@@ -8,9 +8,9 @@ import sys
 import pytest
 
 from mpmgis.errors import OutputError
-from mpmgis.io import atomic, writer
+from mpmgis.io import atomic, lock
 from mpmgis.io.atomic import refuse_existing, whole_file, whole_folder
-from mpmgis.io.writer import Writer
+from mpmgis.io.lock import Writer
 
 
 def everything(folder):
@@ -188,13 +188,13 @@ def dead():
     """The token of a process that is no more."""
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    return f"{Writer(child.pid, writer.host(), writer.boot(), 77)}-0123abcd"
+    return f"{Writer(child.pid, lock.host(), lock.boot(), 77)}-0123abcd"
 
 
 def alive(number=None, **other):
     """The token of a process that runs (this one's parent), or of an `other` machine's."""
     number = number or os.getppid()
-    known = Writer(number, writer.host(), writer.boot(), writer.started(number))
+    known = Writer(number, lock.host(), lock.boot(), lock.started(number))
     return f"{known._replace(**other)}-0123abcd"
 
 

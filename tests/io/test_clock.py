@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mpmgis.errors import InputError
-from mpmgis.io.clock import Clock, stamp
+from mpmgis.gis.clock import Clock, stamp
 
 
 @pytest.mark.parametrize(

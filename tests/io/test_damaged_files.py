@@ -12,12 +12,12 @@ import shapely
 from affine import Affine
 from rasterio._err import CPLE_AppDefinedError
 
+from mpmgis.analysis.comparison import difference
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
 from mpmgis.io.frames import write_frame
 from mpmgis.io.raster import open_raster
 from mpmgis.particles import Frame, Particles
-from mpmgis.products.comparison import difference
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from rasterio.enums import ColorInterp
 
 from mpmgis.errors import OutputError
 from mpmgis.fields import BAND
-from mpmgis.geo.grid import Grid
-from mpmgis.io.geotiff import BandStack, write_geotiff
+from mpmgis.io.raster_output import BandStack, write_geotiff
+from mpmgis.terrain.grid import Grid
 
 GRID = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5170000.0, 2.5, (600, 700))
 

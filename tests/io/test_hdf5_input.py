@@ -10,10 +10,10 @@ import pytest
 from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
-from mpmgis.io.foreign import cbgeo
+from mpmgis.interop.readers import cbgeo
 from mpmgis.io.frame_digest import AS_WRITTEN, check_content, content_of, state_of, stored
 from mpmgis.io.frames import drop_state, read_frame, read_maxima, write_frame
-from mpmgis.io.hdf5_input import opened_whole
+from mpmgis.io.hdf5 import opened_whole
 from mpmgis.particles import Frame, Particles
 
 COUNT = 50
@@ -143,7 +143,7 @@ def test_a_chunk_is_unpacked_as_a_whole(frame):
 
 def test_arrays_that_are_there_already_are_not_asked_for_again(frame, monkeypatch):
     """A frame of more than half the memory is read into the arrays of the one before it."""
-    monkeypatch.setattr("mpmgis.io.hdf5_input.SMALL", 0)
+    monkeypatch.setattr("mpmgis.io.hdf5.SMALL", 0)
     memory = {}
     read_frame(frame, with_state=False, memory=memory)
     before, machine.available_memory = machine.available_memory, lambda: 10
@@ -185,7 +185,7 @@ def test_a_mesh_with_an_external_link(tmp_path, capfd):
 
 
 def test_more_objects_than_any_file_of_ours(tmp_path, monkeypatch):
-    monkeypatch.setattr("mpmgis.io.hdf5_input.MOST_OBJECTS", 5)
+    monkeypatch.setattr("mpmgis.io.hdf5.MOST_OBJECTS", 5)
     with h5py.File(tmp_path / "many.h5", "w") as file:
         for k in range(6):
             file[f"a{k}"] = k

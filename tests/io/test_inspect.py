@@ -15,10 +15,10 @@ import shapely
 
 from mpmgis.errors import FormatError, MpmgisError
 from mpmgis.io.frames import write_frame
-from mpmgis.io.inspect import inspect
 from mpmgis.io.particle_files import write_columns
-from mpmgis.io.sample import sample_folder
 from mpmgis.particles import Frame, Particles
+from mpmgis.reports.inspect import inspect
+from mpmgis.workflows.demo import sample_folder
 
 CRS = pyproj.CRS.from_epsg(32612)
 PARTICLE_FACTS = {"reader", "time", "n", "mass", "bbox", "crs"}

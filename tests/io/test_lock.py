@@ -11,14 +11,13 @@ import pytest
 
 from mpmgis import system
 from mpmgis.errors import OutputError
-from mpmgis.io import atomic, writer
+from mpmgis.io import atomic, lock
 from mpmgis.io.atomic import whole_file, whole_folder
-from mpmgis.io.lock import LOCK_FILE, sole_writer
-from mpmgis.io.writer import Writer
+from mpmgis.io.lock import LOCK_FILE, Writer, sole_writer
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot be asked whether it is alive")
 removes_open_files = pytest.mark.skipif(os.name == "nt", reason="there no open file is removed, no folder of one moved")
-needs_start = pytest.mark.skipif(writer.started(os.getpid()) == writer.UNKNOWN, reason="no start of processes here")
+needs_start = pytest.mark.skipif(lock.started(os.getpid()) == lock.UNKNOWN, reason="no start of processes here")
 
 
 @pytest.fixture
@@ -26,11 +25,11 @@ def ended():
     """The Writer of a process that is over."""
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    return Writer(child.pid, writer.host(), writer.boot(), 1)
+    return Writer(child.pid, lock.host(), lock.boot(), 1)
 
 
 def here(**other):
-    return writer.this_process()._replace(**other)
+    return lock.this_process()._replace(**other)
 
 
 def no_locks(monkeypatch):
@@ -46,9 +45,9 @@ def no_locks(monkeypatch):
 
 
 def test_this_process_is_not_over():
-    assert not writer.this_process().is_over()
-    assert writer.written_by(writer.new_token()) == writer.this_process()
-    assert writer.new_token() != writer.new_token()
+    assert not lock.this_process().is_over()
+    assert lock.written_by(lock.new_token()) == lock.this_process()
+    assert lock.new_token() != lock.new_token()
 
 
 @posix_only
@@ -59,28 +58,28 @@ def test_a_process_that_has_ended_is_over(ended):
 @posix_only
 @needs_start
 def test_a_number_that_was_given_again_is_another_process():
-    assert here(start=writer.started(os.getpid()) - 1).is_over()
-    assert not here(start=writer.UNKNOWN).is_over()
+    assert here(start=lock.started(os.getpid()) - 1).is_over()
+    assert not here(start=lock.UNKNOWN).is_over()
 
 
 @posix_only
 def test_processes_of_other_machines_and_containers_count_as_alive(ended, monkeypatch):
     assert not ended._replace(host="00000000").is_over()
-    machine = writer.host()
-    monkeypatch.setattr(writer, "_space", lambda: "pid:[4026539999]")
-    writer.host.cache_clear()
+    machine = lock.host()
+    monkeypatch.setattr(lock, "_space", lambda: "pid:[4026539999]")
+    lock.host.cache_clear()
     try:
-        assert writer.host() != machine and not ended.is_over()
+        assert lock.host() != machine and not ended.is_over()
     finally:
         monkeypatch.undo()
-        writer.host.cache_clear()
+        lock.host.cache_clear()
 
 
 @posix_only
 def test_before_the_last_start_of_the_machine_all_are_over_but_in_containers(monkeypatch):
-    monkeypatch.setattr(writer, "_is_no_container", lambda: True)
+    monkeypatch.setattr(lock, "_is_no_container", lambda: True)
     assert here(boot="00000000").is_over()
-    monkeypatch.setattr(writer, "_is_no_container", lambda: False)
+    monkeypatch.setattr(lock, "_is_no_container", lambda: False)
     assert not here(boot="00000000").is_over()
 
 
@@ -94,14 +93,14 @@ def test_one_that_nobody_has_waited_for_is_over():
         if system.process_facts(child.pid)[:1] == ["Z"]:
             break
         os.sched_yield()
-    assert Writer(child.pid, writer.host(), writer.boot(), writer.started(child.pid)).is_over()
+    assert Writer(child.pid, lock.host(), lock.boot(), lock.started(child.pid)).is_over()
     child.wait()
     child.stdout.close()
 
 
 @pytest.mark.parametrize("text", ["", "12", "12-abc-1", "x-0123456789abcdef-1", f"12-{'0' * 16}-", "-1-" + "0" * 16])
 def test_what_is_no_writer_is_none(text):
-    assert writer.written_by(text) is None
+    assert lock.written_by(text) is None
 
 
 # --------------------------------------------------------------------------------------------------------- part files
@@ -176,7 +175,7 @@ def test_a_folder_has_one_writer(tmp_path):
         hold.require()
         with pytest.raises(OutputError, match=f"is being written by process {os.getpid()}"), sole_writer(tmp_path):
             raise AssertionError("the block must not run")
-        assert writer.written_by((tmp_path / LOCK_FILE).read_text().rpartition(", ")[2]) == writer.this_process()
+        assert lock.written_by((tmp_path / LOCK_FILE).read_text().rpartition(", ")[2]) == lock.this_process()
     assert not list(tmp_path.iterdir())
     with sole_writer(tmp_path):
         pass

@@ -12,7 +12,7 @@ import xarray
 from pyproj import CRS
 
 from mpmgis.errors import OutputError
-from mpmgis.io.mesh import write_mesh
+from mpmgis.gis.mesh import write_mesh
 
 UTM = CRS.from_epsg(32632)
 
@@ -104,7 +104,7 @@ def test_trouble_of_the_library_is_told_in_one_line(tmp_path, monkeypatch):
     def fail(self, *arguments):
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr("mpmgis.io.mesh._write_times", fail)
+    monkeypatch.setattr("mpmgis.gis.mesh._write_times", fail)
     with pytest.raises(OutputError, match="HDF error"):
         write_mesh(run, qgis_run.steps(run))
 

@@ -18,8 +18,8 @@ from scipy.ndimage import label
 from shapely.geometry import shape
 
 from mpmgis.errors import OutputError
-from mpmgis.geo.grid import Grid
-from mpmgis.io.outlines import cells_outline, layer_names, mask_outline, thin, write_outlines
+from mpmgis.gis.outlines import cells_outline, layer_names, mask_outline, thin, write_outlines
+from mpmgis.terrain.grid import Grid
 
 UTM = CRS.from_epsg(32632)
 
@@ -65,7 +65,7 @@ def test_outline_is_the_one_that_gdal_draws():
 
 def test_outlines_come_in_batches_of_any_size(run, tmp_path, monkeypatch):
     again = qgis_run.make_run(tmp_path, UTM, times=np.arange(6) * 0.5)
-    monkeypatch.setattr("mpmgis.io.outlines.BATCH", 1)
+    monkeypatch.setattr("mpmgis.gis.outlines.BATCH", 1)
     write_outlines(again, qgis_run.steps(again))
     assert read(again, "outline").equals(read(run, "outline"))
 

@@ -9,9 +9,9 @@ from affine import Affine
 from pyproj import CRS
 
 from mpmgis.errors import OutputError
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
-from mpmgis.io.picture import map_view, shaded_relief, write_picture
+from mpmgis.reports.picture import map_view, shaded_relief, write_picture
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 GRID = Grid.north_up(CRS.from_epsg(32632), 686000.0, 5212000.0, 5.0, (120, 160))
 

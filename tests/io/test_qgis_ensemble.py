@@ -5,13 +5,13 @@ import pytest
 from pyproj import CRS
 from test_qgis_open import look
 
+from mpmgis.experiments.statistics import MEMBER_BANDS, Products
 from mpmgis.fields import BAND
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.io.ensemble_folder import MemberStack
-from mpmgis.io.ensemble_maps import EnsembleMaps, write_maps
-from mpmgis.io.geotiff import write_geotiff
-from mpmgis.studies.statistics import MEMBER_BANDS, Products
+from mpmgis.io.raster_output import write_geotiff
+from mpmgis.reports.ensemble_maps import EnsembleMaps, write_maps
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 SHAPE = (120, 160)
 

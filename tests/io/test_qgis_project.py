@@ -13,9 +13,9 @@ import rasterio
 from pyproj import CRS
 
 from mpmgis.errors import InputError
+from mpmgis.gis.mesh import group_names
+from mpmgis.gis.project import write_project
 from mpmgis.io.exported import ExportedRun
-from mpmgis.io.mesh import group_names
-from mpmgis.io.qgis import write_project
 
 UTM = CRS.from_epsg(32632)
 

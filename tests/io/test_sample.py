@@ -6,7 +6,7 @@ import pytest
 import rasterio
 
 from mpmgis.errors import InputError
-from mpmgis.io.sample import sample_folder
+from mpmgis.workflows.demo import sample_folder
 
 CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey"
 

@@ -13,19 +13,17 @@ import rasterio
 from affine import Affine
 
 from mpmgis.cli.solver_options import SOLVERS
-from mpmgis.conversion.solver_grid import solver_grid
-from mpmgis.conversion.solver_start import placed_box, solver_start, with_material
+from mpmgis.conversion.solver_start import placed_box, solver_grid, solver_start, with_material
 from mpmgis.errors import InputError
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
-from mpmgis.io.foreign.sidecar import write_sidecar
-from mpmgis.io.foreign.terms import ForeignTerms, axis_matrix
-from mpmgis.io.frame_list import list_frames
-from mpmgis.io.solver_files import cbgeo, rows
-from mpmgis.io.solver_files.solvers import SOLVER_FILES
-from mpmgis.io.solver_files.terrain_files import write_terrain
+from mpmgis.interop.declarations import ForeignTerms, axis_matrix, write_sidecar
+from mpmgis.interop.frame_list import list_frames
+from mpmgis.interop.writers import cbgeo, start_files
+from mpmgis.interop.writers.registry import SOLVER_FILES
+from mpmgis.interop.writers.start_files import write_terrain
 from mpmgis.particles import Frame, Particles
 from mpmgis.scene.material_file import read_material
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 EAST, NORTH, DENSITY, CELL, COUNT = 612_345.0, 5_170_200.0, 1800.0, 2.0, 60
 CRS = pyproj.CRS("EPSG:32632")
@@ -363,7 +361,7 @@ def test_what_lies_beyond_is_refused():
 def test_rows_keep_every_digit(tmp_path):
     values = np.array([[1 / 3, -1e-17], [5e300, 0.1]])
     with open(tmp_path / "rows.txt", "wb") as sink:
-        rows.write_rows(sink, np.arange(2), values)
-        rows.write_rows(sink, np.arange(0))
-    found = rows.read_rows((tmp_path / "rows.txt").read_bytes(), 3)
+        start_files.write_rows(sink, np.arange(2), values)
+        start_files.write_rows(sink, np.arange(0))
+    found = start_files.read_rows((tmp_path / "rows.txt").read_bytes(), 3)
     assert (found[:, 1:] == values).all() and (found[:, 0] == [0, 1]).all()

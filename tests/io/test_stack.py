@@ -8,7 +8,7 @@ import qgis_run
 import rasterio
 from pyproj import CRS
 
-from mpmgis.io.stack import write_stacks
+from mpmgis.gis.folder import write_stacks
 
 
 @pytest.mark.parametrize("crs", [CRS.from_epsg(32632), CRS.from_epsg(31468), CRS.from_epsg(2154), None])

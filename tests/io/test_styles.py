@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pyproj import CRS
 
 from mpmgis.fields import BAND, Quantity
-from mpmgis.io import styles
-from mpmgis.io.clock import Clock
-from mpmgis.io.styles import LOOKS, class_limits, colour_classes, look_of, ramp_colours, round_up
+from mpmgis.gis import styles
+from mpmgis.gis.clock import Clock
+from mpmgis.gis.styles import LOOKS, class_limits, colour_classes, look_of, ramp_colours, round_up
 
 
 def test_every_band_has_a_look():

@@ -13,14 +13,14 @@ import mpmgis
 from mpmgis.cli.main import TRUSTING, VERBS, main
 from mpmgis.errors import FormatError, InputError
 from mpmgis.fields import Quantity
-from mpmgis.geo.grid import Grid
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.gdal_input import require_local, require_undisguised
-from mpmgis.io.geotiff import write_geotiff
+from mpmgis.io.raster_output import write_geotiff
 from mpmgis.io.trust import is_trusted, trusting
 from mpmgis.io.vector_table import read_table
 from mpmgis.particles import Frame, Particles
-from mpmgis.pipeline.frame_pool import frame_pool
+from mpmgis.terrain.grid import Grid
+from mpmgis.workflows.parallel import frame_pool
 
 VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><GeoTransform>4e5, 10, 0, 5.1002e6, 0, -10</GeoTransform>
 <VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="1">dtm.tif</SourceFilename>

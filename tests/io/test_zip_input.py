@@ -13,9 +13,9 @@ import shapely
 from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
-from mpmgis.io.foreign.npz import open_file, read_members
-from mpmgis.io.qgis_layers import project_facts
+from mpmgis.interop.readers.npz import open_file, read_members
 from mpmgis.io.vector import read_table
+from mpmgis.reports.inspect_maps import project_facts
 
 PROJECT = """<!DOCTYPE qgis><qgis version="3.40.1"><projectCrs><spatialrefsys><authid>EPSG:2056</authid></spatialrefsys>
 </projectCrs><projectlayers><maplayer type="raster"><datasource>a.tif</datasource><layername>a &amp; b</layername>
@@ -136,7 +136,7 @@ def test_a_header_that_says_to_be_long(tmp_path):
 
 
 def test_more_members_than_any_archive(tmp_path, monkeypatch):
-    monkeypatch.setattr("mpmgis.io.zip_input.MOST_MEMBERS", 3)
+    monkeypatch.setattr("mpmgis.io.input_files.MOST_MEMBERS", 3)
     path = write_zip(tmp_path / "p.npz", {f"{k}.npy": b"" for k in range(4)})
     with pytest.raises(FormatError, match="holds 4 files, wanted at most 3"):
         read_members(path)

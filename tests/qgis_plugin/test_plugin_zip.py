@@ -10,7 +10,7 @@ import pytest
 
 import mpmgis
 from mpmgis.cli.main import main
-from mpmgis.io.plugin_zip import FOLDER, plugin_files
+from mpmgis.gis.plugin_zip import FOLDER, plugin_files
 
 ROOT = Path(__file__).resolve().parents[2]
 NEEDED_BY_QGIS = {"name", "qgisMinimumVersion", "description", "version", "author", "about"}

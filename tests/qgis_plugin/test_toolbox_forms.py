@@ -14,11 +14,11 @@ from affine import Affine
 
 from mpmgis.cli.main import VERBS as VERBS_OF_THE_COMMAND
 from mpmgis.cli.main import main
-from mpmgis.io.guideline_tables import read_guidelines
+from mpmgis.experiments.measures import NAMES
+from mpmgis.experiments.sampling_plan import SAMPLINGS
 from mpmgis.qgis_plugin.mpmgis_qgis import answering, commands, fields, finding, many_runs, scene_form, talk, writing
+from mpmgis.reports.intensity import read_guidelines
 from mpmgis.scene import read_scene
-from mpmgis.studies.errors import NAMES
-from mpmgis.studies.plan import SAMPLINGS
 
 ROWS = commands.VERBS
 PLUGIN = Path(commands.__file__).parent

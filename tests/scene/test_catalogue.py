@@ -6,9 +6,9 @@ import pytest
 
 from mpmgis.cli.main import main
 from mpmgis.effects import entrainment, friction
-from mpmgis.geo.inflow import COLUMNS
 from mpmgis.scene import catalogue
 from mpmgis.scene.tables import TABLES
+from mpmgis.terrain.inflow import COLUMNS
 
 ENTRIES = catalogue()
 EFFECTS = [name for name in TABLES if name not in ("terrain", "release", "numerics", "output", "stage")]

@@ -11,7 +11,7 @@ from mpmgis.effects.slots import ColumnEffects
 from mpmgis.effects.viscosity import InPlaneViscosity
 from mpmgis.errors import SceneError
 from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
-from mpmgis.scene.runout import runout
+from mpmgis.scene.resistance import runout
 
 TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}
 RAMP = tuple((10.0 * k, max(500.0 - 4.0 * k, 0.0)) for k in range(400))  # 22 degrees for 1250 m, then flat

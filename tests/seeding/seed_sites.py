@@ -5,9 +5,9 @@ import rasterio
 import shapely
 from affine import Affine
 
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.release import ReleaseArea, ReleasePart, ThicknessRaster
-from mpmgis.geo.synthetic import plane
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.release import ReleaseArea, ReleasePart, ThicknessRaster
+from mpmgis.terrain.synthetic import plane
 
 EAST, NORTH = 500_000.0, 5_100_000.0
 PIXELS = {

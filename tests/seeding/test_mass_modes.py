@@ -6,10 +6,10 @@ import shapely
 from affine import Affine
 from seed_sites import CENTRE, PIXELS, area_of, inclined, paper_hump, to_nodes
 
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.release import ReleaseArea, ReleasePart
-from mpmgis.geo.terrain import Terrain
 from mpmgis.seeding.columns import seed_columns
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.release import ReleaseArea, ReleasePart
 
 SPACING = 1.0  # of the nodes, the paper's pixels
 

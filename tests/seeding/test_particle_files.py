@@ -15,11 +15,11 @@ import pytest
 from seed_sites import PIXELS, area_of, grid_of, ring, two_islands
 
 from mpmgis.errors import OutputError
-from mpmgis.geo.georeference import parse_crs
-from mpmgis.geo.synthetic import plane
 from mpmgis.io.frames import read_frame
 from mpmgis.io.particle_files import UNITS, require_format, table, write_columns
 from mpmgis.seeding.columns import plan_seed
+from mpmgis.terrain.georeference import parse_crs
+from mpmgis.terrain.synthetic import plane
 
 SUFFIXES = [".h5", ".csv", ".json", ".gpkg", ".parquet", ".vtp"]
 

@@ -6,9 +6,9 @@ import pytest
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
-from mpmgis.io.sample import sample_folder
-from mpmgis.pipeline.prepare import prepare
-from mpmgis.seeding.plausible import Cures, tell_if_implausible
+from mpmgis.seeding.options import Cures, tell_if_implausible
+from mpmgis.workflows.demo import sample_folder
+from mpmgis.workflows.run_setup.prepare import prepare
 
 CURES = Cures("--density", "--thickness", "give more")
 SCENE = """

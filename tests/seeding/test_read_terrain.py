@@ -12,9 +12,9 @@ from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.geo.georeference import metric_equivalent, name_of
 from mpmgis.io.raster import read_raster, read_terrain
 from mpmgis.seeding.columns import seed_columns
+from mpmgis.terrain.georeference import metric_equivalent, name_of
 
 
 @pytest.mark.parametrize("pixels", PIXELS.values(), ids=PIXELS)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seed_sites import CENTRE, PIXELS, area_of, inclined, ring, two_islands
 
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.release import ReleaseArea, ReleasePart
-from mpmgis.geo.terrain import Terrain
 from mpmgis.seeding.columns import plan_seed, seed_columns
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.release import ReleaseArea, ReleasePart
 
 CASES = [
     {},

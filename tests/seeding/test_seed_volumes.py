@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from seed_sites import CENTRE, PIXELS, area_of, grid_of, inclined, ring, two_islands
 
 from mpmgis.errors import InputError
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.release import ReleaseArea, ReleasePart, ThicknessRaster
-from mpmgis.geo.synthetic import bumps, plane
-from mpmgis.geo.terrain import Terrain
 from mpmgis.seeding.columns import seed_columns
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.release import ReleaseArea, ReleasePart, ThicknessRaster
+from mpmgis.terrain.synthetic import bumps, plane
 
 COS30 = np.cos(np.radians(30.0))
 

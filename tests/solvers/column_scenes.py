@@ -9,11 +9,11 @@ from exact_solutions import G, mangeney, stoker  # noqa: F401  (G for the tests 
 from mpmgis.effects.friction import Coulomb, Frictionless
 from mpmgis.effects.metric import SlopeMetric
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.kernels.columns import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.particles import Frame, Particles
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 
 def terrain_of(height, length, width, pixel, west=0.0, south=0.0):

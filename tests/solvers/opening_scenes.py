@@ -14,9 +14,9 @@ from point_scenes import block_of, points_on
 
 from mpmgis.effects.barrier import Barrier
 from mpmgis.effects.fluid import Fluid
-from mpmgis.geo.barriers import Wall, wall_nodes
-from mpmgis.solvers.grid import ColumnGrid
-from mpmgis.solvers.places import Places, barrier_entries
+from mpmgis.spatial.barriers import Wall, wall_nodes
+from mpmgis.spatial.features import Places, barrier_entries
+from mpmgis.spatial.node_grid import ColumnGrid
 
 
 def basin(side, thickness, gap, degrees, centre):

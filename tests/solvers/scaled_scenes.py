@@ -11,12 +11,12 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import ColumnEffects, PointEffects
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.release import ReleaseArea, ReleasePart
-from mpmgis.geo.terrain import Terrain
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.release import ReleaseArea, ReleasePart
 
 LONG, WIDE, FALL = 24, 4, 0.5  # cells along and across the strip; tangent of its slope
 SLAB = (4, 14)  # cells along the strip

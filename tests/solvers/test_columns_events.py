@@ -9,12 +9,12 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 from mpmgis.effects.friction import Frictionless, Voellmy
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.errors import FormatError, SceneError
-from mpmgis.geo.inflow import Hydrograph, batch_times, clearing_time
 from mpmgis.kernels import columns as kernel
 from mpmgis.kernels.jit import set_threads
 from mpmgis.particles import Frame, Particles
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
+from mpmgis.terrain.inflow import Hydrograph, batch_times, clearing_time
 
 RUNNY = Voellmy(0.1, 100.0)
 SLOPE = np.radians(10.0)

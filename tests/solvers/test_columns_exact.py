@@ -24,7 +24,7 @@ from mpmgis.effects.friction import Coulomb, Voellmy
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.effects.still_water import StillWater
 from mpmgis.kernels.columns import beds_at
-from mpmgis.solvers.places import Places
+from mpmgis.spatial.features import Places
 
 
 def test_v5_ritter_dry_dam_break():

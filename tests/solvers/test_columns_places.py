@@ -15,13 +15,13 @@ from mpmgis.effects.friction import Coulomb, Voellmy
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.effects.still_water import StillWater
 from mpmgis.effects.zones import FrictionZones
-from mpmgis.geo.barriers import Wall, wall_nodes
-from mpmgis.geo.lakes import lake_cells, water_depth
 from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.kernels.columns import beds_at
 from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers.grid import ColumnGrid
-from mpmgis.solvers.places import NO_LAKE, Places, barrier_entries
+from mpmgis.spatial.areas import lake_cells, water_depth
+from mpmgis.spatial.barriers import Wall, wall_nodes
+from mpmgis.spatial.features import NO_LAKE, Places, barrier_entries
+from mpmgis.spatial.node_grid import ColumnGrid
 
 DX = 5.0
 

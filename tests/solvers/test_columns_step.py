@@ -9,12 +9,12 @@ from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Frictionless, Voellmy, slowed_speed
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
 from mpmgis.errors import FormatError, SceneError, UnphysicalError
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
 from mpmgis.kernels.jit import set_threads
 from mpmgis.particles import Frame
 from mpmgis.solvers.columns import ColumnSolver
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
 
 
 def rough(x, y):

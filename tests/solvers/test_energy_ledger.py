@@ -14,12 +14,12 @@ from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
 from mpmgis.effects.zones import FrictionZones
-from mpmgis.geo.barriers import Wall, wall_nodes
 from mpmgis.kernels.columns import BARRIER_ENTRIES
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
-from mpmgis.solvers.grid import ColumnGrid
-from mpmgis.solvers.march import March
-from mpmgis.solvers.places import Places, barrier_entries
+from mpmgis.solvers.integrate import March
+from mpmgis.spatial.barriers import Wall, wall_nodes
+from mpmgis.spatial.features import Places, barrier_entries
+from mpmgis.spatial.node_grid import ColumnGrid
 
 DX, LENGTH, WIDTH = 4.0, 240.0, 48.0
 CLOSES = 1e-3  # of the energy put in

@@ -12,10 +12,10 @@ from opening_scenes import basin, discharge_of_columns, discharge_of_points, wal
 
 from mpmgis.effects.barrier import Barrier
 from mpmgis.effects.metric import WaterMetric
-from mpmgis.geo.barriers import Wall, margin_in_3d, wall_nodes
-from mpmgis.geo.openings import narrow_openings
 from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.kernels.jit import set_threads
+from mpmgis.spatial.barriers import Wall, margin_in_3d, wall_nodes
+from mpmgis.spatial.openings import narrow_openings
 
 AXES = np.arange(-1, 62) * 1.0
 LEVEL = np.zeros((63, 63))

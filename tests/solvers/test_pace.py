@@ -7,7 +7,7 @@ import pytest
 from column_scenes import seeded, solver_on, terrain_of
 
 from mpmgis.solvers.cost import predicted, slower_than_nominal
-from mpmgis.solvers.pace import measured_pace
+from mpmgis.solvers.stepping import measured_pace
 
 
 def pool():

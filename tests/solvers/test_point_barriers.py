@@ -7,8 +7,8 @@ from column_scenes import terrain_of
 from point_scenes import block_of, march_to, points_on, sorted_points
 
 from mpmgis.effects.fluid import Fluid
-from mpmgis.geo.barriers import Wall
 from mpmgis.kernels import points as kernel
+from mpmgis.spatial.barriers import Wall
 
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 12.0, 2.0)
 DX = 0.5

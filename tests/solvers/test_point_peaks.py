@@ -18,7 +18,7 @@ from mpmgis.effects.softening import NoSoftening
 from mpmgis.errors import FormatError
 from mpmgis.kernels import jit, point_peaks
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
 
 ELASTIC, SAND = Elastic(6.7e6, 4e6), drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 DENSITY, GRAVITY = 1000.0, 9.81

@@ -12,7 +12,7 @@ from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
 from mpmgis.kernels.point_rows import S7
-from mpmgis.solvers.marched import marched
+from mpmgis.solvers.stepping import marched
 
 ICE = Elastic(6.7e6, 4e6)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)

@@ -11,8 +11,8 @@ from mpmgis.effects.slots import PointEffects
 from mpmgis.effects.zones import FrictionZones
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers.grid import ColumnGrid
 from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.spatial.node_grid import ColumnGrid
 
 SLOPE, MU, XI = np.radians(20.0), 0.2, 400.0
 STIFF = Elastic(2e6, 1e6)

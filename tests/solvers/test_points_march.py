@@ -12,7 +12,7 @@ from mpmgis.effects.slots import PointEffects
 from mpmgis.errors import UnphysicalError
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
 from mpmgis.solvers.points import PointNumerics, PointSolver
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)

@@ -10,8 +10,8 @@ from scaled_scenes import DENSITY, LONG, SLAB, WIDE, Scene
 
 from mpmgis.conversion.columns import points_to_columns
 from mpmgis.conversion.options import ColumnOptions
-from mpmgis.geo.release import require_on_terrain
-from mpmgis.solvers.grid import ColumnGrid
+from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.terrain.release import require_on_terrain
 
 SAME = 1e-6  # [cells]; [1] of masses
 ONE = Scene(1.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from mpmgis.geo.flight import takes_off
-from mpmgis.geo.grid import Grid
-from mpmgis.geo.terrain import Terrain
-from mpmgis.solvers.flow import Flow
+from mpmgis.solvers.particle_store import Flow
 from mpmgis.solvers.stage_end import LOOK_SECONDS, Cliff, Near, StageEnd
+from mpmgis.terrain.elevation import Terrain
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.reach import takes_off
 
 PIXEL, ROWS, COLUMNS = 2.0, 30, 200
 

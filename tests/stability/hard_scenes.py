@@ -20,8 +20,8 @@ from mpmgis.kernels import column_rows
 from mpmgis.kernels import columns as column_kernel
 from mpmgis.kernels import points as point_kernel
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.grid import ColumnGrid
 from mpmgis.solvers.points import LONE_SHARE, PointSolver, courant_number
+from mpmgis.spatial.node_grid import ColumnGrid
 
 NO_DRAG = 1e12  # xi [m s-2] with which Voellmy's law is Coulomb's: one compiled solver for both
 ROUNDING = 1e-9

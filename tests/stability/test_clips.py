@@ -6,11 +6,11 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, march_to, points_on
 from test_guard import SOIL
 
+from mpmgis.analysis.run_summary import CLIP_SHARE, CLIPPED, account
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
 from mpmgis.kernels import column_rows
 from mpmgis.kernels import points as kernel
-from mpmgis.products.run_account import CLIP_SHARE, CLIPPED, account
 from mpmgis.solvers import columns, points
 
 

@@ -13,10 +13,9 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.errors import UnphysicalError
 from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers import march as marching
-from mpmgis.solvers.guard import Guard
-from mpmgis.solvers.march import March
-from mpmgis.solvers.marched import MarchedColumns
+from mpmgis.solvers import integrate as marching
+from mpmgis.solvers.integrate import Guard, March
+from mpmgis.solvers.stepping import MarchedColumns
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
 

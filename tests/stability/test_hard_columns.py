@@ -12,10 +12,10 @@ from scene_strategies import Box, ColumnScene, Ground
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.geo.terrain import Terrain
 from mpmgis.kernels import columns as kernel
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
+from mpmgis.terrain.elevation import Terrain
 
 pytestmark = pytest.mark.usefixtures("threads")
 

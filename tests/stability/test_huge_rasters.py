@@ -15,8 +15,8 @@ from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
 from mpmgis.io.frames import read_frame
 from mpmgis.io.raster import TerrainFile, read_terrain
-from mpmgis.pipeline import prepare
-from mpmgis.pipeline import seed as seeding
+from mpmgis.workflows import seed as seeding
+from mpmgis.workflows.run_setup import prepare
 
 SIDE, PIXEL, WEST, NORTH = 10_000, 5.0, 400_000.0, 5_200_000.0
 MIDDLE = WEST + 0.5 * SIDE * PIXEL, NORTH - 0.5 * SIDE * PIXEL

@@ -6,8 +6,8 @@ from test_guard import block, pool
 
 from mpmgis.errors import UnphysicalError
 from mpmgis.kernels import column_rows, point_rows
-from mpmgis.solvers.energy_look import GAIN_STOP, EnergyLook, least_kinetic
-from mpmgis.solvers.march import March
+from mpmgis.solvers.integrate import March
+from mpmgis.solvers.particle_store import GAIN_STOP, EnergyLook, least_kinetic
 
 MOTION = {"points": [point_rows.PX, point_rows.PY, point_rows.PZ], "columns": [column_rows.U, column_rows.V]}
 

@@ -18,8 +18,8 @@ import chain
 import profiles
 
 from mpmgis.cli.main import main
-from mpmgis.io.foreign.terms import ForeignTerms
-from mpmgis.io.frame_list import list_frames
+from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.raster import read_terrain
 

@@ -16,8 +16,8 @@ import chain
 import profiles
 
 from mpmgis.io.frames import read_frame
-from mpmgis.pipeline.foresight import predicted_cost, predicted_memory
-from mpmgis.pipeline.prepare import prepare
+from mpmgis.workflows.run_setup.cost_prediction import predicted_cost, predicted_memory
+from mpmgis.workflows.run_setup.prepare import prepare
 
 CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # of a place that the ground is not
 LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m] along the flow (east), to each side of its line, of the DTM

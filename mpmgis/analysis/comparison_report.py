@@ -1,0 +1,207 @@
+"""What a comparison of two results found: as rows of a table and as plain facts."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .comparison import Difference, OutlineDistances, Overlap
+from .flow_line import Runout
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2].
+
+    `farthest` (Runout or None) is counted from the start of the line; the runout is counted from the distance `top` [m]
+    along it, that of the highest place of the flow (NaN: not known).
+    """
+
+    name: str
+    kind: str
+    band: str | None
+    area: float
+    farthest: Runout | None = None
+    top: float = math.nan
+
+    @property
+    def farthest_along(self):
+        """Distance [m] along the line, from its start, to the farthest place; NaN where there is none."""
+        return math.nan if self.farthest is None else self.farthest.distance
+
+    @property
+    def runout(self):
+        """Distance [m] along the line from the highest place of the flow to its farthest; NaN where not known."""
+        return self.farthest_along - self.top
+
+    def facts(self):
+        """The same in plain numbers and texts."""
+        place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "band": self.band,
+            "area_m2": self.area,
+            "runout_m": _number(self.runout),
+            "runout_at": place,
+            "farthest_along_line_m": _number(self.farthest_along),
+        }
+
+
+@dataclass(frozen=True)
+class BandFacts:
+    """One quantity of both: names (None: not there), unit, (first, second) `peak` and 99th `percentile`, difference."""
+
+    names: tuple
+    unit: str
+    peak: tuple
+    percentile: tuple
+    difference: Difference
+
+    @property
+    def name(self):
+        """Both names in one, or the one that both share."""
+        return " / ".join(dict.fromkeys(name for name in self.names if name))
+
+    def facts(self):
+        """The same in plain numbers and texts."""
+        return {
+            "a": self.names[0],
+            "b": self.names[1],
+            "unit": self.unit,
+            "peak_a": _number(self.peak[0]),
+            "peak_b": _number(self.peak[1]),
+            "p99_a": _number(self.percentile[0]),
+            "p99_b": _number(self.percentile[1]),
+            "mean_difference": _number(self.difference.mean),
+            "rms_difference": _number(self.difference.rms),
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What was found. Areas in plan [m2], distances [m].
+
+    Parameters
+    ----------
+    sides : (Side, Side)
+    threshold : float
+        Cells above it are a footprint; in `unit`.
+    cell_size : float [m]
+        Of the common grid.
+    overlap : Overlap
+    line : float[n, 2] [m] or None
+        Along which runout was read.
+    line_source : str
+        Where the line came from, or why there is none.
+    bands : tuple of BandFacts
+    distances : OutlineDistances or None
+        Between the outlines of both footprints.
+    files : tuple of Path
+        What was written.
+    """
+
+    sides: tuple
+    threshold: float
+    unit: str
+    cell_size: float
+    overlap: Overlap
+    line: np.ndarray | None
+    line_source: str
+    bands: tuple
+    distances: OutlineDistances | None = None
+    files: tuple = ()
+
+    @property
+    def observed(self):
+        """Number of the side that is an outline, which the other is judged by; None where both are results."""
+        return next((k for k, side in enumerate(self.sides) if side.band is None), None)
+
+    def area_words(self):
+        """(word, area [m2]) of what both cover, only the first, only the second.
+
+        Beside an outline what only the result covers is overestimated, what only the outline covers underestimated.
+        """
+        words = {None: ("only A", "only B"), 0: ("underestimated, only A", "overestimated, only B")}
+        words[1] = ("overestimated, only A", "underestimated, only B")
+        first, second = words[self.observed]
+        overlap = self.overlap
+        return (("both", overlap.both), (first, overlap.only_first), (second, overlap.only_second))
+
+    @property
+    def observed_reached(self):
+        """Share of the outline that the result covers; NaN where both are results or the outline is empty."""
+        if self.observed is None:
+            return math.nan
+        only = (self.overlap.only_first, self.overlap.only_second)[self.observed]
+        outline = self.overlap.both + only
+        return self.overlap.both / outline if outline > 0 else math.nan
+
+    def distance_rows(self):
+        """(quantity, unit, value) of the distances between the outlines; () where one is empty."""
+        if self.distances is None:
+            return ()
+        words = ("A to B, mean", "B to A, mean", "both ways, mean", "both ways, 95 %", "both ways, largest (Hausdorff)")
+        return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
+
+    def told_bands(self):
+        """The bands worth a line: those that both have; where one side is an outline, that of the other's footprint.
+
+        A band all of whose numbers are those of one before it is left out: columns have t = h.
+        """
+        alone, footprints = any(side.band is None for side in self.sides), {side.band for side in self.sides} - {None}
+        told = {}
+        for band in self.bands:
+            if (set(band.names) & footprints) if alone else None not in band.names:
+                told.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
+        return list(told.values())
+
+    def rows(self):
+        """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
+        first, second = self.sides
+        rows = [("area", "m2", first.area, second.area)]
+        if self.line is not None:
+            rows.append(("runout", "m", first.runout, second.runout))
+            rows.append(("farthest along line", "m", first.farthest_along, second.farthest_along))
+        for band in self.told_bands():
+            rows.append((f"{band.name} peak", band.unit, *band.peak))
+            rows.append((f"{band.name} 99 %", band.unit, *band.percentile))
+        return [(*row, row[2] - row[3]) for row in rows]
+
+    def common_rows(self):
+        """(quantity, unit, value) of every number that belongs to both sides together."""
+        overlap = self.overlap
+        rows = [(word, "m2", area) for word, area in self.area_words()]
+        rows.append(("overlap (IoU)", "1", overlap.iou))
+        if self.observed is not None:
+            rows.append(("of the outline reached", "1", self.observed_reached))
+        rows += self.distance_rows()
+        for band in self.told_bands():
+            if math.isfinite(band.difference.mean):
+                rows.append((f"{band.name} A - B mean", band.unit, band.difference.mean))
+                rows.append((f"{band.name} A - B rms", band.unit, band.difference.rms))
+        return rows
+
+    def facts(self):
+        """Everything as plain numbers, lists and texts, None where there is no number."""
+        return {
+            "a": self.sides[0].facts(),
+            "b": self.sides[1].facts(),
+            "threshold": self.threshold,
+            "unit": self.unit,
+            "cell_size_m": self.cell_size,
+            "iou": _number(self.overlap.iou),
+            "both_m2": self.overlap.both,
+            "only_a_m2": self.overlap.only_first,
+            "only_b_m2": self.overlap.only_second,
+            "observed": None if self.observed is None else "ab"[self.observed],
+            "observed_reached": _number(self.observed_reached),
+            "outline_distance_m": None if self.distances is None else self.distances._asdict(),
+            "line": {"source": self.line_source, "vertices": None if self.line is None else self.line.tolist()},
+            "bands": [band.facts() for band in self.bands],
+            "files": [str(file) for file in self.files],
+        }
+
+
+def _number(value):
+    return value if math.isfinite(value) else None

@@ -1,0 +1,244 @@
+"""How far flows reach: distances along a line, and the line that two flows took together."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from affine import Affine
+from scipy import ndimage, sparse, spatial
+from scipy.sparse import csgraph
+
+from ..terrain.grid import Grid
+
+_LINE_CELLS = 40_000  # cells of the footprint that a centre line is searched on
+_LINE_PIECES = 40
+_PIECE_CELLS = 8  # a piece of the centre line is at least so many cells long
+_SMALLEST_PART = 0.1  # of the largest part: what frames far apart leave between gaps; smaller ones are splashes
+_HIGHEST_SHARE = 0.01  # of the drop: cells that count as the highest
+
+
+class Runout(NamedTuple):
+    """How far a footprint reaches: `distance` [m] along the line to its farthest cell, whose centre is (`x`, `y`)."""
+
+    distance: float
+    x: float
+    y: float
+
+
+def positions_along(line, x, y):
+    """Distance [m] from the start of `line` to the point on it that is nearest to each (x, y).
+
+    Beyond its ends the line goes on straight: positions before the start are negative, those behind the end larger
+    than its length.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+        Vertices, n at least 2.
+    x, y : float[k] [m]
+    """
+    line = np.asarray(line, float)
+    points = np.column_stack([x, y])
+    path = shapely.LineString(line)
+    along = shapely.line_locate_point(path, shapely.points(points))
+    for end, before, sign in ((line[-1], line[-2], 1.0), (line[0], line[1], -1.0)):
+        direction = (end - before) / np.linalg.norm(end - before)
+        beyond = (points - end) @ direction
+        at_end = along >= path.length * (1 - 1e-12) if sign > 0 else along <= path.length * 1e-12
+        along = np.where(at_end & (beyond > 0), along + sign * beyond, along)
+    return along
+
+
+def runout(mask, grid, line):
+    """How far the True cells of `mask` on `grid` reach along `line`, counted to cell centres; None where none is."""
+    row, column = np.nonzero(mask)
+    if row.size == 0:
+        return None
+    x, y = grid.xy(row, column)
+    along = positions_along(line, x, y)
+    farthest = int(np.argmax(along))
+    return Runout(float(along[farthest]), float(x[farthest]), float(y[farthest]))
+
+
+def up_to(line, distance):
+    """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or continued straight."""
+    line = np.asarray(line, float)
+    along = vertex_distances(line)
+    last = min(int(np.searchsorted(along, distance)), len(line) - 1)
+    direction = (line[last] - line[last - 1]) / (along[last] - along[last - 1])
+    return np.vstack([line[:last], line[last - 1] + (distance - along[last - 1]) * direction])
+
+
+def vertex_distances(line):
+    """float64[n]: distance [m] of each vertex of `line` from its start, along it."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(np.asarray(line, float), axis=0), axis=1))]
+
+
+def places_along(line, along):
+    """(x, y) float64[k] [m] of the places at the distances `along` [m] from the start of `line`: undoes
+    `positions_along`, straight on beyond both ends."""
+    line, along = np.asarray(line, float), np.asarray(along, float)
+    vertices = vertex_distances(line)
+    piece = np.clip(np.searchsorted(vertices, along, side="right") - 1, 0, len(line) - 2)
+    direction = (line[piece + 1] - line[piece]) / (vertices[piece + 1] - vertices[piece])[:, None]
+    return tuple((line[piece] + (along - vertices[piece])[:, None] * direction).T)
+
+
+def distance_to_line(line, mask, grid):
+    """Distance [m] from `line` to the nearest centre of a True cell; infinite where there is none."""
+    row, column = np.nonzero(mask)
+    if row.size == 0:
+        return math.inf
+    return float(shapely.distance(shapely.LineString(line), shapely.MultiPoint(np.column_stack(grid.xy(row, column)))))
+
+
+def centre_line(masks, weights, elevation, grid):
+    """The way that two flows took together: float64[n, 2] [m], from the highest part of their footprints downwards.
+
+    Distances are measured within the union of the footprints, so around corners, from its highest part (the middle of
+    the cells within 1 % of the drop). Bands of equal distance are replaced by their centres, weighted by thickness,
+    each result counting the same: what a practitioner would draw by hand along the thalweg. Where frames far apart
+    leave the union in parts, those of a tenth of the largest or more are joined by the shortest ways between them.
+
+    Parameters
+    ----------
+    masks : sequence of bool[rows, columns]
+    weights : sequence of float[rows, columns]
+        One for each mask, of any unit; NaN counts as 0.
+    elevation : float[rows, columns] [m]
+    grid : Grid
+        Of all of them.
+
+    Returns
+    -------
+    float64[n, 2] or None
+        None where there is no elevation or fewer than two places to go through.
+    """
+    weight = sum(_share(mask, weight) for mask, weight in zip(masks, weights, strict=True))
+    cut = max(1, math.ceil(math.sqrt(np.count_nonzero(weight) / _LINE_CELLS)))
+    weight, elevation = _blocks(weight, cut, np.sum), _blocks(elevation, cut, _mean)
+    grid = Grid(grid.crs, grid.transform * Affine.scale(cut), weight.shape)
+    main, parts = _large_parts(weight > 0)
+    start = _highest(main, weight, elevation, grid)
+    if start is None:
+        return None
+    row, column = np.nonzero(main)
+    distance = _distance_within(main, grid, start, _bridges(parts[main], grid.xy(row, column)))
+    return _through_bands(start, np.column_stack(grid.xy(row, column)), distance, weight[main], grid.cell_size)
+
+
+def _share(mask, weight):
+    """`weight` within `mask` as shares of its mean there, 0 elsewhere."""
+    weight = np.where(mask, np.nan_to_num(weight, nan=0.0), 0.0)
+    total = weight.sum()
+    return weight * (np.count_nonzero(mask) / total) if total > 0 else weight
+
+
+def _blocks(values, cut, of):
+    """`of` (a reduction over the last axis) of blocks of `cut` x `cut` values, the last ones filled up with NaN."""
+    if cut == 1:
+        return values
+    rows, columns = (-(-n // cut) * cut for n in values.shape)
+    filled = np.full((rows, columns), np.nan)
+    filled[: values.shape[0], : values.shape[1]] = values
+    blocks = filled.reshape(rows // cut, cut, columns // cut, cut).swapaxes(1, 2).reshape(rows // cut, -1, cut * cut)
+    return of(blocks if of is not np.sum else np.nan_to_num(blocks), axis=-1)
+
+
+def _mean(blocks, axis):
+    """Mean without NaN along the last axis, NaN where there is nothing else."""
+    known = np.isfinite(blocks)
+    count = known.sum(axis=axis)
+    return np.where(count > 0, np.where(known, blocks, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
+
+
+def _large_parts(mask):
+    """(the large parts of `mask` whose cells hang together, corners included; the number of each cell's part)."""
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    if count <= 1:
+        return mask, labels
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return mask & (sizes >= _SMALLEST_PART * sizes.max())[labels], labels
+
+
+def _bridges(parts, places):
+    """(cells, cells, lengths [m]) of the shortest links that join all `parts` [k], whose cells lie at `places`."""
+    joined, left = parts == parts[0], list(dict.fromkeys(parts[parts != parts[0]]))
+    places, found = np.column_stack(places), []
+    while left:
+        tree, known = spatial.cKDTree(places[joined]), np.flatnonzero(joined)
+        nearest = []
+        for part in left:
+            cells = np.flatnonzero(parts == part)
+            distance, other = tree.query(places[cells])
+            k = int(np.argmin(distance))
+            nearest.append((float(distance[k]), int(cells[k]), int(known[other[k]]), part))
+        length, cell, other, part = min(nearest)
+        found.append((other, cell, length))
+        joined |= parts == part
+        left.remove(part)
+    return tuple(np.array(column) for column in zip(*found, strict=True)) if found else ()
+
+
+def _highest(mask, weight, elevation, grid):
+    """(x, y) [m] of the cell nearest to the middle of the highest ones; None without any elevation."""
+    known = mask & np.isfinite(elevation)
+    if not known.any():
+        return None
+    top, bottom = elevation[known].max(), elevation[known].min()
+    row, column = np.nonzero(known & (elevation >= top - _HIGHEST_SHARE * (top - bottom)))
+    middle = np.average(np.column_stack([row, column]), axis=0, weights=weight[row, column])
+    at = int(np.argmin((row - middle[0]) ** 2 + (column - middle[1]) ** 2))
+    return np.array(grid.xy(row[at], column[at]))
+
+
+def _distance_within(mask, grid, start, bridges=()):
+    """float[k]: length [m] of the shortest way from `start` to each True cell, from cell to cell, 16 directions.
+
+    `bridges` are links between cells besides (`_bridges`).
+    """
+    number = np.full(mask.shape, -1)
+    number[mask] = np.arange(np.count_nonzero(mask))
+    begins, ends, lengths = [], [], []
+    for step in ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)):
+        before, after = _shifted(number, step)
+        linked = (before >= 0) & (after >= 0)
+        begins.append(before[linked])
+        ends.append(after[linked])
+        lengths.append(np.full(np.count_nonzero(linked), np.linalg.norm(grid.matrix @ step[::-1])))
+    if bridges:
+        begins, ends, lengths = ([*own, more] for own, more in zip((begins, ends, lengths), bridges, strict=True))
+    count = np.count_nonzero(mask)
+    links = (np.concatenate(lengths), (np.concatenate(begins), np.concatenate(ends)))
+    graph = sparse.coo_matrix(links, shape=(count, count)).tocsr()
+    row, column = (round(float(v)) for v in grid.rowcol(*start))
+    return csgraph.dijkstra(graph, directed=False, indices=int(number[row, column]))
+
+
+def _shifted(number, step):
+    """Views of `number` on a cell and on the one that lies `step` (rows, columns) from it."""
+    down, right = step
+    rows, columns = number.shape
+    before = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
+    after = number[down:, max(right, 0) : columns - max(-right, 0)]
+    return before, after
+
+
+def _through_bands(start, places, distance, weight, cell_size):
+    """The line from `start` through the weighted centres of bands of equal distance, smoothed once."""
+    reach = distance[np.isfinite(distance)].max(initial=0.0)
+    pieces = int(np.clip(reach / (_PIECE_CELLS * cell_size), 1, _LINE_PIECES))
+    if reach <= 0:
+        return None
+    band = np.minimum(distance / reach * pieces, pieces - 1).astype(int)
+    total = np.bincount(band, weight, pieces)
+    there = total > 0
+    centres = np.column_stack([np.bincount(band, weight * places[:, k], pieces)[there] for k in (0, 1)])
+    centres /= total[there, None]
+    if len(centres) > 2:
+        centres[1:-1] = 0.25 * centres[:-2] + 0.5 * centres[1:-1] + 0.25 * centres[2:]
+    line = np.vstack([start, centres])
+    apart = np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-9 * cell_size]
+    return line[apart] if np.count_nonzero(apart) > 1 else None

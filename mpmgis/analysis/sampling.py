@@ -1,0 +1,214 @@
+"""How finely to export: cell size, time step, steps and the export grid (Vicari et al. 2025, Eqs 15, 17)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from affine import Affine
+
+from ..errors import InputError
+from ..terrain.grid import Grid
+
+POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (design notes 5.3)
+MOST_CELLS = 400_000_000
+FINEST_CELL = 1e-6  # [m]
+
+
+class FrameFacts(NamedTuple):
+    """What one frame contributes to the choice of cells.
+
+    `bounds` (first column, first row, last column, last row) [m] along the `export_axes` of what lies on the DTM, None
+    where nothing does; `particle_volume` [m3]
+    mean at release; `dilation` [1], the 10 % quantile of release volume over current volume; `thickness` [m], median
+    volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m] of the code's own grid; `below` [1], share
+    of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns);
+    `column_side` [m], mean side of the squares that columns fill, 0 for points.
+    """
+
+    bounds: tuple | None
+    particle_volume: float
+    dilation: float
+    thickness: float
+    spacing: float
+    below: float
+    offset: float
+    column_side: float = 0.0
+
+
+def automatic_cell_size(facts, terrain_cell):
+    """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (design notes 5.3).
+
+    The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid;
+    then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it. Columns leave no cell
+    empty inside the flow: theirs is the side of the squares that they fill, below which there is no detail.
+
+    Returns
+    -------
+    (float, str)
+        cs_e [m] and the inputs that decided, in words.
+    """
+    facts = [fact for fact in facts if fact.bounds is not None]
+    volume = float(np.median([fact.particle_volume for fact in facts]))
+    dilation = min(fact.dilation for fact in facts)
+    thickness = float(np.median([fact.thickness for fact in facts]))
+    spacing = min(fact.spacing for fact in facts)  # where it is guessed, particles that spread look like a coarser grid
+    side = float(np.median([fact.column_side for fact in facts]))
+    by_volume = (volume / dilation) ** (1.0 / 3.0)
+    by_coverage, coverage = _coverage(side, volume, thickness)
+    by_grids = min(terrain_cell, spacing)
+    wanted = max(by_volume, by_coverage, by_grids)
+    if wanted <= terrain_cell:
+        cell = terrain_cell / math.floor(terrain_cell / wanted * (1 + 1e-9))
+    else:
+        cell = 0.5 * spacing * math.ceil(wanted / (0.5 * spacing) * (1 - 1e-9))
+    why = (
+        f"Eq 15 gives {by_volume:.3g} m (particle volume {volume:.3g} m3, density down to {dilation:.2f} of the "
+        f"release's), {coverage}, "
+        f"the finer of DTM ({terrain_cell:g} m) and solver grid ({spacing:.3g} m) {by_grids:.3g} m"
+    )
+    return cell, why
+
+
+def _coverage(side, volume, thickness):
+    """(Cell size [m] that leaves few cells inside the flow empty, why in words)."""
+    if side > 0:
+        return side, f"columns fill squares of {side:.3g} m"
+    cell = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
+    return cell, f"{POINTS_PER_CELL} particles a cell ask for {cell:.3g} m (median thickness {thickness:.3g} m)"
+
+
+def automatic_time_step(cell_size, fastest):
+    """dt_e [s] by Eq 17: what moves at `fastest` [m s-1] in the map plane crosses one export cell; inf at rest."""
+    return cell_size / fastest if fastest > 0 else math.inf
+
+
+class Crossing(NamedTuple):
+    """The two neighbouring frames between which the flow crosses most cells.
+
+    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1]; `fastest` [m s-1] is that of all
+    frames, which Eq 17 has.
+    """
+
+    cells: float
+    interval: float
+    speed: float
+    fastest: float
+
+
+def farthest_crossing(times, speeds, cell_size):
+    """How far the flow moves between neighbouring frames, in export cells; Eq 17 wants one cell at most.
+
+    Parameters
+    ----------
+    times : sequence of float [s]
+        Of the frames, ascending.
+    speeds : sequence of float [m s-1]
+        Largest depth-averaged speed in the map plane of each. Between two frames the larger one counts.
+    cell_size : float [m]
+
+    Returns
+    -------
+    Crossing
+        Of the worst pair; zeros where there are fewer than two frames.
+    """
+    if len(times) < 2:
+        return Crossing(0.0, 0.0, 0.0, 0.0)
+    intervals = np.diff(np.asarray(times, float))
+    faster = np.maximum(speeds[:-1], speeds[1:])
+    worst = int(np.argmax(intervals * faster))
+    interval, speed = float(intervals[worst]), float(faster[worst])
+    return Crossing(interval * speed / cell_size, interval, speed, float(np.max(speeds)))
+
+
+def choose_steps(times, time_step=None):
+    """Indices of the frames to export: for each multiple of `time_step` [s] the nearest in time, each once.
+
+    `times` [s] ascend. None takes every frame. Of two equally near frames the earlier one is taken. Where no multiple
+    falls between the first and the last time, the frame nearest to one is taken.
+    """
+    times = np.asarray(times, float)
+    if time_step is None:
+        return list(range(len(times)))
+    if not math.isfinite(time_step):
+        return [0]
+    count = times / time_step
+    count = np.where(np.abs(count - np.rint(count)) < 1e-9 * np.maximum(1.0, np.abs(count)), np.rint(count), count)
+    # a frame is nearest to some multiple if it is so to the one before or the one after it
+    multiples = np.unique(np.concatenate([np.floor(count), np.ceil(count)]))
+    between = multiples[(multiples >= count[0]) & (multiples <= count[-1])]
+    if not len(between):
+        between = np.rint(count[:1])
+    return _nearest(times, between * time_step)
+
+
+def _nearest(times, moments):
+    after = np.minimum(np.searchsorted(times, moments), len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    to_earlier, to_later = np.abs(times[before] - moments), np.abs(times[after] - moments)
+    earlier = to_earlier <= to_later * (1 + 1e-12)
+    return sorted({int(i) for i in np.where(earlier, before, after)})
+
+
+def export_axes(terrain_grid, north_up=True):
+    """The grid of one cell of 1 m that lies where an export's cells are counted from, along its axes.
+
+    North-up it is the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is the
+    DTM's own first corner, and the axes are those of the DTM. One that runs along east and north, in whatever order,
+    gives north-up cells in any case.
+    """
+    t = terrain_grid.transform
+    if north_up or not terrain_grid.is_rotated:
+        west, _, _, north = terrain_grid.bounds
+        return Grid(terrain_grid.crs, Affine(1.0, 0.0, west, 0.0, -1.0, north), (1, 1))
+    width, height = terrain_grid.sides
+    return Grid(terrain_grid.crs, Affine(t.a / width, t.b / height, t.c, t.d / width, t.e / height, t.f), (1, 1))
+
+
+def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1, north_up=True):
+    """The grid to export on, aligned with the DTM's (`export_axes`).
+
+    Without `cell_size` [m] it has the DTM's own cells (a rotated DTM, north-up: squares of the same area), else cells
+    with sides of that length. Without `bounds` it covers the DTM, and its last row and column may reach over the rim;
+    with `bounds` (first column, first row, last column, last row) [m], along `export_axes`, it is the part of that
+    which holds them, with `margin` cells around.
+
+    Raises
+    ------
+    InputError
+        More than 400 million cells, or cells below 1e-6 m.
+    """
+    axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
+    if cell_size is not None:
+        width = height = float(cell_size)
+    elif own or not terrain_grid.is_rotated:
+        width, height = terrain_grid.sides
+    else:
+        width = height = terrain_grid.cell_size
+    if own:
+        across, down = (count * side for count, side in zip(terrain_grid.shape[::-1], terrain_grid.sides, strict=True))
+    else:
+        west, south, east, north = terrain_grid.bounds
+        across, down = east - west, north - south
+    columns, rows = _cells_along(across, width), _cells_along(down, height)
+    first_column = first_row = 0
+    if bounds is not None:
+        first_column, columns = _part(bounds[0], bounds[2], width, columns, margin)
+        first_row, rows = _part(bounds[1], bounds[3], height, rows, margin)
+    if width < FINEST_CELL or columns * rows > MOST_CELLS:
+        raise InputError(
+            f"cells of {width:g} m make a raster of {float(columns * rows):.3g}, wanted at most {MOST_CELLS:.0e}; "
+            "take a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
+        )
+    cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
+    transform = cells * Affine.translation(int(first_column), int(first_row))
+    return Grid(terrain_grid.crs, transform, (int(rows), int(columns)))
+
+
+def _cells_along(length, cell):
+    return max(1, math.ceil(length / max(cell, FINEST_CELL) - 1e-6))
+
+
+def _part(low, high, cell, most, margin):
+    cell = max(cell, FINEST_CELL)
+    first = max(math.floor(low / cell) - margin, 0)
+    return first, min(math.floor(high / cell) + 1 + margin, most) - first

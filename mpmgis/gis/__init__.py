@@ -1,0 +1,1 @@
+"""Files for QGIS: project, styles, mesh, outlines."""

@@ -1,0 +1,60 @@
+"""The QGIS toolbox as the zip that QGIS installs and its plugin repository takes."""
+
+import zipfile
+from pathlib import Path
+
+from .. import __version__
+from ..errors import InputError, OutputError
+from ..io.atomic import refuse_existing, whole_file
+
+FOLDER = Path(__file__).parents[1] / "qgis_plugin" / "mpmgis_qgis"
+SUFFIXES = (".py", ".txt", ".svg", "")  # no binaries; LICENSE has none
+_TIME = (2000, 1, 1, 0, 0, 0)  # of every file: the same sources are the same bytes
+
+
+def write_plugin_zip(path, homepage=None, email=None, overwrite=False):
+    """Write the plugin to `path` (.zip), whole or not at all.
+
+    Parameters
+    ----------
+    homepage, email : str or None
+        Of whoever publishes it: what the plugin repository asks for, and QGIS itself does not.
+
+    Raises
+    ------
+    OutputError
+        `path` exists, cannot be written, or is no .zip.
+    InputError
+        `homepage` is no web address, or `email` none of mail.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".zip":
+        raise OutputError(f"{path}: QGIS installs plugins from a .zip; give -o a name that ends so")
+    metadata = _metadata(homepage, email)
+    refuse_existing(path, overwrite)
+    with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in plugin_files():
+            entry = zipfile.ZipInfo(f"{FOLDER.name}/{file.name}", _TIME)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, metadata if file.name == "metadata.txt" else file.read_bytes())
+
+
+def plugin_files():
+    """Paths of the plugin's files, sorted."""
+    return sorted(file for file in FOLDER.iterdir() if file.is_file() and file.suffix in SUFFIXES)
+
+
+def _metadata(homepage, email):
+    """The plugin's metadata with what depends on the release and on who publishes it."""
+    lines = [f"version={__version__}"]
+    if email is not None:
+        if "@" not in email or any(letter.isspace() for letter in email):
+            raise InputError(f"--email got {email!r}, wanted an address, for example name@institute.org")
+        lines.append(f"email={email}")
+    if homepage is not None:
+        if not homepage.startswith("https://") or any(letter.isspace() for letter in homepage):
+            raise InputError(f"--homepage got {homepage!r}, wanted an address that begins with https://")
+        address = homepage.rstrip("/")
+        lines += [f"homepage={address}", f"repository={address}", f"tracker={address}/issues"]
+    return (FOLDER / "metadata.txt").read_text(encoding="utf-8") + "\n".join(lines) + "\n"

@@ -1,0 +1,1 @@
+"""Files of other codes: readers of their results, writers of their start files."""

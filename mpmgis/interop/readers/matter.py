@@ -1,0 +1,80 @@
+"""Files of the code Matter (larsblatny/matter): `particles_f<N>.ply` and `info.txt` beside them.
+
+Binary PLY, one row a particle: x y z vx vy vz p q Je and more of plasticity; no mass, volume, density, time or id.
+`info.txt` has five lines: last frame, frames per second, grid spacing [m], particles, volume of each [m3].
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import FormatError
+from ...io.input_files import require_file
+from .base import ForeignFrame, ForeignReader, frame_of_each, number_of
+from .ply import fits, read_ply_columns, read_ply_header
+
+SIGNATURE = {"x", "y", "vx", "vy", "p", "q", "Je"}  # of its particles; its grid has a mass and none of the last three
+MEANT = {name: name for name in ("x", "y", "z", "vx", "vy", "vz")}
+_INFO = ("end_frame", "frames_per_second", "cell_size", "particles", "particle_volume")
+
+
+def recognises(path, head):
+    """True for a PLY that has the columns of Matter's particles."""
+    try:
+        return fits(path, head) and set(read_ply_header(path).columns) >= SIGNATURE
+    except FormatError:
+        return False
+
+
+def open_file(path):
+    """The ForeignFrame at `path`.
+
+    Raises
+    ------
+    FormatError
+        No PLY, damaged, in two dimensions, not Matter's columns, or an info.txt of something else.
+    """
+    path = Path(path)
+    header = read_ply_header(path)
+    lacking = sorted(SIGNATURE - set(header.columns))
+    if lacking:
+        raise FormatError(f"{path} has no {', '.join(lacking)} for its particles; it is no particle file of Matter")
+    if "z" not in header.columns:
+        raise FormatError(f"{path} is a run of Matter in two dimensions (no z); only three can be put on a map")
+    info, number = _read_info(path.parent / "info.txt", header.count), number_of(path)
+    timed = bool(info) and number is not None
+    return ForeignFrame(
+        path=path,
+        count=header.count,
+        columns=header.columns,
+        read=partial(read_ply_columns, path, header),
+        meant=MEANT,
+        number=number,
+        time=number / info["frames_per_second"] if timed else None,
+        particle_volume=info.get("particle_volume"),
+        cell_size=info.get("cell_size"),
+        axes_word=" e,u,-n in Matter's own scenes, whose y is up",
+    )
+
+
+def _read_info(path, count):
+    """What `info.txt` says that the particles do not; empty where there is none."""
+    if not path.exists():
+        return {}
+    require_file(path)
+    try:
+        values = dict(zip(_INFO, map(float, path.read_text(encoding="utf-8").split()), strict=True))
+    except (ValueError, OSError) as error:
+        raise FormatError(f"{path}: wanted five numbers, one a line ({', '.join(_INFO)})") from error
+    if not all(np.isfinite(value) and value > 0 for name, value in values.items() if name != "end_frame"):
+        raise FormatError(f"{path}: {', '.join(_INFO[1:])} must be above 0")
+    if int(values["particles"]) != count:
+        raise FormatError(
+            f"{path} is of {int(values['particles'])} particles, the frame beside it holds {count}: particles were "
+            "lost or the file is of another run; move it away and give --fps and --particle-volume"
+        )
+    return values
+
+
+READER = ForeignReader("matter", recognises, frame_of_each(open_file))

@@ -1,0 +1,207 @@
+"""Contents of a frame: particles and solver maxima, with checks of shape, type and range."""
+
+import h5py
+import numpy as np
+
+from ..errors import FormatError, one_line
+from ..fields import PARTICLE
+from ..particles import Particles
+from ..peaks import PEAK_NAMES as MAXIMA
+from ..peaks import lattices_of
+from .hdf5 import require_room
+
+
+def require_maxima(path, kept):
+    """`kept` (arrays and numbers by name, of the file at `path`) if every lattice of peaks in it is whole.
+
+    Raises
+    ------
+    FormatError
+    """
+    for lattice in lattices_of(kept):
+        _require_lattice(path, lattice)
+    return kept
+
+
+def _require_lattice(path, kept):
+    missing = [name for name in (*MAXIMA, "transform") if name not in kept]
+    if missing:
+        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, wanted {', '.join(MAXIMA)} and transform")
+    shape = np.shape(kept["thickness"])
+    for name in MAXIMA:
+        values = np.asarray(kept[name])
+        if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
+            raise FormatError(f"{path}: maxima/{name} has shape {values.shape}, wanted numbers in two dimensions alike")
+        if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
+            raise FormatError(f"{path}: maxima/{name} holds values that are negative, NaN or infinite")
+    t = np.asarray(kept["transform"], float).ravel()
+    if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
+        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, wanted (dx, 0, west, 0, dx, south)")
+    threshold = np.asarray(kept.get("arrival_thickness", 0.0))
+    if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
+        raise FormatError(f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, wanted a number of metres")
+
+
+_WIDTH = {"position": 3, "velocity": 3}
+_POSITIVE = ("mass", "volume", "area")
+_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has, and what sums of squares bear
+_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # what quotients of two of them bear; the least of what is above 0
+_IDENTITY = ("id", "parent")
+
+
+def create_dataset(group, name, count, dimension):
+    """An empty dataset of the quantity `name`; 3D frames store real numbers in float32."""
+    quantity = PARTICLE[name]
+    dtype = "float32" if dimension == 3 and quantity.dtype == "float64" else quantity.dtype
+    shape = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    dataset = group.create_dataset(name, shape, dtype)
+    dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
+
+
+def particle_count(group):
+    """Number of particles in the HDF5 `group` of them; 0 where it has no positions."""
+    position = group.get("position")
+    return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
+
+
+def read_particles(path, group, dimension, header, density, memory, names):
+    """Particles of the HDF5 `group` of a frame; the other arguments as of `frames.read_frame`.
+
+    `header` gets the `assumed_density` where mass or volume is missing; `memory` is a dict.
+
+    Raises
+    ------
+    FormatError
+    """
+    arrays = {}
+    if dimension == 2 and "area" not in group:
+        names = None
+    for name in PARTICLE:
+        if name in group and (names is None or name in names):
+            count = len(arrays["position"]) if "position" in arrays else None
+            _require_shape(path, name, group[name], count)
+            arrays[name] = _array(path, name, group[name], memory)
+    for name in ("position", "velocity"):
+        if name not in arrays and (names is None or name in names):
+            raise FormatError(f"{path}: no particles/{name}")
+    if len(arrays["position"]) == 0:
+        raise FormatError(f"{path}: no particle in it")
+    if names is not None:
+        return Particles(**dict.fromkeys(("velocity", "mass", "volume")) | arrays)
+    _complete_mass(path, arrays, header, density)
+    if dimension == 2:
+        _complete_columns(path, arrays)
+    return Particles(**arrays)
+
+
+def require_particles_fit(path, group, memory, names):
+    """Refuse arrays to be read, as float64 and one at a time as they are stored, that this machine cannot hold."""
+    read = {name: group[name] for name in PARTICLE if name in group and (names is None or name in names)}
+    new = {
+        name: some
+        for name, some in read.items()
+        if isinstance(some, h5py.Dataset) and some.size and np.shape(memory.get(name)) != some.shape
+    }
+    if new:
+        rows = max(some.shape[0] if some.shape else 1 for some in new.values())
+        size = sum(8 * some.size for some in new.values())
+        require_room(f"{path}: particles", rows, size / max(rows, 1), *new.values())
+
+
+def _require_shape(path, name, dataset, count):
+    """Refuse what is no array of numbers of the quantity's width for `count` particles; None: as many as it holds."""
+    if not isinstance(dataset, h5py.Dataset):
+        raise FormatError(f"{path}: particles/{name} is no dataset")
+    shape = np.shape(dataset)
+    count = (shape[0] if shape else 0) if count is None else count
+    wanted = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    if shape != wanted or dataset.dtype.kind not in "fiu":
+        raise FormatError(
+            f"{path}: particles/{name} has shape {shape} of {dataset.dtype}, wanted numbers of shape {wanted}"
+        )
+
+
+def _array(path, name, dataset, memory):
+    """The values of a dataset: an identity as uint64, all else as float64 that is finite and possible."""
+    if name not in _IDENTITY:
+        values = _filled(dataset, name, memory)
+        _require_possible(path, name, values)
+        return values
+    values = dataset[()]
+    if values.dtype.kind == "f" or values.min(initial=0) < 0:
+        raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
+    return values.astype(np.uint64, copy=False)
+
+
+def _complete_mass(path, arrays, header, density):
+    """Mass from volume, or volume from mass, by a `density` [kg m-3] that the `header` then tells."""
+    if "mass" in arrays and "volume" in arrays:
+        return
+    if "mass" not in arrays and "volume" not in arrays:
+        raise FormatError(f"{path}: neither particles/mass nor particles/volume; one of them is needed")
+    header["assumed_density"] = density
+    arrays.setdefault("mass", arrays.get("volume", 0.0) * density)
+    arrays.setdefault("volume", arrays["mass"] / density)
+
+
+def _complete_columns(path, arrays):
+    """Area from thickness, or thickness from area, by the columns' volume."""
+    if "thickness" not in arrays and "area" not in arrays:
+        raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
+    if "area" not in arrays:
+        _require_above_zero(path, "thickness", arrays["thickness"])
+        arrays["area"] = arrays["volume"] / arrays["thickness"]
+    if "thickness" not in arrays:
+        with np.errstate(over="ignore"):
+            arrays["thickness"] = arrays["volume"] / arrays["area"]
+        _require_possible(path, "thickness", arrays["thickness"])
+
+
+def _filled(dataset, name, memory):
+    """The dataset as float64, in the array that `memory` has for it if that fits."""
+    if name not in memory or memory[name].shape != dataset.shape:
+        memory[name] = np.empty(dataset.shape)
+    values = stored = memory[name]
+    if dataset.dtype != values.dtype:  # NumPy changes the type in a fourth of the time that HDF5 takes for it
+        stored = _scratch(memory, dataset.nbytes).view(dataset.dtype).reshape(dataset.shape)
+    if values.size:
+        dataset.read_direct(stored)
+    if stored is not values:
+        values[...] = stored
+    return values
+
+
+def _scratch(memory, size):
+    """uint8[size], of the array that `memory` keeps for what is read and soon done with."""
+    if "scratch" not in memory or len(memory["scratch"]) < size:
+        memory["scratch"] = np.empty(size, np.uint8)
+    return memory["scratch"][:size]
+
+
+def _require_possible(path, name, values):
+    largest = float(max(values.max(), -values.min())) if values.size else 0.0  # NaN where one is
+    if not np.isfinite(largest):
+        bad = ~np.isfinite(values)
+        raise FormatError(
+            f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
+            f"{int(np.argwhere(bad)[0][0])}"
+        )
+    limit = _LARGEST.get(name, _LARGEST_OF_OTHERS)
+    if largest > limit:
+        row = int(np.argwhere(np.abs(values) == largest)[0][0])
+        raise FormatError(
+            f"{path}: particles/{name} reaches {largest:g} {PARTICLE[name].unit} in row {row}, wanted at most {limit:g}"
+        )
+    if name in _POSITIVE:
+        _require_above_zero(path, name, values)
+    if name == "thickness" and values.size and values.min() < 0:
+        row = int(values.argmin())
+        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, wanted 0 or more")
+
+
+def _require_above_zero(path, name, values):
+    if values.size and values.min() < _SMALLEST:
+        row = int(values.argmin())
+        raise FormatError(
+            f"{path}: particles/{name} is {values[row]:g} in row {row}, wanted above 0 ({_SMALLEST:g} at least)"
+        )

@@ -1,0 +1,100 @@
+"""Input files of unknown origin: no pipes or devices, and zip archives within the free memory."""
+
+import zipfile
+import zlib
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import FormatError, one_line
+from ..machine import memory_lack
+
+
+def require_file(path):
+    """Refuse a pipe, a socket, a device or a folder; what is not there is for the caller to say.
+
+    Raises
+    ------
+    FormatError
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise FormatError(f"{path} is no file but a {'folder' if path.is_dir() else 'device or pipe'}; name a file")
+
+
+def require_file_or_folder(path):
+    """As `require_file` where a folder may be meant, too.
+
+    Raises
+    ------
+    FormatError
+    """
+    if not Path(path).is_dir():
+        require_file(path)
+
+
+MAGIC = b"PK\x03\x04"
+MOST_MEMBERS = 100_000
+METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # the others unpack without end before a byte of them is handed on
+DAMAGE = (zipfile.BadZipFile, EOFError, zlib.error, OSError, NotImplementedError, KeyError, ValueError, RuntimeError)
+
+
+@contextmanager
+def opened_zip(path, kind):
+    """The zipfile.ZipFile at `path` for this block, whose members unpack bit by bit; `kind` of file for messages.
+
+    Raises
+    ------
+    FormatError
+        A pipe, no archive, damaged, too many members, packed in another way than deflate.
+    """
+    require_file(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if len(members) > MOST_MEMBERS:
+                raise FormatError(f"{path} holds {len(members)} files, wanted at most {MOST_MEMBERS}; it is no {kind}")
+            other = next((member for member in members if member.compress_type not in METHODS), None)
+            if other is not None:
+                name = one_line(other.filename)[:80]
+                raise FormatError(f"{path}: {name} is not packed by deflate, which a {kind} is; pack it anew")
+            yield archive
+    except DAMAGE as error:
+        raise FormatError(f"{path} is no readable {kind} ({one_line(error)[:100]}); it is damaged") from error
+
+
+def require_unpacked(where, size, most):
+    """Refuse `size` bytes that a member says to have unpacked where that is above `most`; zipfile unpacks no more.
+
+    Raises
+    ------
+    FormatError
+    """
+    if size > most:
+        raise FormatError(
+            f"{where} has {size / 1e6:.0f} MB unpacked, wanted at most {most / 1e6:.0f} MB; it is damaged"
+        )
+
+
+def require_zip_fits(path):
+    """Refuse a file that is a zip archive of more than the memory that is free, before a library unpacks it.
+
+    Raises
+    ------
+    FormatError
+    """
+    with open(path, "rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return
+    with opened_zip(path, "zip archive") as archive:
+        require_unpacked_fits(path, sum(member.file_size for member in archive.infolist()))
+
+
+def require_unpacked_fits(where, size):
+    """Refuse `size` bytes of memory that members need unpacked where that many are not free.
+
+    Raises
+    ------
+    FormatError
+    """
+    if lack := memory_lack(size):
+        raise FormatError(f"{where} unpacked needs {lack}; it is damaged, or for a larger machine")

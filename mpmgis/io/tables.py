@@ -1,0 +1,133 @@
+"""Tables of numbers and words as CSV: general rows, and the loads on barriers over time."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FormatError, one_line
+from .atomic import whole_file
+
+
+def write_records(path, names, rows):
+    """Write rows of values under their names as CSV, an empty cell where a number is not finite."""
+    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(names)
+        table.writerows([_cell(value) for value in row] for row in rows)
+
+
+def column_name(name, unit):
+    """The heading `name_unit` of a column, for example ``Ut_m_s``; a number without unit has its name alone."""
+    return name if unit in ("", "1") else f"{name}_{unit.replace('-1', '').replace('-', '').replace(' ', '_')}"
+
+
+def _cell(value):
+    if isinstance(value, str):
+        return value
+    return f"{value:.10g}" if math.isfinite(value) else ""
+
+
+# what a solver sums up -> the column that says it
+SUMS = {
+    "normal_impulse": "normal impulse [N s]",
+    "impulse_east": "impulse east [N s]",
+    "impulse_north": "impulse north [N s]",
+    "impulse_up": "impulse up [N s]",
+    "moment_impulse_east": "angular impulse east [N m s]",
+    "moment_impulse_north": "angular impulse north [N m s]",
+    "moment_impulse_up": "angular impulse up [N m s]",
+    "overtopped_mass": "overtopped mass [kg]",
+    "peak_normal_force": "largest normal force of a step so far [N]",
+}
+# sums whose mean rate since the frame before has a column of its own; all but the first in 3D only
+RATES = {
+    "normal_impulse": "mean normal force [N]",
+    "impulse_east": "mean force east [N]",
+    "impulse_north": "mean force north [N]",
+    "impulse_up": "mean force up [N]",
+    "moment_impulse_east": "mean moment east [N m]",
+    "moment_impulse_north": "mean moment north [N m]",
+    "moment_impulse_up": "mean moment up [N m]",
+}
+
+
+class BarrierTable:
+    """The file `path`, a row for each frame and barrier; written anew, as a whole, with every frame.
+
+    The mean force is that of the time since the frame before; impulses, mass and the largest force of
+    a single step are those of the run so far.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : tuple of str
+        Of the barriers.
+    sums : tuple of str
+        Of SUMS: what the solver sums up for each of them.
+    resumed : float, optional
+        Time [s] of the frame that a run goes on from: what the file has until then is kept.
+    """
+
+    def __init__(self, path, names, sums, resumed=None):
+        self.path, self.names, self.sums = Path(path), tuple(names), tuple(sums)
+        self._rated = [k for k, name in enumerate(sums) if name in (RATES if "impulse_up" in sums else list(RATES)[:1])]
+        self._rows = [] if resumed is None else self._read(resumed)
+
+    def add(self, time, sums):
+        """Write the rows of one frame at `time` [s]; `sums` float64[barriers, k] in the order of the table's."""
+        before = {row[1]: (row[0], row[2 + len(self._rated) :]) for row in self._rows}
+        for name, now in zip(self.names, sums.tolist(), strict=True):
+            last_time, last = before.get(name, (time, now))
+            passed = time - last_time
+            rates = [(now[k] - last[k]) / passed if passed > 0 else 0.0 for k in self._rated]
+            self._rows.append((time, name, *rates, *now))
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        rated = [RATES[self.sums[k]] for k in self._rated]
+        writer.writerow(["time [s]", "barrier", *rated, *(SUMS[name] for name in self.sums)])
+        writer.writerows(self._rows)
+        with whole_file(self.path) as part:
+            part.write_text(text.getvalue(), encoding="utf-8", newline="\n")
+
+    def _read(self, until):
+        """Rows of an earlier part of the run up to the frame that it goes on from."""
+        if not self.path.is_file():
+            return []
+        try:
+            with open(self.path, encoding="utf-8", newline="") as handle:
+                lines = list(csv.reader(handle))[1:]
+            rows = [(float(time), name, *map(float, values)) for time, name, *values in lines]
+        except (OSError, ValueError) as error:
+            raise FormatError(f"{self.path} cannot be read ({one_line(error)[:80]}); remove it to go on") from error
+        return [row for row in rows if row[0] <= until * (1.0 + 1e-12)]
+
+
+def append_rows(sink, columns, delimiter):
+    """Append rows to a binary file.
+
+    Parameters
+    ----------
+    sink : binary file
+    columns : sequence of array[n]
+        Of real or whole numbers.
+    delimiter : str
+    """
+    if not len(columns[0]):
+        return
+    try:
+        import pyarrow
+        import pyarrow.csv
+    except ImportError:
+        sink.write(as_text(columns, delimiter))
+        return
+    table = pyarrow.table({str(number): np.ascontiguousarray(values) for number, values in enumerate(columns)})
+    pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, delimiter=delimiter))
+
+
+def as_text(columns, delimiter):
+    """The rows as bytes without Arrow: the shortest decimals that give the same float64, 0.5 s a million numbers."""
+    texts = [map(repr, np.asarray(values).tolist()) for values in columns]
+    return ("\n".join(map(delimiter.join, zip(*texts, strict=True))) + "\n").encode()

@@ -1,0 +1,1 @@
+"""Plots, maps, tables and pages for people to read; facts about any file."""

@@ -1,0 +1,133 @@
+"""Intensity classes of a guideline: its table, and the map, polygons and table of a result."""
+
+import tomllib
+import warnings
+from pathlib import Path
+
+import geopandas
+import numpy as np
+import rasterio
+from rasterio.enums import ColorInterp
+
+from ..analysis.guidelines import parse_guidelines
+from ..errors import FormatError, InputError, one_line
+from ..gis.markup import node
+from ..gis.outlines import POLYGONS, mask_outline
+from ..gis.styles import style_document
+from ..gis.symbols import class_renderer, vector_style_document, write_layer_styles
+from ..io.atomic import whole_file
+from ..io.raster_output import BLOCK, NAMESPACE
+from ..io.tables import write_records
+
+SHIPPED = Path(__file__).with_name("guidelines.toml")
+
+
+def read_guidelines(own=None):
+    """Guideline by name: those of the shipped table, and of the file `own`, which replace them.
+
+    Raises
+    ------
+    FormatError, InputError
+        The file is not there, no TOML, or no table of guidelines.
+    """
+    guidelines = parse_guidelines(_tables(SHIPPED), SHIPPED.name)
+    return guidelines if own is None else guidelines | parse_guidelines(_tables(own), own)
+
+
+def _tables(path):
+    path = Path(path)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{path} is no TOML that can be read ({one_line(error)[:100]})") from error
+
+
+def choose_guideline(name, own=None):
+    """The Guideline called `name`.
+
+    Raises
+    ------
+    FormatError, InputError
+        There is none; those that there are are named.
+    """
+    guidelines = read_guidelines(own)
+    if name not in guidelines:
+        raise InputError(f"--guideline {name!r} is not known; there are {', '.join(guidelines)}")
+    return guidelines[name]
+
+
+HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source", "read_in")
+
+
+def write_class_raster(path, grid, numbers, guideline, tags):
+    """Write uint8[rows, columns] class numbers as GeoTIFF with the guideline's colours; 0 is nodata."""
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    rows, columns = grid.shape
+    profile = {
+        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "uint8", "nodata": 0, "crs": crs,
+        "transform": grid.transform, "compress": "deflate", "tiled": True, "blockxsize": BLOCK, "blockysize": BLOCK,
+    }  # fmt: skip
+    colours = {0: (0, 0, 0, 0)}
+    for number, entry in enumerate(guideline.classes, start=1):
+        colours[number] = (*(int(entry.colour[k : k + 2], 16) for k in (1, 3, 5)), 255)
+    meaning = {f"class_{k}": f"{entry.name}: {entry.words()}" for k, entry in enumerate(guideline.classes, start=1)}
+    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
+        target.write(numbers, 1)
+        target.write_colormap(1, colours)
+        target.colorinterp = [ColorInterp.palette]
+        target.set_band_description(1, "intensity [1]")
+        told = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
+        target.update_tags(ns=NAMESPACE, **told, **meaning, **tags)
+
+
+def write_class_style(path, guideline):
+    """Write the .qml with which QGIS shows the raster: a colour and a name for each class."""
+    entries = [
+        node(
+            "paletteEntry", {"value": k, "color": entry.colour, "alpha": 255, "label": f"{entry.name}: {entry.words()}"}
+        )
+        for k, entry in enumerate(guideline.classes, start=1)
+    ]
+    renderer = node(
+        "rasterrenderer",
+        {"type": "paletted", "band": 1, "opacity": 0.8, "alphaBand": -1, "nodataColor": ""},
+        node("colorPalette", None, *entries),
+    )
+    with whole_file(path) as part:
+        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
+
+
+def write_class_polygons(path, grid, numbers, guideline, areas):
+    """Write a GeoPackage with one multipolygon for each class that occurs, with its area [m2] in plan."""
+    rows = []
+    for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1):
+        outline = mask_outline(numbers == number, grid.transform)
+        if outline is not None:
+            rows.append((*_record(number, entry, area, guideline), outline))
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(HEADINGS)}
+    crs = None if grid.crs is None else grid.crs.to_wkt()
+    table = geopandas.GeoDataFrame(columns, geometry=[row[-1] for row in rows], crs=crs)
+    classes = [
+        (k, f"{entry.name}: {entry.words()}", entry.colour) for k, entry in enumerate(guideline.classes, start=1)
+    ]
+    style = vector_style_document(class_renderer("class", classes), POLYGONS)
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local CRS is meant
+        table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
+        write_layer_styles(part, {"intensity": style})
+
+
+def write_class_table(path, guideline, areas):
+    """Write the areas of all classes as CSV."""
+    rows = [
+        _record(number, entry, area, guideline)
+        for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1)
+    ]
+    write_records(path, HEADINGS, rows)
+
+
+def _record(number, entry, area, guideline):
+    area = float(np.round(area, 6))
+    return number, entry.name, entry.words(), area, guideline.name, guideline.source, entry.read_in

@@ -1,0 +1,271 @@
+"""One picture of a run for people without a GIS at hand: a map with hillshade, largest speed, release and deposit."""
+
+import math
+
+import numpy as np
+import shapely
+
+from ..gis.outlines import mask_outline
+from ..gis.styles import LOOKS, colour_classes, contour_interval, round_up
+from ..io.atomic import whole_file
+from ..io.exported import TYPICAL_PERCENTILE
+
+PIXELS = 1100  # of the terrain's longer side
+DOTS_PER_INCH = 150
+MAP_LONG_SIDE = 7.5  # [inch]
+ROOM_OF_A_LABEL = 0.7  # inches along its axis
+LEGEND_WIDTH = 2.6  # [inch]
+MARGIN = 0.12  # around what is shown, as a share of its longer side
+SLIMMEST = 0.62  # shorter over longer side of the map
+LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
+LIGHT_HEIGHT = 45.0  # [degrees]
+GREYS = (0.58, 1.0)  # of the hillshade from its darkest to its lightest 2 %: light, so that colours over it stay clear
+OPACITY = 0.82  # of values over the hillshade
+RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
+
+
+def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, title="", credit="", min_depth=0.05):
+    """Write a PNG map of a run: largest speed in classes over a hillshade, outlines of release and deposit.
+
+    Parameters
+    ----------
+    path : Path
+        The .png file; it appears whole or not at all.
+    terrain : Terrain
+        On any grid in the same CRS; it is sampled at the picture's own resolution.
+    grid : Grid
+        North-up grid of the two rasters.
+    speed_max : float[rows, columns] [m s-1]
+        Largest speed over the run, NaN where the flow never was.
+    deposit_depth : float[rows, columns] [m]
+        Depth at the end.
+    release : sequence of shapely polygons, optional
+    title, credit : str
+        Above the map, and small print below it.
+    min_depth : float [m]
+        Depth from which cells count as deposit.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    release = list(release or ())
+    view = map_view(terrain, grid, np.isfinite(speed_max) | (deposit_depth >= min_depth), release)
+    figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = map_axes(figure, view)
+    interval = draw_terrain(axes, terrain, view)
+    classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
+    deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform)
+    draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
+    draw_outline(axes, release, RELEASE_COLOUR)
+    draw_scale_bar(axes, view)
+    draw_north_arrow(axes)
+    _draw_legend(axes, classes, bool(release), deposit is not None, min_depth, interval)
+    if title:
+        axes.set_title(title, loc="left", fontsize=13, fontweight="bold", pad=10)
+    if credit:
+        figure.text(axes.get_position().x0, 0.012, credit, fontsize=6.5, color="#555555", ha="left", va="bottom")
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
+
+
+def map_view(terrain, grid, flow, release=()):
+    """(west, south, east, north) [m] of the map: the flow and the release with a margin, within the terrain.
+
+    `flow` is bool[rows, columns] on `grid`. A slim view is widened as far as the terrain goes.
+    """
+    row, column = np.nonzero(flow)
+    x, y = grid.xy(np.concatenate([row - 0.5, row + 0.5]), np.concatenate([column - 0.5, column + 0.5]))
+    corners = np.array([x, y]).T
+    if release:
+        corners = np.concatenate([corners, np.reshape(shapely.total_bounds(release), (2, 2))])
+    limits = np.reshape(terrain.grid.bounds, (2, 2))
+    if corners.size == 0:
+        return tuple(float(value) for value in terrain.grid.bounds)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    longest = (high - low).max()
+    size = np.maximum((high - low) + 2 * MARGIN * longest, SLIMMEST * longest * (1 + 2 * MARGIN))
+    size = np.minimum(size, limits[1] - limits[0])
+    low = np.clip(0.5 * (low + high) - 0.5 * size, limits[0], limits[1] - size)
+    return (*(float(value) for value in low), *(float(value) for value in low + size))
+
+
+def shaded_relief(elevation, spacing):
+    """float[rows, columns] in 0..1: hillshade of north-up heights [m] `spacing` [m] apart, lit from four sides."""
+    down, right = np.gradient(elevation, spacing)
+    east, north = -right, down
+    length = np.sqrt(east**2 + north**2 + 1.0)
+    height = math.radians(LIGHT_HEIGHT)
+    shade = np.zeros(elevation.shape)
+    for azimuth, share in LIGHTS:
+        angle = math.radians(azimuth)
+        lit = math.cos(height) * (math.sin(angle) * east + math.cos(angle) * north) + math.sin(height)
+        shade += share * np.clip(lit / length, 0.0, 1.0)
+    return shade
+
+
+def map_axes(figure, view):
+    """Axes of the map in a figure just large enough for it and a legend at its right."""
+    west, south, east, north = view
+    inch = MAP_LONG_SIDE / max(east - west, north - south)
+    width, height = (east - west) * inch, (north - south) * inch
+    left, below, above = 0.85, 0.75, 0.55
+    total = (left + width + LEGEND_WIDTH, max(below + height + above, 4.6))
+    figure.set_size_inches(total)
+    axes = figure.add_axes(
+        [left / total[0], (total[1] - above - height) / total[1], width / total[0], height / total[1]]
+    )
+    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    _label_axes(axes, (width, height))
+    return axes
+
+
+def _label_axes(axes, size):
+    """Coordinates in kilometres with as many decimals as their spacing needs, as many as fit on `size` [inches]."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
+        most = int(np.clip(length / ROOM_OF_A_LABEL, 1, 5))
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+        ticks = axis.get_majorticklocs()
+        decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
+        axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value / 1000.0:.{n}f}"))
+        axis.set_label_text(f"{word} (km)", fontsize=8.5, color=INK)
+    axes.tick_params(labelsize=8, colors=INK, length=3)
+    for label in axes.get_yticklabels():
+        label.set(rotation=90, va="center")
+    for spine in axes.spines.values():
+        spine.set(color=INK, linewidth=0.8)
+
+
+def draw_terrain(axes, terrain, view):
+    """Hillshade and contour lines; returns the contour interval [m], or 0 where heights do not differ."""
+    west, south, east, north = view
+    spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
+    x = np.arange(west - 1.5 * spacing, east + 2 * spacing, spacing)
+    y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
+    limits = terrain.grid.bounds  # the rim of the picture beyond them repeats the outermost heights
+    heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
+    shade = shaded_relief(heights, spacing)
+    if np.isfinite(shade).any():
+        darkest, lightest = np.nanpercentile(shade, (2, 98))
+        shade = np.interp(shade, (darkest, lightest + 1e-6), GREYS)
+    half = spacing / 2
+    extent = (x[0] - half, x[-1] + half, y[-1] - half, y[0] + half)
+    axes.imshow(shade, cmap="gray", vmin=0, vmax=1, extent=extent, zorder=1, interpolation="bicubic")
+    axes.set(xlim=(west, east), ylim=(south, north))
+    relief = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
+    if relief <= 0:
+        return 0.0
+    interval = contour_interval(relief)
+    levels = np.arange(math.floor(np.nanmin(heights) / interval), math.ceil(np.nanmax(heights) / interval) + 1)
+    widths = np.where(levels % 5 == 0, 0.7, 0.3)
+    lines = axes.contour(
+        x, y, heights, levels=levels * interval, colors="#5a4632", linewidths=widths, alpha=0.55, zorder=3
+    )
+    heavy = [level for level in lines.levels if round(level / interval) % 5 == 0]
+    axes.clabel(lines, heavy, fmt="%g", fontsize=5.5, inline=True, inline_spacing=2)
+    return interval
+
+
+def draw_values(axes, grid, values, look, min_depth=0.0):
+    """A band's classes as colours over the hillshade; returns those that occur.
+
+    `values` float[rows, columns] are NaN where the flow never was; depths up to `min_depth` [m] are not drawn.
+    """
+    from matplotlib.colors import to_rgba
+
+    known = np.isfinite(values)
+    sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
+    typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
+    classes = colour_classes(look, typical, min_depth)
+    number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
+    opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
+    image = np.where(known[..., None], np.array(opaque)[number], 0.0)
+    draw_image(axes, grid, image)
+    return [entry for k, entry in enumerate(classes) if entry.colour and k <= number[known].max(initial=0)]
+
+
+def draw_image(axes, grid, image):
+    """Colours float[rows, columns, 4] on the cells of `grid`, rotated or not, within what the axes show."""
+    from matplotlib.transforms import Affine2D
+
+    t, (rows, columns) = grid.transform, grid.shape
+    view = axes.get_xlim(), axes.get_ylim()
+    placed = Affine2D(np.array([[t.a, t.b, t.c], [t.d, t.e, t.f], [0.0, 0.0, 1.0]])) + axes.transData
+    axes.imshow(image, extent=(0, columns, rows, 0), transform=placed, zorder=2, interpolation="nearest")
+    axes.set(xlim=view[0], ylim=view[1])
+
+
+def draw_outline(axes, shapes, colour):
+    """Outlines with a white rim, so that they show on any ground."""
+    from matplotlib.patheffects import withStroke
+
+    for polygon in shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object))):
+        for ring in (polygon.exterior, *polygon.interiors):
+            axes.plot(
+                *np.asarray(ring.coords)[:, :2].T,
+                color=colour,
+                linewidth=1.1,
+                zorder=5,
+                path_effects=[withStroke(linewidth=2.4, foreground="white", alpha=0.8)],
+                scalex=False,
+                scaley=False,
+            )
+
+
+def draw_scale_bar(axes, view):
+    """A bar of a round length in the lower left corner, half black, half white."""
+    from matplotlib.patches import Rectangle
+
+    west, south, east, north = view
+    length = round_up(0.16 * (east - west))
+    height = 0.010 * max(east - west, north - south)
+    x, y = west + 0.05 * (east - west), south + 0.035 * (north - south)
+    back = (x - 3 * height, y - 1.5 * height)
+    axes.add_patch(Rectangle(back, length + 9 * height, 6.5 * height, facecolor="white", alpha=0.8, zorder=6))
+    for k, colour in enumerate(("black", "white")):
+        place = (x + k * length / 2, y)
+        axes.add_patch(Rectangle(place, length / 2, height, facecolor=colour, edgecolor="black", lw=0.7, zorder=7))
+    text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+    for at, label in ((0.0, "0"), (length, text)):
+        axes.text(x + at, y + 1.8 * height, label, fontsize=7.5, ha="center", va="bottom", zorder=7)
+
+
+def draw_north_arrow(axes):
+    """An arrow in the upper right corner; the map is north-up by its making."""
+    axes.annotate(
+        "N",
+        xy=(0.955, 0.885),
+        xytext=(0.955, 0.965),
+        xycoords="axes fraction",
+        ha="center",
+        va="center",
+        fontsize=10,
+        fontweight="bold",
+        zorder=8,
+        arrowprops={"arrowstyle": "<|-,head_width=0.35,head_length=0.6", "color": "black", "lw": 1.4},
+        bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+    )
+
+
+def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):
+    """Colours and lines in words, to the right of the map."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    colours = [Patch(facecolor=entry.colour, edgecolor=INK, linewidth=0.4, label=entry.label) for entry in classes]
+    place = {"loc": "upper left", "borderaxespad": 0.0, "frameon": False, "alignment": "left", "fontsize": 8.5}
+    first = axes.legend(handles=colours, title="Largest speed", bbox_to_anchor=(1.03, 1.0), **place)
+    first.get_title().set(fontsize=9.5, fontweight="bold")
+    axes.add_artist(first)
+    lines = []
+    if has_release:
+        lines.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
+    if has_deposit:
+        label = f"deposit at the end\n(at least {min_depth:g} m deep)"
+        lines.append(Line2D([], [], color=DEPOSIT_COLOUR, linewidth=1.6, label=label))
+    if interval:
+        lines.append(Line2D([], [], color="#5a4632", alpha=0.6, linewidth=0.8, label=f"contours every {interval:g} m"))
+    end = first.get_window_extent(axes.figure.canvas.get_renderer()).transformed(axes.transAxes.inverted()).y0
+    axes.legend(handles=lines, bbox_to_anchor=(1.03, end - 0.03), **place)

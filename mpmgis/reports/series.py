@@ -1,0 +1,226 @@
+"""Tables and plots of runout, profiles, time series, hydrographs and vertical profiles."""
+
+import numpy as np
+
+from ..analysis.profiles import LOAD_COLUMNS, PROFILE_COLUMNS
+from ..analysis.runout import ENERGY_LINE_COLUMNS, TIME_COLUMNS
+from ..analysis.section_flux import COLUMNS
+from ..gis.styles import BATLOW, LOOKS, ramp_colours
+from ..io.tables import column_name, write_records
+from .plots import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot_file
+
+
+def write_hydrograph_table(path, found):
+    """The rows of a HydrographFound as CSV."""
+    write_records(path, [column_name(*column) for column in COLUMNS], found.rows())
+
+
+def write_hydrograph_plot(path, found):
+    """Discharge as steps between the frames, with the cells' flux at them, above the volume so far."""
+    with plot_file(path, (9.0, 6.0), rows=2, heights=(1.4, 1)) as axes:
+        rate, total = axes[:, 0]
+        steps = found.volume / np.diff(found.times)
+        word = (
+            "particles"
+            if found.by_particles.all()
+            else "particles, else cells"
+            if found.by_particles.any()
+            else "cells"
+        )
+        rate.stairs(
+            steps, found.times, color=COLOURS[0], linewidth=1.5, fill=False, label=f"mean between frames, by {word}"
+        )
+        rate.plot(found.times, found.cells[:, 0], ".", color=COLOURS[1], markersize=4, label="flux of the cells")
+        rate.axhline(0, color="#999999", linewidth=0.6)
+        title = f"{found.name}: discharge towards {found.azimuth:.0f}° from north"
+        dress(rate, "discharge [m³/s]", title=title)
+        legend(rate, loc="best")
+        total.plot(
+            found.times, np.r_[0.0, np.cumsum(found.volume)], color=COLOURS[0], linewidth=1.5, label=f"by {word}"
+        )
+        total.plot(
+            found.times, found.cells_totals()[:, 0], "--", color=COLOURS[1], linewidth=1.2, label="flux of the cells"
+        )
+        dress(total, "volume so far [m³]", "time [s]")
+        legend(total, loc="best")
+
+
+MOST_CURVES = 24  # of points in the plot; the table has all
+LATE = 0.85  # of the ramp that times are coloured with: its end is too pale for lines
+
+
+def write_rows(path, found):
+    """The rows of a ProfileFound or SeriesFound as CSV."""
+    write_records(path, [column_name(*column) for column in found.columns()], found.rows())
+
+
+def write_profile_plot(path, found):
+    """Terrain with the free surface, depth and thickness, velocities: three panels, a colour for each time."""
+    with plot_file(path, (9.0, 8.0), rows=3, heights=(1.3, 1, 1)) as axes:
+        ground, depths, speeds = axes[:, 0]
+        draw_ground(ground, found.along, found.terrain)
+        count = len(found.times)
+        colours = ramp_colours(BATLOW, round(max(count, 2) / LATE) + 1)[:count] if count > 1 else COLOURS[:1]
+        for k, (time, colour) in enumerate(zip(found.times, colours, strict=True)):
+            wet = found.values["h"][k] > 0
+            surface = np.where(wet, found.surface[k], np.nan)
+            ground.plot(found.along, surface, color=colour, linewidth=1.3, zorder=4, label=f"surface, {time:.4g} s")
+            _draw_pair(depths, found, k, ("h", "t"), colour)
+            _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
+        dress(ground, "elevation [m]", title=f"{found.name}: profile")
+        legend(ground, loc="best")
+        dress(depths, "h (full), t (dashed), normal [m]")
+        dress(speeds, "Ut (full), Un (dashed) [m/s]", "distance along the line [m]")
+        speeds.axhline(0, color="#999999", linewidth=0.6)
+        speeds.set_xlim(found.along[0], found.along[-1])
+
+
+def _draw_pair(axes, found, k, names, colour):
+    for name, style in zip(names, ("-", "--"), strict=True):
+        shown = np.where(found.values["h"][k] > 0, found.values[name][k], np.nan)
+        axes.plot(found.along, shown, style, color=colour, linewidth=1.3)
+
+
+def write_series_plot(path, found):
+    """A panel a product, a curve a point, of the first MOST_CURVES."""
+    names = found.names[:MOST_CURVES]
+    of_all = f", {MOST_CURVES} of {len(found.names)} points" * (len(found.names) > MOST_CURVES)
+    with plot_file(path, (9.0, 2.1 * len(found.values) + 0.5), rows=len(found.values)) as axes:
+        for row, (name, values) in enumerate(found.values.items()):
+            look = LOOKS[name]
+            for point, label in enumerate(names):
+                colour = COLOURS[point % len(COLOURS)]
+                axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
+            if not np.isfinite(values[:, : len(names)]).any() or not np.nan_to_num(found.values["h"]).any():
+                axes[row, 0].text(
+                    0.5, 0.5, "the flow never came here", transform=axes[row, 0].transAxes, ha="center", va="center"
+                )
+            unit = look.unit.partition(";")[0]
+            last = row == len(found.values) - 1
+            title = f"{found.name}: series{of_all}" if row == 0 else ""
+            dress(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", title)
+        legend(axes[0, 0], loc="best", ncols=2)
+
+
+MOST_ROWS = 10  # of points in the plot; the tables have all
+# of a VerticalProfile: what is shown, its label, its factor, whether it stands on zero
+PANELS = (
+    ("density", "density [kg/m³]", 1.0, True),
+    ("parallel", "Ut [m/s]", 1.0, False),
+    ("normal", "Un [m/s]", 1.0, False),
+    ("pressure", "p = density × speed² [kPa]", 1e-3, True),
+)
+
+
+def write_profiles(path, found):
+    """The layers of a VerticalFound as CSV."""
+    write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
+
+
+def write_loads(path, found):
+    """Its loads as CSV."""
+    write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
+
+
+def write_vertical_plot(path, found):
+    """A row a point, of the first MOST_ROWS: density, velocities and pressure over the height, a colour a time."""
+    names = found.names[:MOST_ROWS]
+    rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
+    with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:
+        colours = ramp_colours(BATLOW, len(found.profiles[0]) + 2)
+        for k, name in enumerate(names):
+            for profile, colour in zip(found.profiles[k], colours, strict=False):
+                if profile.count.any():
+                    _draw(axes[k], profile, colour)
+            for panel, (_, label, _, from_zero) in enumerate(PANELS):
+                height = f"{name}\nheight above the bed [m]" if panel == 0 else ""
+                title = f"{found.name}: cells of {found.width:.3g} m{of_all}" if (k, panel) == (0, 0) else ""
+                dress(axes[k, panel], height, label if k == rows - 1 else "", title)
+                axes[k, panel].axhline(0.0, color=GROUND_LINE, linewidth=1.2)
+                if from_zero:
+                    axes[k, panel].set_xlim(left=0)
+            legend(axes[k, 0], loc="best")
+
+
+def _draw(axes, profile, colour):
+    for panel, (key, _, factor, from_zero) in enumerate(PANELS):
+        axes[panel].stairs(
+            getattr(profile, key) * factor, profile.edges, orientation="horizontal", color=colour, linewidth=1.4,
+            baseline=0 if from_zero else None, label=f"{profile.time:.4g} s" if panel == 0 else None,
+        )  # fmt: skip
+
+
+FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
+
+
+def write_figures(path, found):
+    """The figures of a RunoutFound as CSV, a row each."""
+    write_records(path, ("quantity", "unit", "value"), found.rows())
+
+
+def write_over_time(path, found):
+    """Where the mass is, a row a frame."""
+    write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
+
+
+def write_profile(path, found):
+    """The line's profile, a row a place."""
+    write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
+
+
+def write_runout_plot(path, found):
+    """Longitudinal profile: terrain, reach of flow and deposit, energy line, way of the centre of mass."""
+    along, _, _, _, elevation, _, depth, deposit = found.profile
+    with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
+        upper, lower = axes[:, 0]
+        draw_ground(upper, along, elevation)
+        _draw_energy_line(upper, found)
+        _draw_centre(upper, found)
+        dress(
+            upper,
+            "elevation [m]",
+            title=f"{found.name}: runout {found.flow.length:.0f} m, drop {found.flow.drop:.0f} m",
+        )
+        legend(upper, loc="upper right")
+        _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h, normal")
+        _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame, normal")
+        dress(lower, "h [m]", f"distance along the {_source(found)} [m]")
+        highest = float(np.nan_to_num(depth).max(initial=1e-3))
+        lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))
+        legend(lower, loc="upper right", ncols=2)
+
+
+def _draw_depth(axes, along, depth, colour, label):
+    if np.isfinite(depth).any():
+        shown = np.nan_to_num(depth)
+        axes.fill_between(along, 0, shown, step="mid", color=colour, alpha=0.55, linewidth=0, label=label)
+
+
+def _source(found):
+    return found.line_source if found.line_source.startswith("centre") else "line"
+
+
+def _draw_energy_line(axes, found):
+    top, toe = found.flow.top, found.flow.toe
+    label = f"energy line, {found.flow.angle:.1f}° (tan {found.flow.drop / found.flow.length:.3f})"
+    axes.plot((top.along, toe.along), (top.z, toe.z), color=LINE_COLOUR, linewidth=1.5, zorder=4, label=label)
+    axes.plot((top.along, toe.along), (top.z, toe.z), "o", color=LINE_COLOUR, markersize=5, zorder=5)
+    if found.deposit is not None and found.deposit.toe != toe:
+        at = found.deposit.toe
+        label = f"toe of the deposit, {found.deposit.length:.0f} m, {found.deposit.angle:.1f}°"
+        look = {"color": DEPOSIT_COLOUR, "markersize": 6, "markeredgecolor": "white", "zorder": 5}
+        axes.plot(at.along, at.z, "s", label=label, **look)
+
+
+def _draw_centre(axes, found):
+    if found.centre is not None:
+        way = [(state.along, state.z) for state in found.states]
+        label = f"centre of mass, {found.centre[2]:.1f}° from start to end"
+        axes.plot(*np.array(way).T, color=MASS_COLOUR, linewidth=1.2, zorder=4, label=label)
+        ends = np.array([way[0], way[-1]]).T
+        axes.plot(*ends, "^", color=MASS_COLOUR, markersize=6, markeredgecolor="white", zorder=5)
+        axes.plot(*ends, color=MASS_COLOUR, linewidth=1.0, linestyle="--", zorder=4)
+    if found.farthest_mass is not None:
+        at = found.farthest_mass
+        label = f"99 % of the mass, {at.along - found.flow.top.along:.0f} m"
+        axes.plot(at.along, at.z, "D", color=COLOURS[3], markersize=5, markeredgecolor="white", zorder=5, label=label)

@@ -1,0 +1,179 @@
+"""Effects that the shape of the ground, the inflow and spatial features call for."""
+
+from dataclasses import replace
+
+from ..effects import barrier, curvature, entrainment, metric, still_water, zones
+from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for, use_of
+
+METRIC_THRESHOLD = 0.02  # 1 / c^2 - 1: slopes above 8 degrees
+FLIGHT_THRESHOLD = 1.0  # U^2 curvature / (g cos): the bed falls away faster than the flow falls
+
+
+def decide_metric(scene, facts, slots):
+    """Lengths along the ground or on the map: as the scene says, with the number that speaks for the slope's."""
+    form = scene.numerics.form
+    slots["metric"] = metric.FORMS[form]()
+    steep = facts.slope_steep**2  # 1 / c^2 - 1
+    words = {
+        "slope": "form slope: lengths along the ground",
+        "swe": "form swe: horizontal lengths, as for water on gentle beds"
+        + ("; this ground is steep, form slope would be right for a mass flow" if steep > METRIC_THRESHOLD else ""),
+    }
+    return Decision("slope_metric", "on" if form == "slope" else "off", "scene", steep, METRIC_THRESHOLD, words[form])
+
+
+def decide_curvature(scene, facts, slots):
+    """Curvature of the bed, by the centrifugal acceleration that the energy line's speed would have."""
+    if scene.numerics.form == "swe":
+        return not_called_for("curvature", "form swe has no curvature")
+    reason = f"centrifugal over gravity where the flow can reach, at {facts.speed:.0f} m/s of the energy line"
+    use = use_of(scene.curvature)
+    if use in curvature.PARTS:
+        slots["curvature"] = curvature.PARTS[use]()
+        return by_number("curvature", "on", facts.centrifugal_ratio, THRESHOLD, f"its {use} alone; {reason}")
+    decision = by_number("curvature", use, facts.centrifugal_ratio, THRESHOLD, reason)
+    if decision.state == "on":
+        slots["curvature"] = curvature.Curvature()
+    return decision
+
+
+def decide_outflow(scene, facts, slots):
+    """The ledger of what leaves the terrain is always kept; the distance tells whether it will be needed."""
+    if facts.edge_distance is None:
+        reason = "what leaves the terrain is booked"
+    elif facts.edge_distance > 0:
+        reason = f"the energy line ends {facts.edge_distance:.0f} m before the edge of the terrain"
+    elif (facts.line_edge_distance or 0.0) > 0:
+        reason = (
+            f"the energy line ends {facts.line_edge_distance:.0f} m before the edge of the terrain, from there the "
+            f"ground falls to the edge ({scene.numerics.edges}); what leaves is booked"
+        )
+    else:
+        reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); what leaves is booked"
+    if facts.hole_in_reach is not None:
+        cells, east, north = facts.hole_in_reach
+        reason += (
+            f"; {cells} cells of nodata amid the DTM are in reach, around E {east:.1f} N {north:.1f}: "
+            "[terrain] fill_nodata = 'interpolate' fills them"
+        )
+    return Decision("outflow", "on", "scene", None, None, reason)
+
+
+def decide_flight(scene, facts, slots):
+    """Whether a 3D phase should be thought of; never switched on by itself, it costs 100 to 1000 times more."""
+    ratio = facts.detachment_ratio
+    over = ratio > FLIGHT_THRESHOLD
+    word = "the ground falls away faster than the flow falls; a 3D run would follow it" if over else "the flow stays on"
+    reason = f"U^2 curvature / (g cos) over convex ground: {word}"
+    return Decision("flight_3d", "off", "auto", ratio, FLIGHT_THRESHOLD, reason)
+
+
+def decide_hydrograph(scene, facts, slots):
+    """Inflow wherever the scene has some; the number is its volume [m3]."""
+    table = scene.hydrograph
+    if table is None:
+        return not_called_for("hydrograph", "no [hydrograph] in the scene")
+    if not facts.inflow:
+        return as_asked("hydrograph", table.use, "")
+    volume, begins, ends, batches = facts.inflow
+    reason = f"{volume:.6g} m3, which is the number, from {begins:g} to {ends:g} s, in {batches} batches"
+    return as_asked("hydrograph", table.use, reason, volume)
+
+
+def decide_secondary_release(scene, facts, slots):
+    """Secondary areas wherever the scene has some; the number is their mass over that which moves by itself."""
+    if not scene.secondary_release:
+        return not_called_for("secondary", "no [[secondary_release]] in the scene")
+    if facts.secondary is None:
+        return as_asked("secondary", "off", "")
+    ratio, areas = facts.secondary
+    uses = {table.use for table in scene.secondary_release if table.use != "off"}
+    word = "1 area" if areas == 1 else f"{areas} areas"
+    reason = f"{word}, released when the flow gets there; the number is their mass over the rest's"
+    return as_asked("secondary", "on" if uses == {"on"} else "auto", reason, ratio)
+
+
+ZONE_THRESHOLD = 0.02  # (largest - smallest) / mean of a parameter in reach
+TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
+
+
+def with_effects_on(scene, effects):
+    """`scene` with those `effects` of TABLE_OF on that its tables have and do not turn off."""
+    on = {}
+    for name in (TABLE_OF[effect] for effect in effects):
+        tables = getattr(scene, name)
+        if isinstance(tables, tuple):
+            on[name] = tuple(table if table.use == "off" else replace(table, use="on") for table in tables)
+        else:
+            on[name] = replace(tables, use="on")
+    return replace(scene, **on)
+
+
+def decide_zones(scene, facts, slots):
+    """Friction by place, if a parameter differs where the flow can get to; decided after friction and drag."""
+    if not scene.zones:
+        return not_called_for("zones", "no [[zones]] in the scene")
+    if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
+        return as_asked("zones", "off", "")
+    decision = by_number(
+        "zones", use_of_several(scene.zones), facts.zone_spread, ZONE_THRESHOLD,
+        "(largest - smallest) / mean of the parameter that differs most in reach",
+    )  # fmt: skip
+    if decision.state == "on":
+        slots["zones"] = zones.FrictionZones()
+    return decision
+
+
+def decide_entrainment(scene, facts, slots):
+    """Erosion, by what lies in reach against what is released."""
+    table = scene.entrainment
+    if table is None:
+        return not_called_for("entrainment", "no [entrainment] in the scene")
+    if facts.erodible_ratio is None:
+        return as_asked("entrainment", table.use, "")
+    values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
+    reason = f"erodible mass in reach over the release's; {table.law}: {values}"
+    decision = by_number("entrainment", table.use, facts.erodible_ratio, THRESHOLD, reason)
+    if decision.state == "on":
+        lowering = 1.0 / (table.density or facts.density) if table.lower_bed else 0.0
+        slots["entrainment"] = entrainment.LAWS[table.law][0](**table.parameters, lowering=lowering)
+    return decision
+
+
+def decide_barrier(scene, facts, slots):
+    """Barriers, if the flow can get to one of them."""
+    if not scene.barrier:
+        return not_called_for("barrier", "no [[barrier]] in the scene")
+    if facts.barrier_distance is None:
+        return as_asked("barrier", "off", "")
+    use = use_of_several(scene.barrier)
+    touched = facts.barrier_distance <= 0.0
+    on = use == "on" or (use == "auto" and touched)
+    if on:
+        slots["barrier"] = barrier.Barrier()
+    apart = f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
+    height = facts.barrier_height_ratio
+    ratio = 0.0 if height is None else height
+    lowest = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
+    return Decision(
+        "barrier", "on" if on else "off", "auto" if use == "auto" else "forced", height, None,
+        f"{lowest if touched else apart}; screening only, loads need 3D",
+    )  # fmt: skip
+
+
+def decide_still_water(scene, facts, slots):
+    """Lakes at rest are a reference state wherever the scene has them; the number is their water over the release's."""
+    table = scene.still_water
+    if table is None:
+        return not_called_for("still_water", "no [still_water] in the scene")
+    level = f"at {table.level:g} m" if not isinstance(table.level, str) else f"at levels of column {table.level!r}"
+    decision = as_asked("still_water", table.use, f"lake at rest {level}", facts.lake_ratio)
+    if decision.state == "on":
+        slots["still_water"] = still_water.StillWater()
+    return decision
+
+
+def use_of_several(tables):
+    """`use` of all tables of a name together: on if one is forced on, auto if one is not off."""
+    uses = {table.use for table in tables}
+    return "on" if "on" in uses else "auto" if "auto" in uses else "off"

@@ -1,0 +1,228 @@
+"""Time integration of a solver: frames at their times, progress, smaller steps after a failure, the reason for the end.
+
+The last good state is that of the last frame, which holds all that a restart needs: keeping it costs no time. Going
+back is what a restart does, and the step is whole again from the next frame on. So a run that is resumed at any frame
+meets the same trouble, and gets over it in the same way to the same bits, with nothing of this in its frames.
+"""
+
+import math
+import time as wall_clock
+from dataclasses import replace
+from types import SimpleNamespace
+
+from ..errors import UnphysicalError
+from .events import Events
+from .stage_end import StageEnd
+from .stepping import marched
+
+HALVINGS = 5  # of the time step, before a run gives up (design notes H32)
+
+
+class Guard:
+    """Keeps the last good state of a march.
+
+    Attributes
+    ----------
+    told : list of str
+        What went wrong and was got over, one line each time.
+    """
+
+    def __init__(self, solver, side, events, stage_end):
+        self._solver, self._side, self._events, self._stage_end = solver, side, events, stage_end
+        self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
+        self._look = None  # energies at the last good state
+        self.told = []
+
+    def keep(self, frame):
+        """`frame`, with the state of solver and events, is good: from here on steps are whole again."""
+        if self._halvings:
+            self._solver.share_step(1.0)
+            self.told.append(
+                f"{self._first}: got over from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
+            )
+        ids = SimpleNamespace(id=frame.particles.id)
+        self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
+        self._look = self._side.look()
+        self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
+
+    def trouble(self, code, at_frame):
+        """What is wrong now, in words with E and N; '' where nothing. Energy is looked at where frames are."""
+        trouble = self._side.trouble(code)
+        if trouble or not at_frame or self._look is None or not self._side.particles:
+            return trouble
+        return self._side.energy_trouble(self._look)
+
+    def go_back(self, trouble):
+        """Back to the last good state, with half the step.
+
+        Raises
+        ------
+        UnphysicalError
+            Steps of 1/32 have not helped, or there is no good state.
+        """
+        solver = self._solver
+        self._first = self._first or f"step {solver.step}, t = {solver.time:.3f} s, {trouble}"
+        if self._kept is None:
+            raise UnphysicalError(f"the run became unphysical at {self._first}, before there was a frame to go back to")
+        if self._halvings == HALVINGS:
+            raise UnphysicalError(
+                f"the run became unphysical at {self._first}; steps of down to 1/{2**HALVINGS} from "
+                f"t = {self._kept.time:.3f} s on did not help"
+            )
+        self._halvings += 1
+        solver.restore(self._kept, known=True)
+        self._events.restore(self._kept)
+        self._events.arm(solver)
+        self._stage_end.calm_since = self._calm_since
+        solver.share_step(0.5**self._halvings)
+
+
+SLICE_SECONDS = 0.25  # wall time between two looks at progress and Ctrl+C
+
+
+class March:
+    """An iterator of frames at 0, interval, 2 interval, ... end, and at the end itself if the flow stops before.
+
+    `solver` is a ColumnSolver or a PointSolver.
+
+    Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
+    in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
+    and events were restored from. After the last frame `reason` says why it ended. `observe(solver)` is called a few
+    times a second. With `stage_end`, a StageEnd, the march may end before: then `switch` says why, there is no frame of
+    that time, and the next stage of the run goes on. Where the flow comes to a feature that the solver watches
+    (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
+
+    Attributes
+    ----------
+    reason, switch : str
+    steps : int
+    particle_steps : int
+        Sum over the steps of the particles there were.
+    step_seconds : float [s]
+        Wall time of the steps.
+    troubles : list of str
+        What went wrong and was got over with shorter steps.
+
+    Raises
+    ------
+    UnphysicalError
+        A state that is not finite; columns with 5 % of the mass over twice the speed that energy allows; points that
+        leak through the ground or gain energy; and going back to the last frame with shorter steps has not helped
+        (`solvers.integrate`). Frames before are whole.
+    """
+
+    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None,
+                 tell_taken_in=None):  # fmt: skip
+        self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
+        self.observe = observe or (lambda solver: None)
+        self.resumed, self.events = resumed, events or Events()
+        self.stage_end = stage_end or StageEnd()
+        self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
+        self.tell_taken_in = tell_taken_in or (lambda taken: None)
+        self._side, self._observed = marched(solver), 0.0
+        self._guard = Guard(solver, self._side, self.events, self.stage_end)
+
+    @property
+    def troubles(self):
+        return self._guard.told
+
+    def __iter__(self):
+        solver, events, side = self.solver, self.events, self._side
+        events.arm(solver)
+        if self.resumed:
+            if events.ended == side.REACHED_TIME and solver.time < self.end_time:
+                events.ended = 0  # it ended at the earlier end_time of a run that now goes on
+            self.reason = side.END_REASONS.get(events.ended, "")
+            self._guard.keep(self._frame())
+        else:
+            events.let_in(solver)
+            yield from self._frames()
+        number = math.floor(solver.time / self.interval + 1e-9)
+        while not self.reason:
+            number += 1
+            until = self._frame_time(number)
+            code = self._advance(until, self._time_after(number))
+            if self.switch:
+                return
+            if code == side.REACHED_TIME:
+                code = side.at_frame(code)
+            if code != side.REACHED_TIME or until >= self.end_time:
+                self.reason, events.ended = side.END_REASONS[code], code
+            yield from self._frames()
+
+    def _frame_time(self, number):
+        """Time [s] of a frame; the last frame is the end, not a hair before it."""
+        time = number * self.interval
+        return self.end_time if time > self.end_time - 1e-9 * self.interval else time
+
+    def _time_after(self, number):
+        """Time [s] of the frame after `number`. After the last frame it is that of a run with a later end, so that
+        the state at the end is the same in both.
+        """
+        last = self._frame_time(number) >= self.end_time
+        return (number + 1) * self.interval if last else self._frame_time(number + 1)
+
+    def _frames(self):
+        """The frame now, with the state of the events; none if there is no particle."""
+        if self._side.particles:
+            frame = self._frame()
+            self._guard.keep(frame)
+            yield frame
+
+    def _frame(self):
+        frame = self.solver.frame()
+        return replace(frame, state=frame.state | self.events.state())
+
+    def _advance(self, until, after):
+        """March to `until`, from event to event, in slices of a quarter second of wall time.
+
+        `after` is the time of the frame that comes next.
+        """
+        solver, events, side, steps = self.solver, self.events, self._side, 10
+        after = after if after > until else math.inf
+        while True:
+            over = events.over(solver.time)
+            target = self._target(until, solver.time)
+            then = self._target(after if target == until else until, target)
+            began, step, particles = wall_clock.perf_counter(), solver.step, side.particles
+            code = side.advance(target, then, steps, over)
+            spent, taken = wall_clock.perf_counter() - began, solver.step - step
+            self.steps += taken
+            self.particle_steps += taken * particles
+            self.step_seconds += spent
+            if code == side.RUNNING:
+                steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
+            taken_in = side.take_in(code)
+            if taken_in:
+                for taken in taken_in:
+                    self.tell_taken_in(taken)
+                continue
+            trouble = self._guard.trouble(code, code == side.REACHED_TIME and target == until)
+            if trouble:
+                self._guard.go_back(trouble)
+                continue
+            if code == side.ALL_LEFT and not over:
+                solver.wait(target)
+                code = side.REACHED_TIME
+            if code == side.TRIGGER_REACHED:
+                events.release(solver)
+            if code == side.REACHED_TIME:
+                events.let_in(solver)
+                if solver.time < self.end_time and side.particles:
+                    self.switch = self.stage_end.over(solver)
+            done = bool(self.switch) or (code == side.REACHED_TIME and target == until)
+            self._look(done)
+            if done or code not in (side.RUNNING, side.TRIGGER_REACHED, side.REACHED_TIME):
+                return code
+
+    def _target(self, until, time):
+        """What comes next after `time`: an event, a look whether the stage is over, or `until` [s]."""
+        due = min(self.events.next_time(time), self.stage_end.next_time(time))
+        return due if due < until - 1e-9 * self.interval else until
+
+    def _look(self, always):
+        """Call `observe`, not more often than anybody can look unless `always`."""
+        now = wall_clock.perf_counter()
+        if always or now - self._observed > 0.2 * SLICE_SECONDS:
+            self._observed = now
+            self.observe(self.solver)

@@ -1,0 +1,222 @@
+"""Restarts: the digest of what a run starts from, and the checks of a saved state before it is used.
+
+A file's digest tells that nothing was changed by accident. A kernel that is compiled trusts the numbers it is given: an
+index out of range writes somewhere in memory. So each of them is looked at, whoever wrote the file.
+"""
+
+import hashlib
+
+import numpy as np
+import shapely
+
+from ..errors import FormatError
+from ..peaks import PEAK_STATE
+
+
+def start_digest(terrain, frame, events, *places, shapes=()):
+    """Hex digest of all that the files of a scene tell its run.
+
+    It is made of what was read and not of files: a note in a table or statistics beside a raster change nothing, while
+    a height in a virtual raster's second file, or a layer of a database that is a folder, do.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    frame : Frame
+        The columns at the start.
+    events : Events
+    places : Places
+        Of each stage.
+    shapes : sequence of shapely.Geometry
+        What stages know besides: windows, and what ends them.
+    """
+    digest = hashlib.sha256()
+    crs = terrain.grid.crs
+    _add(digest, terrain=terrain.elevation, transform=terrain.grid.transform[:6])
+    _add(digest, crs=np.frombuffer(("" if crs is None else crs.to_wkt()).encode(), np.uint8))
+    _add_frame(digest, frame)
+    for inlet in events.inlets:
+        first = np.zeros(1, int)  # of the columns: the others enter as fast, each along its own ground
+        entry = [inlet.velocity(time, first) for time in inlet.times[:, 0]]
+        _add_frame(digest, inlet.frame)
+        _add(digest, times=inlet.times, volumes=inlet.volumes, entry=entry, slabs=inlet.slabs)
+    for area in events.secondary:
+        _add_frame(digest, area.frame)
+        _add(digest, trigger=area.trigger_thickness or 0.0)
+    for known in places:
+        given = {name: values for name, values in vars(known).items() if isinstance(values, np.ndarray)}
+        _add(digest, **given)
+    for shape in shapes:
+        _add(digest, shape=np.frombuffer(shapely.to_wkb(shape), np.uint8))
+    return digest.hexdigest()
+
+
+def _add_frame(digest, frame):
+    _add(digest, origin=frame.origin, density=frame.header["density"], **frame.particles.arrays())
+
+
+def _add(digest, **arrays):
+    for name, values in arrays.items():
+        values = np.ascontiguousarray(values)
+        digest.update(f"{name} {values.dtype.str} {values.shape} ".encode())
+        digest.update(values.view(np.uint8).reshape(-1) if values.size else b"")
+
+
+LARGEST_COUNT = 2**53
+YIELD_STATE = ("yield_columns", "yields")  # of points: where the ground yields, and by how much [m]
+LEFT_STATE = ("left_blocks", "left_sums")  # of a frame's state: where mass left the terrain
+
+
+class StateCheck:
+    """The state of the frame at `time` [s], looked at.
+
+    Parameters
+    ----------
+    time : float [s]
+    state : dict of str to array
+    """
+
+    def __init__(self, time, state):
+        self._time, self._state = time, state
+
+    def require(self, holds, what):
+        """Raise FormatError with `what` is wrong unless it `holds`."""
+        if not holds:
+            raise FormatError(
+                f"the frame at t = {self._time:g} s holds no state that a run goes on from: {what}; start with "
+                "--overwrite"
+            )
+
+    def array(self, name, dtype, shape, finite=True):
+        """The array `name`, which must have that type and shape, and finite values unless told otherwise."""
+        values = self._state.get(name)
+        self.require(isinstance(values, np.ndarray), f"{name} is missing")
+        got = f"{name} is {values.dtype}{list(values.shape)}, wanted {np.dtype(dtype)}{list(shape)}"
+        self.require(values.dtype == dtype and values.shape == tuple(shape), got)
+        if finite and values.dtype.kind == "f":
+            self.require(np.isfinite(values).all(), f"{name} holds values that are NaN or infinite")
+        return values
+
+    def within(self, name, values, low, high):
+        """Require numbers `values`, of what is called `name`, from `low` to `high`."""
+        values = np.asarray(values)
+        if values.size:
+            least, most = values.min(), values.max()
+            self.require(low <= least and most <= high, f"{name} is {least} to {most}, wanted {low} to {high}")
+
+    def like(self, arrays):
+        """Require the state to hold each of `arrays` (name -> array) in its type and shape, finite where that is."""
+        for name, now in arrays.items():
+            values = self.array(name, now.dtype, now.shape, finite=False)
+            if now.dtype.kind == "f":
+                known = np.isfinite(values) | ~np.isfinite(now)
+                self.require(known.all(), f"{name} holds values that are NaN or infinite")
+
+    def places(self, name, size):
+        """The array `name` of flat indices into `size` entries, which ascend."""
+        values = self._state.get(name)
+        self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is no list of places")
+        self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, wanted whole numbers")
+        self.within(name, values, 0, size - 1)
+        self.require((np.diff(values.astype(np.int64)) > 0).all(), f"{name} is not in order")
+        return values
+
+    def counts(self, kernel, alive):
+        """Counts of a solver with the module `kernel` that has `alive` particles."""
+        counts = self._state["counts"]
+        names = {kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
+        for place, name in names.items():
+            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, wanted {alive}")
+        self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
+        self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
+        self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)
+        self.require(self._state["clock"][kernel.TIME] == self._time, "its clock tells another time")
+
+    def peaks(self, peaks):
+        """Running peaks of some of the nodes of `peaks` [rows, columns, entries]."""
+        values, where = PEAK_STATE
+        nodes = self.places(where, peaks[..., 0].size)
+        self.array(values, peaks.dtype, (len(nodes), peaks.shape[-1]))
+
+    def left(self, sums):
+        """Sums of what left the terrain, of some of the entries of `sums` [ways, blocks, blocks, entries]."""
+        blocks = self.places(LEFT_STATE[0], sums[..., 0].size)
+        self.array(LEFT_STATE[1], sums.dtype, (len(blocks), sums.shape[-1]))
+
+
+def require_column_state(frame, solver, changing):
+    """Refuse a `frame` whose state is not one of the ColumnSolver `solver`, in which the arrays `changing` change.
+
+    Raises
+    ------
+    FormatError
+    """
+    kernel, state, n = solver.kernel, frame.state, len(frame.particles.id)
+    check = StateCheck(frame.time, state)
+    ny, nx = solver.grid.inside.shape
+    rows = check.array("rows", np.float64, (n, kernel.ROW))
+    check.like(changing)
+    check.counts(kernel, n)
+    size = solver.grid.cell_size
+    check.within("the place of a column east of the domain's corner [m]", rows[:, kernel.X], 0.0, nx * size)
+    check.within("the place of a column north of the domain's corner [m]", rows[:, kernel.Y], 0.0, ny * size)
+    for name, column in (("mass [kg]", kernel.MASS), ("area [m2]", kernel.AREA)):
+        check.within(f"the {name} of a column", rows[:, column], np.nextafter(0.0, 1.0), np.finfo(float).max)
+    _require_window(check, kernel, rows, size, state["counts"], ((nx + 2) // kernel.BLOCK, (ny + 2) // kernel.BLOCK))
+    nodes = (ny + 3) * (nx + 3)
+    check.within("the number of wet nodes", state["counts"][kernel.WET], 0, nodes)
+    check.array("reached", np.uint8, (ny + 3, (nx + 3 + 7) // 8))
+    check.left(solver.left_sums)
+    if solver.numerics.maxima:
+        check.peaks(solver.peaks)
+
+
+def _require_window(check, kernel, rows, size, counts, last):
+    """The window of blocks in `counts` holds the columns of `rows`, and does not reach beyond the blocks `last`."""
+    if not len(rows):
+        return
+    keys = np.zeros(len(rows), np.int32)
+    west, south, east, north = kernel.initial_keys(np.ascontiguousarray(rows), keys, size)
+    check.within("the west of the window of blocks", counts[kernel.WEST], 0, west)
+    check.within("the south of the window of blocks", counts[kernel.SOUTH], 0, south)
+    check.within("the east of the window of blocks", counts[kernel.EAST], east, last[0])
+    check.within("the north of the window of blocks", counts[kernel.NORTH], north, last[1])
+
+
+def require_point_state(frame, solver, changing, like):
+    """As `require_column_state`, of a PointSolver; `like` is an array of rows of its type and width.
+
+    Raises
+    ------
+    FormatError
+    """
+    kernel, state, n = solver.kernel, frame.state, len(frame.particles.id)
+    check = StateCheck(frame.time, state)
+    rows = check.array("rows", like.dtype, (n, like.shape[-1]))
+    keys = check.array("keys", np.int64, (n,))
+    check.like(changing)
+    check.counts(kernel, n)
+    for axis in range(3):
+        check.within("the place of a point in its block [cells]", rows[:, kernel.X + axis], 0.0, kernel.BLOCK + 1.0)
+    tiny = np.finfo(like.dtype).smallest_subnormal
+    check.within("the mass of a point [kg]", rows[:, kernel.MASS], tiny, np.finfo(like.dtype).max)
+    row, column = kernel.rows_and_columns(keys)
+    for name, blocks, cells in (("row", row, solver.grid.inside.shape[0]), ("column", column,
+                                solver.grid.inside.shape[1])):  # fmt: skip
+        check.within(f"the block {name} of a point", blocks, 0, (cells + kernel.GHOSTS) // kernel.BLOCK)
+    check.left(solver.left_sums)
+    _require_yields(check, solver)
+    if solver.numerics.maxima:
+        check.peaks(solver.peaks)
+    for name, shape in (("stress", (n, 6)), ("affine", (n, 3, 3))):
+        if name in state:
+            check.array(name, np.float64, shape)
+
+
+def _require_yields(check, solver):
+    """Yields [m] of the ground under some node columns, from 0 to the largest that there can be."""
+    where, yields = YIELD_STATE
+    columns = check.places(where, solver.yields[0, ..., 0].size)
+    values = check.array(yields, np.float64, (len(columns),))
+    most = solver.kernel.MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-9)
+    check.within("the yield of the ground [m]", values, 0.0, most)

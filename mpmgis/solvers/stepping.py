@@ -1,0 +1,227 @@
+"""One interface for the time integration of each solver, and the speed of its first seconds."""
+
+from time import perf_counter
+
+from ..kernels import columns as column_kernel
+from ..kernels import points as point_kernel
+from .coupled import OF_COLUMNS, CoupledSolver
+from .particle_store import GAIN_STOP
+from .points import PointSolver
+
+REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow rests when its kinetic energy is below this share of its peak so long
+STOPPED_AT_REST = 100  # beside the kernel's own reasons
+END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
+NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
+COLUMN_REASONS = {
+    column_kernel.REACHED_TIME: END_TIME,
+    column_kernel.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_kernel.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_kernel.STOPPED_FOOTPRINT: (
+        "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
+    ),
+    column_kernel.ALL_LEFT: ALL_LEFT,
+}
+POINT_REASONS = {
+    point_kernel.REACHED_TIME: END_TIME,
+    STOPPED_AT_REST: NEARLY_AT_REST,
+    point_kernel.ALL_LEFT: ALL_LEFT,
+}
+
+
+def marched(solver):
+    """The side that a march talks to."""
+    if isinstance(solver, CoupledSolver):
+        return MarchedCoupled(solver)
+    return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
+
+
+class MarchedColumns:
+    """The depth-averaged solver's side."""
+
+    RUNNING, REACHED_TIME = column_kernel.RUNNING, column_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_kernel.ALL_LEFT, column_kernel.TRIGGER_REACHED
+    WATCHED_REACHED = column_kernel.WATCHED_REACHED
+    END_REASONS = COLUMN_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+
+    @property
+    def particles(self):
+        """Number of columns on the terrain now."""
+        return self.solver.columns
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s] or for `max_steps`; the kernel's reason to come back."""
+        return self.solver.advance(until, max_steps, may_stop)
+
+    def take_in(self, code):
+        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`: columns look at every step whether they rest."""
+        return code
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        if code not in (column_kernel.NOT_FINITE_STATE, column_kernel.TOO_FAST):
+            return ""
+        east, north, bad, ratio, share = self.solver.trouble()
+        if code == column_kernel.NOT_FINITE_STATE:
+            what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
+        else:
+            what = (
+                f"{100 * share:.0f} % of the mass is over twice, at worst {ratio:.1f} times, as fast as its drop in "
+                "height allows; a cliff there is beyond a depth-averaged model, elsewhere take a smaller cfl"
+            )
+        return f"E {east:.1f} N {north:.1f}: {what}"
+
+    def look(self):
+        """Energies now, to hold later ones against."""
+        return self.solver.energy_look()
+
+    def energy_trouble(self, last):
+        """Energy made out of nothing since the look `last`, in words with E and N; '' where none was."""
+        return _energy_trouble(self.solver, last, "columns")
+
+
+class MarchedPoints:
+    """The 3D solver's side; whether the flow rests is looked at where frames are, so that a restart sees the same."""
+
+    RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
+    WATCHED_REACHED = point_kernel.WATCHED_REACHED
+    END_REASONS = POINT_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+
+    @property
+    def particles(self):
+        """Number of points on the terrain now."""
+        return self.solver.points
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps`; the kernel's reason."""
+        return self.solver.advance(until, after, max_steps)
+
+    def take_in(self, code):
+        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`."""
+        self.solver.note_deepest()
+        return _rested(self.solver, code)
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED, point_kernel.SCATTERED):
+            return ""
+        if code == point_kernel.SCATTERED:
+            east, north, height = self.solver.highest()
+            return (
+                f"E {east:.1f} N {north:.1f}: points fly up to {height:.0f} m above the lowest ground, too far apart "
+                "for the cells; take larger cells, a smaller cfl or a stiffer material"
+            )
+        east, north, bad, share = self.solver.trouble()
+        if code == point_kernel.NOT_FINITE_STATE:
+            what = f"{bad} points have a place or speed that is not finite; take a smaller cfl"
+        else:
+            what = (
+                f"points with {100 * share:.2g} % of the mass came more than a cell under the ground; take a smaller "
+                "cfl, smaller cells or a stiffer material"
+            )
+        return f"E {east:.1f} N {north:.1f}: {what}"
+
+    def look(self):
+        """As that of columns."""
+        return self.solver.energy_look()
+
+    def energy_trouble(self, last):
+        """As that of columns."""
+        return _energy_trouble(self.solver, last, "points")
+
+
+def _energy_trouble(solver, last, name):
+    """Energy that `solver`, of particles called `name`, made out of nothing since the EnergyLook `last`, or ''."""
+    share, made = solver.energy_look().gained_since(last)
+    if share <= GAIN_STOP:
+        return ""
+    east, north, speed = solver.fastest()
+    return (
+        f"E {east:.1f} N {north:.1f}: the {name} gained {made:.3g} J out of nothing since t = {last.time:.3f} s, "
+        f"{100 * share:.2g} % of their kinetic energy then and the work since (at most {100 * GAIN_STOP:g} %); the "
+        f"fastest has {speed:.3g} m/s; take a smaller cfl"
+    )
+
+
+def _rested(solver, code):
+    """STOPPED_AT_REST where points that may stop at rest do, else `code`."""
+    rests = solver.resting_for(REST_SHARE) >= REST_SECONDS
+    return STOPPED_AT_REST if rests and solver.numerics.stop_at_rest else code
+
+
+class MarchedCoupled:
+    """Both solvers' side, of points with columns around them."""
+
+    RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_kernel.TRIGGER_REACHED
+    END_REASONS = POINT_REASONS
+
+    def __init__(self, solver):
+        self.solver = solver
+        self._points, self._columns = MarchedPoints(solver.points_solver), MarchedColumns(solver.columns_solver)
+
+    @property
+    def particles(self):
+        """Number of points and columns on the terrain now."""
+        return self.solver.particles
+
+    def advance(self, until, after, max_steps, may_stop):
+        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points; the reason."""
+        return self.solver.advance(until, after, max_steps)
+
+    def take_in(self, code):
+        """What is turned on because points or columns came to it, by the `code` with which their kernel came back."""
+        return self._columns.take_in(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.take_in(code)
+
+    def at_frame(self, code):
+        """The reason to end at a frame's time, else `code`."""
+        self.solver.points_solver.note_deepest()
+        return _rested(self.solver, code)
+
+    def trouble(self, code):
+        """What went wrong, in words with E and N; '' where nothing."""
+        return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
+
+    def look(self):
+        """As that of columns, of both."""
+        return self._points.look(), self._columns.look()
+
+    def energy_trouble(self, last):
+        """As that of columns, of either."""
+        return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])
+
+
+PACE_SECONDS = 2.0
+COMPILING_STEPS, FIRST_STEPS = 2, 4
+
+
+def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
+    """Wall time [s] of one step of one particle of `solver`, marched for `seconds`; None where nothing moves in it.
+
+    Compiling is apart. The solver is worth nothing afterwards.
+    """
+    side = marched(solver)
+    solver.advance(float("inf"), max_steps=COMPILING_STEPS)
+    done, steps, began = 0, FIRST_STEPS, clock()
+    while clock() - began < seconds:
+        before, particles = solver.step, side.particles
+        solver.advance(float("inf"), max_steps=steps)
+        if solver.step == before:
+            break
+        done += (solver.step - before) * particles
+        steps = min(2 * steps, 1000)
+    return (clock() - began) / done if done else None

@@ -1,0 +1,226 @@
+"""Barriers on the map: which nodes of a grid stand in a wall, and which way the wall looks there (design notes 3.9)."""
+
+from dataclasses import dataclass
+from math import cos, radians
+
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from .openings import MOST_SHARE, SPLINE, openings_at
+
+FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
+CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
+WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
+CORNER = cos(radians(30.0))  # neighbours whose normals differ by more make a corner
+
+
+@dataclass(frozen=True)
+class Wall:
+    """One barrier in the terrain's CRS.
+
+    Parameters
+    ----------
+    name : str
+    footprint : shapely.Polygon or MultiPolygon [m]
+    height : float or None [m]
+        Of the crest above the terrain, or
+    crest : float or None [m]
+        its elevation.
+    mu : float [1]
+        Coulomb friction of the flow along the wall.
+    """
+
+    name: str
+    footprint: shapely.Geometry
+    height: float | None = None
+    crest: float | None = None
+    mu: float = 0.0
+
+
+@dataclass(frozen=True)
+class WallNodes:
+    """What a grid's nodes know of walls, arrays [rows, columns] (zeros where no wall stands).
+
+    Parameters
+    ----------
+    number : int
+        1 + index of the wall; 0 where there is none.
+    normal : float [..., 2]
+        Outward unit normal (east, north) of the wall's nearest side.
+    crest : float [m]
+        Elevation of the crest.
+    mu : float [1]
+    core, corner : bool
+        Nodes through which nothing moves below the crest; those of them where the wall turns.
+    weight : float [m-1]
+        With which the flux at the node counts as passing over the wall: a hat a cell to either side of the middle of
+        thin walls, of the middle of the two faces' cores of thick ones.
+    depth : float [m]
+        Behind the wall's nearest side as it is computed.
+    share : float
+        Of the node's spline that is open: beyond a wall's end and in narrow openings (`spatial.openings`). The normal
+        there is the way through the opening.
+    limit : float
+        How much passes there at most, over the critical discharge of a metre of opening.
+    side : float
+        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
+    """
+
+    number: np.ndarray
+    normal: np.ndarray
+    crest: np.ndarray
+    mu: np.ndarray
+    core: np.ndarray
+    corner: np.ndarray
+    weight: np.ndarray
+    depth: np.ndarray
+    share: np.ndarray
+    limit: np.ndarray
+    side: np.ndarray
+
+
+def half_thickness(footprint):
+    """Half the thickness [m] of a long shape: its area over its perimeter."""
+    return footprint.area / footprint.length
+
+
+def margin_in_3d(footprint, cell_size):
+    """As `margin_of` where the flow rests on nodes in front of the wall: only what makes it three cells thick."""
+    return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), 0.0)
+
+
+def margin_of(footprint, cell_size):
+    """How far [m] beyond `footprint` nodes belong to the wall.
+
+    A cell at least, so that the flow comes to rest near the footprint's edge and not a cell behind it; more where the
+    wall is thinner than three cells in all, which is what holds a flow on this grid whatever way the wall runs.
+    """
+    return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
+
+
+def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
+    """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) that stand in `walls`; a WallNodes.
+
+    Parameters
+    ----------
+    walls : sequence of Wall
+    x, y : float[columns], float[rows]
+    bed : float[rows, columns] [m]
+    cell_size : float [m]
+    margin_of : callable, optional
+        How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
+    widened : float, optional [cells]
+        As of `spatial.openings.openings_at`.
+    """
+    number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
+    nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
+    normal, crest, mu, weight = np.zeros((*bed.shape, 2)), np.zeros(bed.shape), np.zeros(bed.shape), np.zeros(bed.shape)
+    for k, wall in enumerate(walls, 1):
+        margin = margin_of(wall.footprint, cell_size)
+        around = max(margin, SPLINE * cell_size)
+        window = _window(wall.footprint.buffer(around).bounds, x, y)
+        here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
+        near = (here >= -around) & (here > behind[window])
+        nearest[window][near], behind[window][near] = k, here[near]
+        here += margin
+        mine = (here >= 0) & (here > depth[window])  # where walls overlap a node belongs to the one it is deepest in
+        number[window][mine], depth[window][mine] = k, here[mine]
+        normal[window][mine], mu[window][mine] = away[mine], wall.mu
+        crest[window][mine] = _crest(wall, bed[window][mine])
+        weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
+    turns, core = _turns(normal, number), depth >= FACE_CELLS * cell_size
+    depth = np.where(number > 0, depth, 0.0)
+    share, limit, side = np.zeros((3, *bed.shape))
+    nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
+    _open(nodes, walls, nearest, x, y, bed, cell_size, widened)
+    return nodes
+
+
+def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
+    """Set, in place, what `nodes` (WallNodes) know of openings; `nearest` is 1 + the wall within a spline's reach."""
+    rows, columns = np.nonzero(nearest)
+    thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
+    places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
+    opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size, widened)
+    opened = opening.share > 0.0
+    free = opening.share > MOST_SHARE
+    nodes.number[rows[free], columns[free]] = 0
+    partly = opened & ~free
+    at = rows[partly], columns[partly]
+    for entry, values in (
+        (nodes.share, opening.share), (nodes.limit, opening.limit), (nodes.side, opening.side),
+        (nodes.normal, opening.normal),
+    ):  # fmt: skip
+        entry[at] = values[partly]
+    for j, i in zip(*at, strict=True):
+        wall = walls[nearest[j, i] - 1]
+        nodes.number[j, i], nodes.mu[j, i] = nearest[j, i], wall.mu
+        nodes.crest[j, i] = _crest(wall, bed[j, i])
+    beside = np.zeros(nodes.number.shape, bool)
+    beside[rows[opened], columns[opened]] = True
+    slips = ndimage.binary_dilation(beside, np.ones((3, 3)))  # flow that turns into an opening
+    nodes.corner[slips] = False
+    nodes.core[nodes.number == 0] = False
+
+
+def _crest(wall, bed):
+    """Elevation [m] of the crest of `wall` over ground at `bed` [m]."""
+    return wall.crest if wall.crest is not None else bed + wall.height
+
+
+def _weight(depth, half, cell_size):
+    """Weight [m-1] of nodes `depth` [m] behind the face of a wall whose middle is `half` [m] behind it."""
+    middle = (FACE_CELLS + CORE_CELLS) * cell_size
+    behind = min((half - middle) / cell_size, 1.0)  # [cells] of the hat's farther flank that this side has
+    per_side = cell_size * (0.5 + behind - 0.5 * behind**2)
+    return np.maximum(1.0 - np.abs(depth - middle) / cell_size, 0.0) / (2.0 * per_side)
+
+
+def _window(bounds, x, y):
+    """(rows, columns) as slices of the nodes within `bounds` (west, south, east, north)."""
+    west, south, east, north = bounds
+    columns, rows = np.searchsorted(x, (west, east)), np.searchsorted(y, (south, north))
+    return slice(rows[0], rows[1] + 1), slice(columns[0], columns[1] + 1)
+
+
+def _depth(footprint, x, y):
+    """(depth in the footprint [m], negative outside; outward unit normal of its nearest side) at the nodes x by y."""
+    points = shapely.points(*np.meshgrid(x, y))
+    if points.size == 0:
+        return np.zeros(points.shape), np.zeros((*points.shape, 2))
+    ends = shapely.get_coordinates(shapely.shortest_line(footprint.boundary, points)).reshape(*points.shape, 2, 2)
+    away = ends[..., 1, :] - ends[..., 0, :]
+    distance = np.hypot(away[..., 0], away[..., 1])
+    inside = shapely.contains(footprint, points)
+    sign = np.where(inside, -1.0, 1.0)
+    at_rim = distance < 1e-9 * (1.0 + footprint.length)
+    normal = np.divide(sign[..., None] * away, distance[..., None], out=np.zeros_like(away), where=~at_rim[..., None])
+    for place in np.argwhere(at_rim):
+        normal[tuple(place)] = _side_normal(footprint, points[tuple(place)])
+    return -sign * distance, normal
+
+
+def _side_normal(footprint, point):
+    """Outward unit normal of the side of `footprint` on which `point` lies."""
+    boundary, reach = footprint.boundary, 1e-3 * half_thickness(footprint)
+    beside = shapely.get_coordinates(boundary.intersection(point.buffer(reach)))
+    start, end = beside[np.argmin(beside @ [1.0, 1e-3])], beside[np.argmax(beside @ [1.0, 1e-3])]
+    along = (end - start) / max(np.hypot(*(end - start)), 1e-300)
+    normal = np.array([-along[1], along[0]])
+    beyond = shapely.Point(shapely.get_coordinates(point)[0] + 0.5 * reach * normal)
+    return -normal if shapely.contains(footprint, beyond) else normal
+
+
+def _turns(normal, number):
+    """True at nodes beside which a wall's side looks another way: corners, ends, and where walls meet."""
+    turns = np.zeros(number.shape, bool)
+    for axis in (0, 1):
+        for step in (1, -1):
+            beside, known = np.roll(normal, step, axis), np.roll(number, step, axis) > 0
+            edge = [slice(None)] * 2
+            edge[axis] = 0 if step == 1 else -1
+            known[tuple(edge)] = False
+            along = np.abs((normal * beside).sum(axis=-1))
+            turns |= (number > 0) & known & (along < CORNER)
+    return turns

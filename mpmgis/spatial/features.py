@@ -1,0 +1,73 @@
+"""What is known by place: friction zones, erodible ground, barriers and lakes on the solver's grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.barrier import CORE, CORNER, FACE
+from ..kernels import column_barriers as entries
+from ..kernels.columns import BARRIER_ENTRIES, NodeFields
+from .node_grid import spared
+
+NO_LAKE = -1e30  # [m] a still level below all ground
+MAX_AREAS = 127  # that the flow can release, as many as a node's mark of 8 bits can number
+
+
+@dataclass(frozen=True)
+class Places:
+    """Node and cell arrays of one scene; None where the scene has nothing of the kind. Rows go northwards.
+
+    Parameters
+    ----------
+    zone_values : float64[ny + 3, nx + 3, k], optional
+        Parameters of the friction law at the nodes, in the order of the law's fields.
+    erodible : float64[ny + 3, nx + 3] [kg m-2], optional
+        What the flow can take up from the bed.
+    barriers : float64[ny + 3, nx + 3, BARRIER_ENTRIES], optional
+        See `kernels.column_barriers`; `barrier_entries` makes them of walls.
+    barrier_names : tuple of str
+    lake_level : float64[ny, nx] [m], optional
+        Still level of the lake in each cell, NO_LAKE elsewhere.
+    """
+
+    zone_values: np.ndarray | None = None
+    erodible: np.ndarray | None = None
+    barriers: np.ndarray | None = None
+    barrier_names: tuple = ()
+    lake_level: np.ndarray | None = None
+
+    def fields(self, grid, lowers_bed):
+        """`NodeFields` on `grid` for one run: what the run changes is copied, what is absent holds one entry."""
+
+        def present(array, *entries):
+            return np.zeros((1, 1, *entries)) if array is None else np.ascontiguousarray(array, float)
+
+        return NodeFields(
+            bed=spared(grid.bed) if lowers_bed else grid.bed,
+            gradient=grid.gradient.copy() if lowers_bed else grid.gradient,
+            inside=grid.inside,
+            zone_values=present(self.zone_values, 1),
+            erodible=present(self.erodible).copy(),
+            barriers=present(self.barriers, BARRIER_ENTRIES),
+            lake_level=present(self.lake_level),
+            trigger_thickness=np.full(MAX_AREAS, np.inf),
+        )
+
+
+def barrier_entries(walls):
+    """The node array of a grid's `walls` (geo.barriers.WallNodes), in the order that the kernel reads.
+
+    At the edge of the domain a wall holds all that reaches it, so that nothing squeezes between the two.
+    """
+    nodes = np.zeros((*walls.number.shape, BARRIER_ENTRIES))
+    at_edge = np.ones(walls.number.shape, bool)
+    at_edge[4:-4, 4:-4] = False
+    corner = walls.corner | (walls.core & at_edge)
+    nodes[..., entries.WALL_X], nodes[..., entries.WALL_Y] = walls.normal[..., 0], walls.normal[..., 1]
+    nodes[..., entries.CREST], nodes[..., entries.WALL_MU] = walls.crest, walls.mu
+    nodes[..., entries.BARRIER] = walls.number
+    nodes[..., entries.HOLD] = np.where(corner, CORNER, np.where(walls.core, CORE, FACE))
+    nodes[..., entries.WEIGHT] = walls.weight
+    nodes[..., entries.SHARE], nodes[..., entries.LIMIT] = walls.share, walls.limit
+    nodes[..., entries.SIDE] = walls.side
+    return nodes

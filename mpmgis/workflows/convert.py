@@ -1,0 +1,206 @@
+"""`mpmgis convert`: a frame of columns to one of points, and back."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import system
+from ..conversion.account import account_of_columns, account_of_points
+from ..conversion.columns import points_to_columns
+from ..conversion.options import ColumnOptions, PointOptions
+from ..conversion.points import columns_to_points
+from ..errors import InputError, OutputError
+from ..interop.declarations import ForeignTerms
+from ..interop.frame_list import OWN, list_frames
+from ..io.atomic import refuse_existing
+from ..io.frames import read_frame, write_frame
+from ..io.particle_files import require_format, write_columns
+from ..machine import memory_lack
+from .export_inputs import run_terrain
+
+BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's file
+
+
+@dataclass(frozen=True)
+class ConvertRequest:
+    """What is to be converted: a frame's file, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the
+    current folder), the terrain: `dem` (None: the one that the frame names), `crs` and `dem_band` as for
+    `read_terrain`; which of several frames, by its time `at_time` [s]; what is said about another code's files."""
+
+    source: Path
+    output: Path | None = None
+    overwrite: bool = False
+    dem: Path | None = None
+    crs: str | None = None
+    dem_band: int | None = None
+    at_time: float | None = None
+    terms: ForeignTerms = field(default_factory=ForeignTerms)
+
+
+@dataclass(frozen=True)
+class Written:
+    """The file of the converted frame, that of points that stay points (None: there are none), and the report."""
+
+    path: Path
+    rest: Path | None
+    report: object
+
+
+def convert_to_points(request, options=None, say=lambda text: None):
+    """Turn the columns in `request.source` into points, as PointOptions `options` ask.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    options = options or PointOptions()
+    path = _output(request, "points")
+    if path.suffix.lower() != ".h5":
+        raise OutputError(f"{path}: points are written as frames, wanted a name that ends in .h5")
+    frame, terrain = _inputs(request, path, 2, say)
+    require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
+    points = columns_to_points(frame, terrain, options)
+    header = points.frame.header | {
+        "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
+    }  # fmt: skip
+    state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}  # as the points' own
+    write_frame(path, _placed(replace(points.frame, header=header, state=state), terrain, path))
+    for line in account_of_points(points.report, options):
+        say(line)
+    return Written(path, None, points.report)
+
+
+def convert_to_columns(request, options=None, say=lambda text: None):
+    """Gather the points in `request.source` into columns, as ColumnOptions `options` ask.
+
+    Points that stay points go to `<output>_points.h5` beside the output.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    path = _output(request, "columns")
+    require_format(path)
+    rest = path.with_name(f"{path.stem}_points.h5")
+    refuse_existing(rest, request.overwrite)
+    frame, terrain = _inputs(request, path, 3, say)
+    _refuse_replacing(rest, request, terrain)
+    options = options or ColumnOptions()
+    columns = points_to_columns(frame, terrain, options)
+    _write_both(columns, path, rest, terrain)
+    for line in account_of_columns(columns.report, options):
+        say(line)
+    return Written(path, rest if columns.rest is not None else None, columns.report)
+
+
+def _write_both(columns, path, rest, terrain):
+    """The columns to `path` and the points that are left to `rest`; neither without the other."""
+    if columns.rest is not None:
+        write_frame(rest, _placed(columns.rest, terrain, rest))
+    particles = columns.frame.particles
+    try:
+        write_columns(path, _placed(columns.frame, terrain, path), len(particles), [particles])
+    except BaseException:
+        rest.unlink(missing_ok=True)
+        raise
+
+
+def dimension_of(request):
+    """2 where the frame that is to be converted holds columns, 3 where it holds points."""
+    return _entry(request).header.dimension
+
+
+def listed(sources, terms):
+    """The FrameEntries of some files, ours or another code's, by time.
+
+    Raises
+    ------
+    FormatError, InputError
+        As `list_frames`; a density for frames that have their own.
+    """
+    entries = list_frames(sources, terms)
+    if entries[0].reader == OWN and terms.density is not None:
+        raise InputError(f"{entries[0].path} is a frame of mpmgis, which has its density; leave --density out")
+    return entries
+
+
+def whole_frame(entry):
+    """The Frame of a FrameEntry, with all that its file keeps."""
+    if entry.reader == OWN:
+        return read_frame(entry.path)
+    frame = entry.read()
+    return replace(frame, header={name: value for name, value in frame.header.items() if name != "count"})
+
+
+def _entry(request):
+    """The FrameEntry that is to be converted: the only one, or that at the time asked for."""
+    entries = listed([request.source], request.terms)
+    if request.at_time is not None:
+        return entry_at(entries, request.at_time)
+    if len(entries) > 1:
+        raise InputError(
+            f"{request.source} holds {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; say "
+            "which with --at-time"
+        )
+    return entries[0]
+
+
+def entry_at(entries, time):
+    """The FrameEntry of a time [s].
+
+    Raises
+    ------
+    InputError
+        There is none; the nearest is named.
+    """
+    nearest = min(entries, key=lambda entry: abs(entry.time - time))
+    if not np.isclose(nearest.time, time, rtol=1e-6, atol=1e-9):
+        raise InputError(f"no frame at {time:g} s; the nearest, {nearest.path.name}, is at {nearest.time:.9g} s")
+    return nearest
+
+
+def _output(request, kind):
+    path = Path(request.output) if request.output is not None else Path(f"{Path(request.source).stem}_{kind}.h5")
+    refuse_existing(path, request.overwrite)
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder, wanted the name of a file; give another -o")
+    return path
+
+
+def _inputs(request, path, dimension, say):
+    """(the frame, its terrain); both are refused as what the output would replace."""
+    entry = _entry(request)
+    source, is_of = entry.path, entry.header.dimension
+    if is_of != dimension:
+        kinds = {2: "columns", 3: "points"}
+        raise InputError(f"{source} holds {kinds[is_of]} already; --to {kinds[is_of]} makes them of {kinds[dimension]}")
+    terrain = run_terrain(request, [entry], path, say)
+    _refuse_replacing(path, request, terrain)
+    frame = whole_frame(entry)
+    if "assumed_density" in frame.header:
+        say(f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3")
+    return frame, terrain
+
+
+def _refuse_replacing(path, request, terrain):
+    """No conversion takes the place of what it is made from, --overwrite or not."""
+    for given in (request.source, terrain.path):
+        if given and path.exists() and Path(given).exists() and path.samefile(given):
+            raise OutputError(f"{path} is what the frame is made from and would be replaced; give another -o")
+
+
+def require_point_memory(count, spacing):
+    """Refuse before the work what this machine cannot hold (H25)."""
+    if lack := memory_lack(count * BYTES_PER_POINT):
+        raise InputError(
+            f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; take a wider --spacing, or larger cells"
+        )
+
+
+def _placed(frame, terrain, path):
+    """The frame with its terrain's CRS, and with the terrain's path as seen from its own file."""
+    crs = frame.crs if frame.crs is not None else terrain.grid.crs
+    return replace(frame, crs=crs, dem=system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)

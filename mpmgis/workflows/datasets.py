@@ -1,0 +1,192 @@
+"""Results in memory: folders and frames as xarray datasets, averaged as `mpmgis export-raster` does."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.frame_values import Averaging, average_frame
+from ..analysis.maxima import RunningMaxima, SolverPeaks
+from ..analysis.quantities import PRODUCTS, RUNNING, choose_products
+from ..errors import GeoreferenceError, InputError
+from ..fields import BAND
+from ..interop.frame_list import list_frames
+from ..interop.readers.registry import OWN
+from ..io.datasets import ELEVATION, averaged_step, averaged_steps, computed_bands, gridded, open_export, terrain_of
+from ..io.exported import is_export
+from ..particles import Frame
+from ..terrain.elevation import Terrain
+from ..terrain.georeference import name_of, same_place
+from .export import ExportRequest, make_plan
+from .export_inputs import refuse_nowhere, run_terrain
+from .parallel import frame_pool
+from .python_options import AveragingOptions, require_known
+
+
+@dataclass(frozen=True)
+class GivenFrame:
+    """A Frame in memory, with what an export asks of one on disk."""
+
+    frame: Frame
+    path: Path = Path("the frame")
+    reader: str = OWN
+
+    @property
+    def header(self):
+        """The frame without its particles."""
+        return replace(self.frame, particles=None, header=self.frame.header | {"count": self.count})
+
+    @property
+    def time(self):
+        """Time [s]."""
+        return self.frame.time
+
+    @property
+    def count(self):
+        """Number of particles."""
+        return len(self.frame.particles)
+
+    def read(self, density=1000.0):
+        """The frame, whatever `density` is: mass and volume are there."""
+        return self.frame
+
+    def read_places(self):
+        """The frame, which has more than places."""
+        return self.frame
+
+    def read_maxima(self):
+        """Running peaks of the solver."""
+        return self.frame.maxima
+
+
+@dataclass(frozen=True)
+class AveragedSteps:
+    """Answers a step's FrameValues, read and averaged anew each time: `entries` of the steps, on `terrain`."""
+
+    entries: tuple
+    averaging: Averaging
+    terrain: Terrain
+
+    def __call__(self, step):
+        entry = self.entries[step]
+        values = average_frame(entry.read(self.averaging.density), self.averaging)
+        if values.outside == values.count:
+            refuse_nowhere(entry, self.terrain)
+        return values
+
+
+@dataclass(frozen=True)
+class SolverMaxima:
+    """Answers what the solver kept of every step, on the cells of `averaging`: name of the band -> float32."""
+
+    peaks: SolverPeaks
+    averaging: Averaging
+
+    @property
+    def names(self):
+        """The maxima bands that it serves."""
+        return self.peaks.bands(self.averaging.min_depth)
+
+    def __call__(self):
+        grid, min_depth = self.averaging.grid, self.averaging.min_depth
+        maxima = RunningMaxima(grid.shape[0] * grid.shape[1], min_depth)
+        for index, values in self.peaks.on(grid, self.averaging.bed, min_depth):
+            maxima.absorb_peaks(index, values)
+        return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
+
+
+def open_results(folder, dem=None, say=lambda text: None, **options):
+    """A folder as a lazy xarray.Dataset: an exported one as it is, one of frames averaged step by step when asked for.
+
+    Parameters
+    ----------
+    folder : str or Path
+    dem : as of `depth_average`
+    say : callable
+    **options
+        `AveragingOptions`, for frames; `extent` is "dtm" unless it is given, because "flow" reads all frames first.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    folder = Path(folder)
+    if is_export(folder):
+        idle = [*(["dem"] if dem is not None else []), *options]
+        if idle:
+            raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
+        return open_export(folder)
+    request = _request(folder, options, "open_results")
+    return _dataset(request, list_frames([folder], request.terms()), dem, say, lazy=True)
+
+
+def depth_average(frame, dem=None, say=lambda text: None, **options):
+    """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
+
+    Parameters
+    ----------
+    frame : str, Path or Frame
+    dem : path, Terrain or xarray.DataArray (rioxarray), optional
+        Default: the DTM that the frame names.
+    say : callable
+    **options
+        `AveragingOptions`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Without a dimension of time.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    given = isinstance(frame, Frame)
+    request = _request("the frame" if given else frame, options, "depth_average")
+    entries = (GivenFrame(frame),) if given else list_frames([frame], request.terms())
+    if len(entries) > 1:
+        raise InputError(f"{frame} holds {len(entries)} frames, wanted one; mpmgis.open_results averages them all")
+    return _dataset(request, entries, dem, say, lazy=False).isel(time=0)
+
+
+def _request(frames, options, where):
+    require_known(options, AveragingOptions, where)
+    if RUNNING in options.get("products", ()):
+        raise InputError(f"{where}: products={RUNNING!r} is of exported folders; here it is .max('time')")
+    return ExportRequest(frames=(frames,), **({"extent": "dtm", "north_up": True} | options))
+
+
+def _dataset(request, entries, dem, say, lazy):
+    """The steps averaged when they are asked for, with the solver's maxima; or, not `lazy`, the first one in memory."""
+    products = choose_products(request.products)
+    if dem is None or isinstance(dem, (str, Path)):
+        terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
+    else:
+        terrain = _terrain_in_memory(dem, entries[0], say)
+    with frame_pool() as pool:
+        plan = make_plan(request, entries, terrain, products, pool, say)
+    grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
+    quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
+    averaged = AveragedSteps(steps, plan.averaging, terrain)
+    if lazy:
+        variables = averaged_steps(len(steps), quantities, grid, averaged)
+    else:
+        variables = averaged_step(quantities, grid, averaged(0))
+    if lazy and plan.peaks is not None:
+        kept = SolverMaxima(plan.peaks, plan.averaging)
+        variables |= computed_bands([BAND[name] for name in kept.names], grid, kept)
+    variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)
+    return gridded(
+        grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,
+        min_depth=plan.averaging.min_depth,
+    )  # fmt: skip
+
+
+def _terrain_in_memory(dem, entry, say):
+    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem, say)
+    if entry.header.crs is not None and not same_place(entry.header.crs, terrain.grid.crs):
+        raise GeoreferenceError(
+            f"{entry.path} is in {name_of(entry.header.crs)}, but the DTM given is in {name_of(terrain.grid.crs)}; "
+            "reproject it (dem.rio.reproject)"
+        )
+    return terrain

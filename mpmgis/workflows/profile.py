@@ -1,0 +1,105 @@
+"""`mpmgis profile`: results and a line in, the flow along it out."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from ..analysis.flow_line import vertex_distances
+from ..analysis.frame_values import NOWHERE, cells_of, nearest_times
+from ..analysis.profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
+from ..analysis.runout import line_profile
+from ..errors import InputError
+from ..io.observed import read_line
+from ..reports.series import write_profile_plot, write_rows
+from .answer_files import AnswerRequest, answer_output, write_answer
+from .opened_results import open_flow
+
+PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
+WORD = "profile"
+USUAL_TIMES = 5
+MOST_PLACES = 200_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
+
+    line: Path
+    at_times: tuple | None = None  # [s]
+    spacing: float | None = None  # [m]
+
+
+def profile(request, say=lambda text: None, progress=lambda done, total: None):
+    """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
+
+    Returns
+    -------
+    ProfileFound
+
+    Raises
+    ------
+    MpmgisError
+        What cannot be read, a line off the raster, a time beyond the results; nothing is written then.
+    """
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(request.results, output, say)
+    line = read_line(request.line, flow.terrain.grid, say)
+    steps = chosen_steps(flow.times, request.at_times, say)
+    length = float(vertex_distances(line)[-1])
+    spacing = request.spacing or flow.grid.cell_size
+    if length > MOST_PLACES * spacing:
+        raise InputError(
+            f"{request.line}: {length:.6g} m with a place every {spacing:g} m are {length / spacing:.3g} places, "
+            f"wanted at most {MOST_PLACES}; give a larger --spacing"
+        )
+    along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
+    cells = cells_of(flow.grid, x, y)
+    _tell_of_places_off(request.line, flow, cells, line, say)
+    values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)
+    surface = free_surface(flow.terrain, x, y, values["h"])
+    found = ProfileFound(flow.name, along, x, y, elevation, flow.times[steps], surface, values)
+    if not (values["h"] > 0).any():
+        say(f"{request.line}: nothing flows along it at these times")
+    writers = {
+        PLOT_FILE: lambda path: write_profile_plot(path, found),
+        TABLE_FILE: lambda path: write_rows(path, found),
+    }
+    return replace(found, files=write_answer(request, output, writers))
+
+
+def chosen_steps(times, wanted, say):
+    """Numbers of the steps nearest to the `wanted` times [s]; evenly spread ones where none are.
+
+    Raises
+    ------
+    InputError
+        A time before the first or after the last.
+    """
+    if wanted is None:
+        wanted = np.linspace(times[0], times[-1], USUAL_TIMES)
+    else:
+        room = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        beyond = [time for time in wanted if not times[0] - room <= time <= times[-1] + room]
+        if beyond:
+            raise InputError(
+                f"--at-times: {beyond[0]:g} s lies outside the results, which go from {times[0]:g} to {times[-1]:g} s"
+            )
+        moved = [time for time in wanted if np.abs(times - time).min() > 1e-6 * max(1.0, abs(time))]
+        if moved:
+            say(f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest ones are shown, each once")
+    return nearest_times(times, wanted)
+
+
+def _tell_of_places_off(path, flow, cells, line, say):
+    off = cells == NOWHERE
+    if off.all():
+        west, south, east, north = flow.grid.bounds
+        raise InputError(
+            f"{path} lies off the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it anew, or "
+            "check its CRS"
+        )
+    if off.any():
+        beyond = shapely.LineString(line).difference(shapely.box(*flow.grid.bounds)).length
+        say(f"{path}: {beyond:.0f} m of it lie off the raster and have no values")

@@ -1,0 +1,325 @@
+"""`mpmgis report`: the frames of a run in, one HTML file about it out."""
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..analysis.comparison import footprint, high_percentile, peak
+from ..analysis.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
+from ..errors import MpmgisError, one_line
+from ..io.run_folder import SCENE_FILE, read_record, versions
+from ..reports.band_map import write_band_map
+from ..reports.html import Lines, Picture, Source, Table, figure_rows, section, write_report
+from ..reports.series import write_runout_plot
+from .answer_files import AnswerRequest, answer_output, write_answer
+from .export_inputs import release_outlines
+from .opened_results import exported_peaks, open_flow, read_peaks
+from .runout import RunoutRequest, found_runout
+
+REPORT_FILE = "report.html"
+WORD = "report"
+MAPS = (  # band of the result, of the looks, title
+    ("h_max", "h_max", "Largest flow depth"),
+    ("Ut_max", "Ut_max", "Largest speed along the slope"),
+    ("p_max", "p_max", "Largest impact pressure"),
+    ("h_deposit", "h", "Depth in the last frame"),
+)
+USED_OF_RASTERS = ("density", "min_depth")  # options of frames: for the pressure, for what maps show
+PASCAL_PER_KILOPASCAL = 1000.0
+SQUARE_METRES_PER_HECTARE = 1e4
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
+
+    title: str | None = None
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """What a report is made from: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
+
+    flow: object
+    peaks: dict
+    grid: object
+    record: dict
+    scene: str
+    runout: object
+    notes: tuple
+
+
+def report(request, say=lambda text: None, progress=lambda done, total: None):
+    """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
+
+    Returns
+    -------
+    tuple of Path
+
+    Raises
+    ------
+    MpmgisError
+    """
+    output = answer_output(request, WORD, (REPORT_FILE,))
+    gathered = _gather(request, output, say, progress)
+    title = request.title or f"{gathered.flow.name}: report of a simulated flow"
+    with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
+        sections = (
+            section("Result", _key_figures(request, gathered)),
+            section("Maps", *_maps(gathered, Path(folder))),
+            section("Runout", *_runout(gathered, Path(folder))),
+            section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
+            section("Warnings", _warnings(gathered)),
+            section("Effects, and why", *_effects(gathered.record)),
+            section("Parameters", Source(gathered.scene) if gathered.scene else None),
+            section("Origin", _origin(gathered)),
+        )
+    under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
+    writers = {REPORT_FILE: lambda path: write_report(path, title, under, sections)}
+    return write_answer(request, output, writers)
+
+
+def _gather(request, output, say, progress):
+    notes = []
+
+    def note(text):
+        notes.append(text)
+        say(text)
+
+    flow = open_flow(request.results, output, note, peaks_do=True, used=USED_OF_RASTERS)
+    with ExitStack() as stack:
+        result = exported_peaks(request.results, stack, note, progress, used_of_rasters=USED_OF_RASTERS)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.density, note)
+    asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
+    try:
+        runout = found_runout(asked, flow, values, grid, note)
+    except MpmgisError as error:  # a flow that does not run out has a report all the same
+        if request.line is not None:
+            raise
+        note(f"no runout: {error}")
+        runout = None
+    return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+
+
+def _of_the_run(flow):
+    """(run.json, text of the scene) beside the frames; ({}, "") where they are not there, or nothing is but rasters."""
+    if not flow.entries:
+        return {}, ""
+    folder = flow.entries[0].path.parent
+    scene = folder / SCENE_FILE
+    return read_record(folder), scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
+
+
+def _made_from(flow):
+    """What a flow is known from, in words."""
+    if flow.entries:
+        return f"{len(flow.entries)} frames"
+    return f"an export of {len(flow.times)} steps" if len(flow.times) else "rasters of its largest values"
+
+
+def _key_figures(request, gathered):
+    flow, peaks, record = gathered.flow, gathered.peaks, gathered.record
+    first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
+    facts = [
+        ("solver", _solver(flow, record), ""),
+        ("mass of the first frame", first, "kg"),
+        ("volume of the first frame at the density of the release", first / (flow.density or np.nan), "m3"),
+        ("density of the release", flow.density, "kg m-3"),
+        ("last frame at", float(flow.times[-1]) if len(flow.times) else None, "s"),
+    ]
+    if "h_max" in peaks:
+        reached = np.count_nonzero(footprint(peaks["h_max"], request.threshold)) * gathered.grid.cell_area
+        facts.append((f"area deeper than {request.threshold:g} m", float(reached) / SQUARE_METRES_PER_HECTARE, "ha"))
+    for band, unit, factor, words in (
+        ("h_max", "m", 1.0, "flow depth"),
+        ("Ut_max", "m/s", 1.0, "speed along the slope"),
+        ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
+        ("h_deposit", "m", 1.0, "depth in the last frame"),
+    ):
+        words += _direction(band, flow)
+        if band in peaks:
+            facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
+            facts.append((f"largest {words}, at", _place_of_peak(peaks[band], gathered.grid), ""))
+            facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
+    ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
+    return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
+
+
+def _direction(band, flow):
+    """How the depth of a band is measured, in words: known of frames and exports, not of other codes' rasters."""
+    depth = band in ("h_max", "h_deposit")
+    return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
+
+
+def _place_of_peak(values, grid):
+    """Map coordinates of the cell of the largest of float[rows, columns] `values`; None where there is none."""
+    if not np.isfinite(values).any():
+        return None
+    x, y = grid.xy(*np.unravel_index(np.nanargmax(values), values.shape))
+    return f"E {float(x):.1f} N {float(y):.1f}"
+
+
+def _solver(flow, record):
+    """Name of the solver; None where only rasters are known."""
+    if not flow.entries:
+        return None
+    first = flow.entries[0]
+    if record.get("stages"):
+        return ", then ".join(str(stage.get("solver")) for stage in record["stages"])
+    return (record.get("scene") or {}).get("solver", first.header.solver or first.reader)
+
+
+def _maps(gathered, folder):
+    """Pictures of the bands that the flow has."""
+    flow = gathered.flow
+    release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
+    release = None if release is None else list(release)
+    for band, look, title in MAPS:
+        values = gathered.peaks.get(band)
+        if values is not None and np.isfinite(values).any():
+            path = folder / f"{band}.png"
+            write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
+            title += _direction(band, flow)
+            yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
+
+
+def _runout(gathered, folder):
+    found = gathered.runout
+    if found is None:
+        return
+    path = folder / "runout.png"
+    write_runout_plot(path, found)
+    yield Picture(path.read_bytes(), f"Longitudinal profile along {found.line_source}")
+    rows = [(what.replace("_", " "), value, "" if unit == "1" else unit) for what, unit, value in found.rows()]
+    yield Table(("figure", "value", "unit"), figure_rows(rows))
+
+
+def _balances(record, flow):
+    """What the run itself said at its end."""
+    balances = record.get("balances")
+    if not balances:
+        why = "no run.json beside the frames" if flow.entries else "rasters keep none"
+        return Lines((f"{why}: balances are not known",))
+    solver = "points" if "momentum_error_relative" in balances else "columns"
+    try:
+        mass = record.get("mass")
+        of_stages = [] if mass is None else extreme_lines(record["extremes"])
+        return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
+    except (KeyError, TypeError, ValueError) as error:  # another version knew other balances
+        known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
+        return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))
+
+
+def _checks(record):
+    """Lines of each stage of points: cells over the depth at its start, volume of its points at its end."""
+    lines, stages = [], record.get("stages") or [record]
+    for number, stage in enumerate(stages, start=1):
+        words = ((name, stage.get(name)) for name in _CHECKS)
+        found = [_check(name, numbers) for name, numbers in words if numbers]
+        lines += [f"stage {number}: {line}" for line in found] if len(stages) > 1 else found
+    return tuple(lines)
+
+
+def _check(name, numbers):
+    try:
+        return _CHECKS[name](numbers)
+    except (KeyError, TypeError, ValueError) as error:  # another version knew other numbers
+        return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
+
+
+_CHECKS = {"resolution": resolution_words, "volume": volume_words}
+
+
+def _warnings(gathered):
+    """What went wrong or was assumed, of the run and of this reading of its frames."""
+    record = gathered.record
+    lines = [*(record.get("troubles") or ()), *gathered.notes]
+    lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
+    lines += [line for line in _balances(record, gathered.flow).texts if line.startswith("beyond the model")]
+    lines += [line for line in _checks(record) if "too coarse" in line]
+    return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
+
+
+def _against_its_number(decision):
+    """What to say of an effect that is off although its number calls for it; '' of another."""
+    number, threshold = decision.get("indicator"), decision.get("threshold")
+    if decision.get("state") != "off" or not all(isinstance(value, int | float) for value in (number, threshold)):
+        return ""
+    if not number > threshold:
+        return ""
+    return (
+        f"{decision.get('effect')} is off although its number {number:.3g} is beyond {threshold:g}: "
+        f"{decision.get('reason')}"
+    )
+
+
+def _stages(record):
+    """What the record tells of each stage of the run; of one where it has no stages."""
+    return record.get("stages") or [{"effects": record.get("effects")}]
+
+
+def _effects(record):
+    """A table of decisions for each stage; those that are on come first."""
+    stages = _stages(record)
+    for number, stage in enumerate(stages, start=1):
+        if len(stages) > 1:
+            yield Lines((f"stage {number}: {stage.get('solver', '')}",))
+        decisions = sorted(stage.get("effects") or (), key=lambda decision: decision.get("state") == "off")
+        rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
+        if rows:
+            yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
+
+
+_EFFECT_COLUMNS = {
+    "effect": "effect",
+    "state": "state",
+    "decided_by": "decided by",
+    "indicator": "number",
+    "threshold": "threshold",
+    "reason": "reason",
+}
+
+
+def _word(value):
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _origin(gathered):
+    flow, record = gathered.flow, gathered.record
+    wall = record.get("wall_seconds")
+    rows = [
+        *_source_rows(flow),
+        ("terrain", Path(flow.terrain.path).name),
+        ("sha256 of the terrain", flow.terrain.sha256),
+        ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
+        ("digest of the result", record.get("result_digest") or ""),
+        *((f"computed with {name}", version) for name, version in (record.get("versions") or {}).items()),
+        *((f"reported with {name}", version) for name, version in versions().items()),
+        ("wall time", f"{wall:.3g} s" if isinstance(wall, int | float) else ""),
+    ]
+    return Table(("what", "is"), tuple((what, value) for what, value in rows if value))
+
+
+def _source_rows(flow):
+    """Rows of a table: what was read."""
+    if flow.entries:
+        first = flow.entries[0]
+        folder = first.path.resolve().parent.name
+        return (
+            ("frames", f"{len(flow.entries)} in {folder}, read as {first.reader}"),
+            ("digest of the scene", first.header.digest),
+        )
+    if len(flow.times):
+        tags = flow.steps.tags
+        return (
+            ("export", f"{flow.name}, {len(flow.times)} steps; frames: {tags.get('frames', '')}"),
+            ("digest of the scene", tags.get("digest", "")),
+            ("exported with mpmgis", tags.get("version", "")),
+        )
+    return (("rasters", flow.name),)

@@ -1,0 +1,1 @@
+"""What happens before and between the steps of a run: preparation, stages, warm-up, cost."""

@@ -1,0 +1,81 @@
+"""A run that is resumed with a later [output] end_time: whether nothing else differs, and where it goes on."""
+
+from dataclasses import replace
+
+from ...errors import InputError, MpmgisError
+from ...solvers.stepping import END_TIME
+from .prepare import prepare_scene
+from .sequence import stage_number
+
+
+def earlier_run(prepared, record):
+    """The run of a `record`, prepared again, if it differs from `prepared` only by an earlier end_time; else None."""
+    told = ((record.get("scene") or {}).get("output") or {}).get("end_time")
+    output = prepared.scene.output
+    if not isinstance(told, (int, float)) or not 0 < told < output.end_time:
+        return None
+    try:
+        earlier = prepare_scene(replace(prepared.scene, output=replace(output, end_time=told)))
+    except MpmgisError:  # what could be prepared once cannot any more: its inputs have changed
+        return None
+    return earlier if earlier.digest == record.get("digest") else None
+
+
+def goes_on(record):
+    """Whether a later end changes anything: not where the run ended by itself, at rest or with no mass left."""
+    return record.get("state") != "finished" or record.get("reason") == END_TIME
+
+
+def go_on(folder, sequence, earlier):
+    """Set `sequence` to the newest frame in `folder` up to which the `earlier` run is the same as the longer one.
+
+    Newer frames are removed; those that stay belong to the longer run from now on.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    InputError
+        No such frame has the state that a restart needs, or another effect is on with the later end.
+    """
+    prepared = sequence.prepared
+    _require_same_effects(earlier, prepared)
+    for number, frame in folder.restartable(earlier.digest, prepared.digest):
+        if _is_shared(frame, earlier, prepared):
+            sequence.restore(replace(frame, digest=prepared.digest))
+            folder.go_back_to(number, prepared.digest)
+            return frame
+    end = earlier.scene.output.end_time
+    raise InputError(
+        f"{folder.path} has no frame from which a run to a later end goes on: what happened at end_time = {end:g} s is "
+        "in all frames that keep the state of a restart; give another -o, or --overwrite"
+    )
+
+
+def _require_same_effects(earlier, prepared):
+    before, now = (
+        [[(decision.effect, decision.state) for decision in stage.decisions] for stage in run.stages]
+        for run in (earlier, prepared)
+    )
+    if before != now:
+        changed = {effect for a, b in zip(before, now, strict=True) for effect, _ in set(a) ^ set(b)}
+        raise InputError(
+            f"with the later [output] end_time other effects are on ({', '.join(sorted(changed))}); set their use to "
+            "what it was, or give another -o"
+        )
+
+
+def _is_shared(frame, earlier, prepared):
+    """Whether the longer run comes by the state of this `frame` of the `earlier` one."""
+    output, stages = earlier.scene.output, len(prepared.stages)
+    if frame.time >= output.end_time:  # the longer run looks there whether a stage is over, and may have no frame
+        at_frame = round(frame.time / output.frame_interval) * output.frame_interval == frame.time
+        if not at_frame or (stages > 1 and stage_number(frame) < stages - 1):
+            return False
+    let_in = earlier.events.batches_in(frame)
+    return all(
+        (a.times[:count, 0] == b.times[:count, 0]).all() and (a.volumes[:count] == b.volumes[:count]).all()
+        for a, b, count in zip(earlier.events.inlets, prepared.events.inlets, let_in, strict=True)
+    )

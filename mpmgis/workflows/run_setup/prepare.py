@@ -1,0 +1,388 @@
+"""What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from ...effects.own_law import NO_OWN_LAWS, load_laws, require_sound
+from ...errors import InputError, SceneError
+from ...experiments.numerical_parameters import default_courant_number
+from ...fields import GRAVITY
+from ...io.gdal_input import require_local
+from ...io.raster import READ_WHOLE, TerrainFile
+from ...io.vector import with_crs_beside
+from ...kernels.laws import require_compiled, use_own_laws
+from ...machine import memory_lack
+from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
+from ...scene.tables import DENSITY
+from ...seeding.options import Cures, tell_if_implausible
+from ...solvers.columns import ColumnNumerics
+from ...solvers.cost import MEMORY_SHARE
+from ...solvers.events import Events
+from ...solvers.points import PointNumerics
+from ...solvers.restart import start_digest
+from ...spatial.node_grid import ColumnGrid, require_ground
+from ...spatial.placement import levelled
+from ...terrain.nodata import nodata_in_reach
+from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
+from ...terrain.release import tell_of_cliffs
+from .cost_prediction import require_room
+from .scene_files import read_places, trial_parameters
+from .sources import read_point_start, read_sources
+from .stage import Stage, read_areas, require_inflow_over
+
+MOST_LOOKED_AT = 10_000  # columns from which lines of energy are drawn
+BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
+# option of `mpmgis seed` in a message -> key of a scene; `rio edit-info FILE --crs` is another program's
+_KEYS_OF_OPTIONS = (
+    (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
+    (r"--dem-band (\w+)", r"[terrain] band = \1"),
+    (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
+    (r"--(thickness|surface|density)\b", r"[release] \1"),
+)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything a run needs, checked, before its first step.
+
+    `stages` are the parts of the run, one for each solver in turn; of what belongs to a stage the properties tell the
+    first's, which is the only one of most scenes. `vertical_stress` and `affine` are of points at the start, `seen` is
+    everything that may ever move, as columns.
+    """
+
+    scene: object
+    terrain: object
+    frame: object
+    events: Events
+    digest: str
+    stages: tuple  # of Stage
+    seen: object  # Frame
+    vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
+    affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
+    fill: object = None  # NodataFill of the terrain, where the scene asks for it
+
+    effects = property(lambda self: self.stages[0].effects)
+    decisions = property(lambda self: self.stages[0].decisions)
+    facts = property(lambda self: self.stages[0].facts)
+    numerics = property(lambda self: self.stages[0].numerics)
+    places = property(lambda self: self.stages[0].places)
+    walls = property(lambda self: self.stages[0].walls)
+    grid = property(lambda self: self.stages[0].grid)
+
+    @property
+    def particles(self):
+        """Number of columns or points at the start and of all that may come."""
+        return len(self.frame.particles) + self.events.columns_to_come()
+
+    def particles_of(self, number):
+        """About how many particles stage `number`, from 0, has: of points later on as many as the release makes."""
+        stage = self.stages[number]
+        if number == 0:
+            return self.particles
+        if stage.scene.solver == "points":
+            return int(stage.point_options().predicted_points(self.seen.particles))
+        return int(self.seen.particles.area.sum() / stage.grid.cell_size**2 * stage.scene.columns_per_cell) + 1
+
+    def longest(self, number):
+        """The longest time [s] that stage `number`, from 0, can last, as far as times are known before the run."""
+        times = [None if stage.table is None else (stage.table.until or {}).get("time") for stage in self.stages]
+        begins = max((time for time in times[:number] if time is not None), default=0.0)
+        ends = min((time for time in times[number:] if time is not None), default=self.scene.output.end_time)
+        return ends - begins
+
+    @property
+    def stress(self):
+        """float64[n, 6] [Pa], Kirchhoff: that of points at the start; None where nothing tells it."""
+        return self.stages[0].stress(self.vertical_stress)
+
+    def solver(self):
+        """The first stage's solver at its start."""
+        return self.stages[0].solver(self.terrain, self.frame, self.vertical_stress, self.affine)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What moves: columns or points at the start as `frame`, everything that may ever move as columns, `seen`."""
+
+    frame: object
+    seen: object
+    events: Events
+    facts: dict
+    reference_thickness: float | None
+    vertical_stress: np.ndarray | None = None
+    affine: np.ndarray | None = None
+
+
+def prepare(given, say=lambda text: None, laws=None):
+    """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
+
+    `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
+    a Python file with laws of friction of one's own; it is run as a program.
+    """
+    scene = scene_to_prepare(given, laws)
+    try:
+        return prepare_scene(scene, say)
+    except SceneError:
+        raise
+    except InputError as error:  # told in the words of `seed`; say whose file they are about
+        where = "scene" if isinstance(given, Mapping) else Path(given).name
+        raise type(error)(f"{where}: {in_scene_words(str(error))}") from error
+
+
+def in_scene_words(message):
+    """A `message` that names options of `mpmgis seed`, with the keys of a scene in their place."""
+    for option, key in _KEYS_OF_OPTIONS:
+        message = re.sub(option, key, message)
+    return message
+
+
+def prepare_scene(scene, say=lambda text: None):
+    """As `prepare`, of a Scene that is read already."""
+    say = _once(say)
+    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene, say))
+    scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
+    alone = [_with_courant_number(one) for one in scene.alone()]
+    require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
+    grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
+    start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
+    require_inflow_over(scene.stage, start.events)
+    stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
+    for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
+        stage = _stage(one, terrain, grid, start, reached, number > 0, say)
+        stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
+    _tell_of_friction(stages, say)
+    frame, lakes = start.frame, stages[0].places.lake_level
+    if lakes is not None:
+        frame = levelled(frame, lakes, grids[0], say)
+    shapes = [shape for stage in stages for shape in stage.shapes()]
+    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
+    frame = replace(frame, digest=digest)
+    return Prepared(
+        scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
+        fill,
+    )  # fmt: skip
+
+
+def _once(say):
+    """`say` that tells nothing twice: what each stage reads anew."""
+    told = set()
+
+    def saying(text):
+        if text not in told:
+            told.add(text)
+            say(text)
+
+    return saying
+
+
+def _laid_on_it(scene):
+    """Path of the release area or the inlet that the scene lays on its terrain; None where there is none."""
+    for table in (scene.release, scene.hydrograph):
+        if table is not None and table.source is not None:
+            return scene.path(table.source)
+    return None
+
+
+def _terrain(scene, say):
+    """(the terrain, or the window of it that the scene asks for, of which no more is read; its NodataFill or None)."""
+    table = scene.terrain
+    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say, table.fill_nodata), table.window
+    if window is None:
+        _tell_of_size(file.path, file.grid.shape, say)
+        return file.whole(), file.fill
+    west, south, east, north = file.grid.bounds
+    if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
+        raise SceneError(
+            f"[terrain] window = {list(window)} does not meet the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
+            f"{north:.0f}; correct it"
+        )
+    rows, columns = file.grid.window(window, 0)
+    _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start), say)
+    given = zip(("west", "south", "east", "north"), window, (west, south, east, north), (-1, -1, 1, 1), strict=True)
+    beyond = [side for side, asked, edge, out in given if out * (asked - edge) > file.grid.cell_size]
+    if beyond:
+        say(
+            f"[terrain] window = [west, south, east, north] reaches beyond the DTM to the {', '.join(beyond)}; it is "
+            f"cut there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
+        )
+    return file.cropped(window, 0), file.fill
+
+
+def _tell_of_size(name, shape, say):
+    """What very many cells of a DTM will take up of memory, before they are read; refused where that is not there."""
+    rows, columns = shape
+    if rows * columns <= READ_WHOLE:
+        return
+    needed, cells = rows * columns * BYTES_PER_PIXEL, f"{name} has {rows} x {columns} cells"
+    cure = "[terrain] window = [west, south, east, north] reads only as much as that"
+    if lack := memory_lack(needed, MEMORY_SHARE):
+        raise SceneError(f"{cells}, which need {lack}; {cure}")
+    say(f"{cells}, which take up to {needed / 1e9:.2g} GB; {cure}")
+
+
+def _start_of_columns(scene, terrain, grid, say):
+    """What moves in a run that begins with columns."""
+    sources = read_sources(scene, terrain, grid, say)
+    _tell_of_release(sources.frame.particles, sources.frame.header, scene, say)
+    tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
+    return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
+
+
+def _start_of_points(scene, terrain, grid, say):
+    """What moves in a run that begins with points."""
+    start = read_point_start(scene, terrain, grid, say)
+    _tell_of_release(start.seen.particles, start.frame.header, scene, say)
+    return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
+
+
+def _stage(scene, terrain, grid, start, reached, later, say):
+    """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins.
+
+    `reached` (mu) answers as `_reached`.
+    """
+    at_start = start.frame if start.frame.dimension == 2 else start.seen
+    known = read_places(scene, terrain, grid, at_start, start.seen, say)
+    reach, facts, deciding = _facts(terrain, start.seen, reached, known)
+    in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
+    require_ground(scene.solver, scene.numerics.edges, in_reach)
+    for line in in_reach.lines():
+        say(line)
+    facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
+    effects, decisions = resolve(deciding, facts)
+    if scene.solver == "points":
+        numerics, places = _point_numerics(scene, grid, start), known.in_3d(effects)
+    else:
+        thickness = start.reference_thickness or (facts.release_thickness if later else None)
+        numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
+    return Stage(
+        scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, known, deciding, nodata=in_reach
+    )
+
+
+def _column_numerics(scene, grid, start, reference_thickness):
+    stop = scene.output.stop_at_rest
+    return ColumnNumerics(
+        cell_size=grid.cell_size,
+        cfl=scene.numerics.cfl,
+        edges=scene.numerics.edges,
+        clamp=scene.numerics.clamp,
+        density=start.frame.header["density"],
+        stop_at_rest=scene.numerics.form == "slope" if stop is None else stop,
+        maxima=scene.output.maxima,
+        arrival_thickness=scene.output.arrival_thickness or ColumnNumerics.arrival_thickness,
+        reference_thickness=reference_thickness,
+    )
+
+
+def _point_numerics(scene, grid, start):
+    stop = scene.output.stop_at_rest
+    return PointNumerics(
+        cell_size=grid.cell_size,
+        cfl=scene.numerics.cfl,
+        edges=scene.numerics.edges,
+        density=start.frame.header["density"],
+        clearance=scene.numerics.clearance,
+        precision=scene.numerics.precision,
+        maxima=scene.output.maxima,
+        arrival_thickness=scene.output.arrival_thickness or PointNumerics.arrival_thickness,
+        stop_at_rest=scene.material.law != "Fluid" if stop is None else stop,
+    )
+
+
+def _with_density(scene, say):
+    """The scene with the density of its release, where that is not given: what flows in has it, else it is assumed."""
+    release, named = scene.release, scene.densities()
+    if release is not None and release.particles is not None:
+        return scene
+    if not named:
+        say(f"no density is given: {DENSITY:g} kg m-3 is assumed (masses, forces and pressures follow it)")
+    if release is None or release.density is not None:
+        return scene
+    return replace(scene, release=replace(release, density=named[0][1] if named else DENSITY))
+
+
+def _tell_of_friction(stages, say):
+    """Say where nothing resists on the bed, which is rarely meant."""
+    for number, stage in enumerate(stages, 1):
+        for decision in stage.decisions:
+            if decision.effect == "friction" and decision.state == "off":
+                where = f"stage {number}: " if len(stages) > 1 else ""
+                say(f"{where}there is no friction: {decision.reason}")
+
+
+def _completed(scene, cell_size):
+    """The scene with the numbers that stand for keys left out; Courant numbers and cells of stages are their own."""
+    output = scene.output
+    if output.maxima and output.arrival_thickness is None:
+        output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
+    if scene.stage:
+        given = scene.numerics.cell_size or cell_size
+        stages = (replace(stage, cell_size=stage.cell_size or given) for stage in scene.stage)
+        return replace(scene, stage=tuple(stages), output=output)
+    return replace(_with_courant_number(scene, cell_size), output=output)
+
+
+def _with_courant_number(scene, cell_size=None):
+    """A scene of one solver with its Courant number, and with cells of `cell_size` [m] where it does not say."""
+    numerics = scene.numerics
+    cfl = numerics.cfl or default_courant_number(scene, scene.solver)
+    return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
+
+
+def scene_to_prepare(given, laws=None):
+    """The scene at a path, or of tables; its own law of friction, if it has one, is tried and fit for the compiler."""
+    own = NO_OWN_LAWS if laws is None else load_laws(laws)
+    if isinstance(given, Mapping):
+        scene = scene_from_tables(given, own_laws=own)
+    else:
+        scene = read_scene(given, own)
+        for name in scene.files():
+            require_local(scene.path(name.partition("|")[0]), given)
+    if laws is not None:
+        use_own_laws(own)
+        law = own.laws[scene.friction.law][0](**trial_parameters(scene))
+        require_sound(law, scene.friction.law)
+        require_compiled(law, scene.friction.law)
+    return scene
+
+
+def _facts(terrain, frame, reached, known):
+    """(the Reach, the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
+    reach, facts = reached(known.mu_least())
+    of_places = known.facts(terrain, reach, frame, facts["release_thickness"])
+    facts = TerrainFacts(**facts, **of_places, density=frame.header["density"])
+    return reach, facts, known.completed(reach, terrain)
+
+
+def _reached(terrain, frame, mu):
+    """(the Reach of the columns of `frame` by a line of `mu`, what the ground and the release tell of themselves)."""
+    some = _some_columns(frame.particles)
+    xy = np.column_stack(frame.map_xy())[some]
+    mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
+    head = (frame.particles.velocity[some] ** 2).sum(axis=1) / (2.0 * GRAVITY)
+    reach = reach_of(terrain, xy, terrain.sample(*xy.T), mu, head)
+    facts = reach_facts(terrain, reach) | release_facts(terrain, xy, mass, thickness)
+    fastest = float(np.sqrt(2.0 * GRAVITY * head.max()))
+    facts |= {"start_speed": fastest, "speed": max(facts["speed"], fastest)}
+    profile = steepest_profile(terrain, np.average(xy, axis=0, weights=mass), reach.mu, head=head.max())
+    return reach, facts | {"profile": profile}
+
+
+def _some_columns(particles):
+    """int[k]: some of many columns, evenly taken, and the fastest of all."""
+    step = max(1, len(particles) // MOST_LOOKED_AT)
+    fastest = int(np.argmax((particles.velocity**2).sum(axis=1)))
+    return np.union1d(np.arange(0, len(particles), step), [fastest])
+
+
+def _tell_of_release(particles, header, scene, say):
+    more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
+    cures = Cures("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
+    if len(particles):
+        thickness = particles.volume.sum() / particles.area.sum()
+        tell_if_implausible(len(particles), header["density"], thickness, cures, say)

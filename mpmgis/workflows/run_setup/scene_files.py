@@ -1,0 +1,136 @@
+"""Input files of a scene, and its spatial features read and put on the solver's grid."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from ...errors import MpmgisError
+from ...io.raster import raster_files
+from ...io.spatial_inputs import read_placed_raster, read_polygons, read_walls
+from ...io.vector import is_raster
+from ...spatial.declared import KnownByPlace
+from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls
+
+VIRTUAL = b"<VRTDataset"  # in the head of a raster whose pixels lie in other files
+
+
+def input_files(given, scene, laws=None):
+    """Yield the path of every file that is there and that a run of `scene` reads.
+
+    Parameters
+    ----------
+    given : path or Mapping
+        What the scene was read from.
+    scene : Scene
+    laws : path, optional
+        File with laws of friction of the user's own.
+    """
+    if not isinstance(given, Mapping):
+        yield Path(given)
+    if laws is not None:
+        yield Path(laws)
+    for name in scene.files():
+        yield from _with_what_belongs_to_it(scene.path(name.partition("|")[0]))
+
+
+def _with_what_belongs_to_it(path):
+    """`path`, the files in it if it is a folder, those beside it with its stem, and the sources of a virtual raster."""
+    if path.is_dir():
+        yield from (entry for entry in path.rglob("*") if entry.is_file())
+        return
+    if not path.exists():
+        return
+    yield path
+    stem = path.name.partition(".")[0]
+    yield from (entry for entry in path.parent.iterdir() if entry.name.startswith(f"{stem}.") and entry.is_file())
+    with suppress(MpmgisError, OSError), open(path, "rb") as file:
+        if VIRTUAL in file.read(1000):
+            yield from raster_files(path)
+
+
+def read_places(scene, terrain, grid, start, everything, say):
+    """Read all that `scene` knows by place; a KnownByPlace.
+
+    Parameters
+    ----------
+    scene : Scene
+    terrain : Terrain
+    grid : ColumnGrid
+        Of the solver.
+    start, everything : Frame
+        The columns at the start, and all that may ever be released.
+    say : callable
+
+    Raises
+    ------
+    InputError
+        Files that cannot be read or do not match terrain, release and scene.
+    """
+    walls, nodes = standing_walls(_barriers(scene, terrain, say), grid, everything, say)
+    return KnownByPlace(
+        grid, scene, _zones(scene, terrain, grid, say), _erodible(scene, terrain, grid, everything, say), walls, nodes,
+        _lakes(scene, terrain, grid, start, say),
+    )  # fmt: skip
+
+
+def trial_parameters(scene):
+    """Parameters to try the scene's law with: what only zones give is their first number, else the least it can be."""
+    law = scene.laws[scene.friction.law][1]
+    numbers = {}
+    for zone in scene.zones:
+        numbers = {name: v for name, v in zone.parameters.items() if not isinstance(v, str)} | numbers
+    return {name: scene.friction.parameters.get(name, numbers.get(name, allowed[2])) for name, allowed in law.items()}
+
+
+def _used(table):
+    return table is not None and table.use != "off"
+
+
+def _placed(path, terrain, say):
+    """Polygons or the raster at `path`."""
+    if is_raster(path):
+        return PlacedFiles(raster=read_placed_raster(path, terrain))
+    return PlacedFiles(features=read_polygons(path, terrain, say))
+
+
+def _zones(scene, terrain, grid, say):
+    """Parameter -> values at the nodes; {} without zones."""
+    used = [(k, zone) for k, zone in enumerate(scene.zones, 1) if _used(zone)]
+    if not used or not _used(scene.friction):
+        return {}
+    read = ((number, zone, _zone_files(scene, zone, terrain, say)) for number, zone in used)
+    return painted_zones(scene, read, grid)
+
+
+def _zone_files(scene, zone, terrain, say):
+    """Polygons or mask of a zone, and the rasters that its parameters name."""
+    values = {
+        name: read_placed_raster(scene.path(value), terrain) for name, value in zone.parameters.items()
+        if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
+    }  # fmt: skip
+    where = PlacedFiles() if zone.source is None else _placed(scene.path(zone.source), terrain, say)
+    return PlacedFiles(where.features, where.raster, values)
+
+
+def _barriers(scene, terrain, say):
+    """(table, its files) of every barrier that is not off."""
+    for table in filter(_used, scene.barrier):
+        yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width, say))
+
+
+def _erodible(scene, terrain, grid, frame, say):
+    """Erodible mass at the nodes [kg m-2]; None without [entrainment]."""
+    table = scene.entrainment
+    if not _used(table):
+        return None
+    path = scene.path(table.source)
+    return erodible_mass(table, _placed(path, terrain, say), path, grid, frame.header["density"])
+
+
+def _lakes(scene, terrain, grid, start, say):
+    """Still level in the cells [m]; None without [still_water]."""
+    table = scene.still_water
+    if not _used(table):
+        return None
+    features = None if table.source is None else read_polygons(scene.path(table.source), terrain, say)
+    return lake_levels(table, PlacedFiles(features), grid, start)

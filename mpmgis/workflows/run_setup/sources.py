@@ -1,0 +1,370 @@
+"""What moves in a scene: columns or points at the start, inflow, and secondary releases."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ...conversion.account import account_of_points
+from ...conversion.starting import lying_in, point_options, points_from, standing
+from ...errors import InputError, SceneError
+from ...io.frames import read_frame
+from ...io.hydrograph import read_hydrograph
+from ...io.spatial_inputs import read_area
+from ...io.vector import read_release
+from ...particles import Particles
+from ...scene.tables import DENSITY, ReleaseTable
+from ...seeding.columns import seed_columns
+from ...solvers.cost import require_memory_for_points
+from ...solvers.events import Events, inlet_of, secondary_releases
+from ...terrain.release import VERTICAL, polygons_only
+
+_TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The columns of one scene.
+
+    Parameters
+    ----------
+    frame : Frame
+        At the start; without a release none.
+    events : Events
+    everything : Frame
+        All columns of release, inlet (as it stands at its largest inflow) and secondary areas, to decide effects from.
+    reference_thickness : float or None [m]
+        The thinnest mean of these; None where the release is all there is.
+    facts : dict
+        What `TerrainFacts` tells of inflow and secondary releases.
+    """
+
+    frame: object
+    events: Events
+    everything: object
+    reference_thickness: float | None
+    facts: dict
+
+
+def read_sources(scene, terrain, grid, say):
+    """The Sources of `scene` on `terrain`; `grid` is the solver's.
+
+    Raises
+    ------
+    InputError
+        What a file holds cannot be used; areas overlap; densities differ.
+    """
+    release = _release(scene, terrain, say)
+    frame = None if release is None else _start(scene, terrain, grid, release, say)
+    density = _density(scene, frame)
+    inlet, reference = _inlet(scene, terrain, grid, density, say), []
+    secondary = _secondary(scene, terrain, grid, density, release, say)
+    frames = [] if frame is None else [frame]
+    if inlet is not None:
+        frames.append(_standing(inlet))
+    frames += [area.frame for area in secondary]
+    if frame is None:
+        frame = replace(inlet.frame, particles=inlet.frame.particles.take(slice(0, 0)))
+    if len(frames) > 1 or inlet is not None:
+        reference = [float(np.average(f.particles.thickness, weights=f.particles.mass)) for f in frames]
+    events = Events([] if inlet is None else [inlet], secondary)
+    everything = _together(frames)
+    return Sources(frame, events, everything, min(reference, default=None), _facts(inlet, secondary, frames))
+
+
+def _release(scene, terrain, say):
+    """The ReleaseArea of [release]; its particles as a Frame; None without it."""
+    table = scene.release
+    if table is None:
+        return None
+    if table.particles is not None:
+        return columns_of(scene.path(table.particles), terrain, DENSITY, say)
+    return _area(scene, table, terrain, say)
+
+
+def _start(scene, terrain, grid, release, say):
+    """The columns at the start, with their velocity."""
+    table = scene.release
+    if table.particles is not None:
+        return release
+    frame = _seeded(scene, terrain, grid, release, table.density, table)
+    if table.speed is None:
+        return frame
+    return replace(frame, particles=replace(frame.particles, velocity=table.speed * grid.downslope(frame)))
+
+
+def _area(scene, table, terrain, say):
+    thickness, surface = table.thickness, getattr(table, "surface", None)
+    if isinstance(thickness, str) and scene.path(thickness).exists():
+        thickness = str(scene.path(thickness))
+    return read_release(
+        scene.path(table.source), terrain, thickness=thickness, thickness_mode=table.thickness_mode,
+        surface=None if surface is None else scene.path(surface), say=say,
+    )  # fmt: skip
+
+
+def _seeded(scene, terrain, grid, area, density, table=None):
+    """Columns of `area` on the solver's own lattice of cells, in the point set of the [release] `table`."""
+    west, _, _, north = terrain.grid.bounds
+    table = table or ReleaseTable()
+    return seed_columns(
+        terrain, area, cell_size=grid.cell_size, anchor=(west, north), per_cell=scene.columns_per_cell,
+        points=table.points, density=density, velocity=table.velocity, seed=table.seed,
+    )  # fmt: skip
+
+
+def _density(scene, frame):
+    """The one density of a scene [kg m-3]; refused where its tables differ."""
+    named = [] if frame is None else [("[release]", float(frame.header["density"]))]
+    named += [(name, density) for name, density in scene.densities() if name != "[release]"]
+    for name, density in named[1:]:
+        if abs(density - named[0][1]) > 1e-9 * density:
+            raise SceneError(
+                f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; all that flows has "
+                "one density, take one out"
+            )
+    return named[0][1] if named else DENSITY
+
+
+def _used(table):
+    return table is not None and table.use != "off"
+
+
+def _inlet(scene, terrain, grid, density, say):
+    """The Inlet of [hydrograph]; None where there is none."""
+    table = scene.hydrograph
+    if not _used(table):
+        return None
+    hydrograph = read_hydrograph(scene.path(table.file))
+    mode = VERTICAL if hydrograph.thickness is None else table.thickness_mode
+    area = read_release(scene.path(table.source), terrain, thickness=1.0, thickness_mode=mode, say=say)
+    inlet = inlet_of(_seeded(scene, terrain, grid, area, density), hydrograph, grid, scene.output.end_time)
+    if hydrograph.thickness is None and hydrograph.time[-1] > scene.output.end_time:
+        late = hydrograph.volume(scene.output.end_time, np.inf)
+        say(f"[hydrograph] {late:.6g} m3 would flow in after end_time = {scene.output.end_time:g} s")
+    return inlet
+
+
+def _secondary(scene, terrain, grid, density, release, say):
+    """A SecondaryRelease for each polygon of each [[secondary_release]]."""
+    others = [("[release]", p) for p in getattr(release, "polygons", ())]
+    named = []
+    for table in filter(_used, scene.secondary_release):
+        area = _area(scene, table, terrain, say)
+        pieces = [(part, piece) for part in area.parts for piece in shapely.get_parts(polygons_only(part.polygon))]
+        for number, (part, piece) in enumerate(pieces, 1):
+            name = area.name if len(pieces) == 1 else f"{area.name} {number}"
+            _require_apart(name, piece, others)
+            others.append((f"[[secondary_release]] '{name}'", piece))
+            alone = replace(area, parts=(replace(part, name=name, polygon=piece),))
+            named.append((name, _seeded(scene, terrain, grid, alone, density), table.trigger_thickness))
+    return secondary_releases(named, grid)
+
+
+def _require_apart(name, polygon, others):
+    """Refuse an area that counts ground twice."""
+    for other_name, other in others:
+        shared = polygon.intersection(other).area
+        if shared > _TOUCHING * min(polygon.area, other.area):
+            raise InputError(
+                f"[[secondary_release]] '{name}' and {other_name} overlap by {shared:.4g} m2; cut one of them (QGIS: "
+                "Difference)"
+            )
+
+
+def _standing(inlet):
+    """The inlet's columns with the thickness that stands in it at its largest inflow, and the largest entry speed."""
+    p, density = inlet.frame.particles, inlet.frame.header["density"]
+    thickness = np.full(len(p), inlet.reference_thickness)
+    volume = thickness * p.area
+    standing = replace(p, thickness=thickness, volume=volume, mass=density * volume, velocity=inlet.fastest_velocity())
+    return replace(inlet.frame, particles=standing)
+
+
+def _together(frames):
+    """One frame of the columns of all `frames`, relative to the origin of the first."""
+    first = frames[0]
+    if len(frames) == 1:
+        return first
+    parts = [
+        replace(f.particles, position=f.particles.position + np.subtract(f.origin, first.origin), id=None, parent=None)
+        for f in frames
+    ]
+    names = [name for name in parts[0].arrays() if all(name in part.arrays() for part in parts)]
+    return replace(first, particles=Particles(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names}))
+
+
+def _facts(inlet, secondary, frames):
+    """Inflow (volume [m3], first and last time [s], batches) and the secondary areas' share of the mass."""
+    facts = {}
+    if inlet is not None:
+        begins, ends = float(inlet.times[0, 0]), float(inlet.times[-1, 1])
+        facts["inflow"] = (float(inlet.volumes.sum()), begins, ends, len(inlet.times))
+    if secondary:
+        mass = sum(float(area.frame.particles.mass.sum()) for area in secondary)
+        first = sum(float(frame.particles.mass.sum()) for frame in frames) - mass
+        if inlet is not None:
+            standing = float(_standing(inlet).particles.mass.sum())
+            first += float(inlet.volumes.sum()) * inlet.frame.header["density"] - standing
+        facts["secondary"] = (mass / first, len(secondary))
+    return facts
+
+
+def columns_of(path, terrain, density, say, with_state=False, window=None):
+    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS.
+
+    Only what lies in `window` (shapely.Polygon) need be on the terrain.
+    """
+    frame = read_frame(path, with_state)
+    if frame.dimension != 2:
+        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
+    return placed_on(frame, path, terrain, density, say, window)
+
+
+def placed_on(frame, path, terrain, density, say, window=None):
+    """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS.
+
+    With `window` (shapely.Polygon) only what lies in it, or reaches into it, has to be on the terrain.
+    """
+    if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
+        raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
+    if window is not None:
+        frame = _without_far(frame, terrain, window, say)
+    _require_on_terrain(frame, path, terrain)
+    if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
+        say(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
+    header = dict(frame.header)
+    header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
+    return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
+
+
+def _without_far(frame, terrain, window, say):
+    """`frame` without the particles off the terrain that do not reach into `window`."""
+    west, south, east, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    particles = frame.particles
+    reach = np.sqrt(particles.area.max(initial=0.0)) if frame.dimension == 2 else 0.0
+    off = ~((x >= west) & (x <= east) & (y >= south) & (y <= north))
+    far = off & ~shapely.contains_xy(window.buffer(reach), x, y)
+    if not far.any():
+        return frame
+    left = float(particles.mass[far].sum())
+    say(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg that lie outside the terrain")
+    state = {name: values[~far] for name, values in frame.state.items() if np.shape(values)[:1] == far.shape}
+    return replace(frame, particles=particles.take(~far), state=state)
+
+
+def _require_on_terrain(frame, path, terrain):
+    """Refuse columns beside the terrain, where there is no bed to read; of points some may be, they count as gone."""
+    west, south, east, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    outside = int(np.count_nonzero(~((x >= west) & (x <= east) & (y >= south) & (y <= north))))
+    if outside == len(x) or (outside and frame.dimension == 2):
+        raise InputError(
+            f"{path}: {outside} of {len(x)} particles lie outside the terrain, E {west:.0f} to {east:.0f}, N "
+            f"{south:.0f} to {north:.0f}; give the DTM that they were made on, or a wider [terrain] window"
+        )
+
+
+def _how_far_apart(frame, terrain):
+    """In what the terrain that `frame` was made on differs; a run's frames name the copy that the run keeps."""
+    x, y = frame.map_xy()
+    apart = np.abs(frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y))
+    if frame.dimension != 2 or not np.isfinite(apart).any():
+        return "their sha256 differ"
+    return (
+        f"their sha256 differ, the ground under its columns by {np.nanmedian(apart):.3f} m, at most by "
+        f"{np.nanmax(apart):.3f} m; its thickness is kept"
+    )
+
+
+@dataclass(frozen=True)
+class PointStart:
+    """The points of one scene.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 3, at time 0.
+    vertical_stress : float64[n] [Pa] or None
+        Of their weight; None where nothing tells it.
+    affine : float64[n, 3, 3] [s-1] or None
+        Velocity gradient; None where nothing tells it, or all move alike.
+    seen : Frame
+        The same mass as columns, to decide effects from.
+    """
+
+    frame: object
+    vertical_stress: np.ndarray | None
+    affine: np.ndarray | None
+    seen: object
+
+
+def read_point_start(scene, terrain, grid, say):
+    """The PointStart of `scene` on `terrain`; `grid` is the solver's, seen from above.
+
+    Raises
+    ------
+    InputError
+        What a file holds cannot be used; points under the ground; too many for this machine.
+    """
+    table, cell_size = scene.release, scene.numerics.cell_size
+    path = None if table.particles is None else scene.path(table.particles)
+    if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
+        return _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain, say), say)
+    return _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
+
+
+def _columns_of(scene, path, terrain, grid, say):
+    """Columns out of the file at `path`, or seeded in the release."""
+    if path is not None:
+        return columns_of(path, terrain, DENSITY, say, with_state=True, window=_window(scene, terrain, say))
+    return read_sources(scene, terrain, grid, say).frame
+
+
+def _converted(columns, scene, terrain, say):
+    """Points out of a frame of columns; what a conversion of somebody's columns keeps is told."""
+    options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
+    window = _window(scene, terrain, say)
+    seen = columns if window is None else lying_in(columns, window)
+    require_memory_for_points(options.predicted_points(seen.particles), options.cell)
+    points = points_from(columns, terrain, options, window)
+    _tell_of_outside(points.report.outside.mass, points.report.before.mass, say)
+    if scene.release.particles is not None:
+        for line in account_of_points(points.report, options)[:2]:
+            say(line)
+    state, frame = points.frame.state, replace(points.frame, state={}, time=0.0, step=0)
+    return PointStart(frame, state["vertical_stress"], state.get("affine"), replace(seen, state={}))
+
+
+def _window(scene, terrain, say):
+    """The polygons of [release] window as one; None without it."""
+    name = scene.release.window
+    return None if name is None else read_area(scene.path(name), terrain, say)
+
+
+def _tell_of_outside(outside, mass, say):
+    """What a window leaves out."""
+    if outside > 0.0:
+        say(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
+
+
+def _points_of(path, terrain, cell_size, density, window, say):
+    """Points out of the frame at `path`, those in `window`."""
+    frame = placed_on(read_frame(path), path, terrain, density, say, window)
+    if window is not None:
+        mass = float(frame.particles.mass.sum())
+        frame = lying_in(frame, window)
+        _tell_of_outside(mass - float(frame.particles.mass.sum()), mass, say)
+    stress, affine = frame.told("vertical_stress"), frame.told("affine", 3, 3)
+    if stress is None:
+        say(f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity")
+    x, y = frame.map_xy()
+    above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
+    under = above < -cell_size
+    if under.any():
+        raise InputError(
+            f"{path}: {int(under.sum())} of {len(under)} points start more than a cell of {cell_size:g} m under the "
+            f"ground, the worst by {-above[under].min():.3g} m; use the DTM that they were made on"
+        )
+    return PointStart(replace(frame, state={}), stress, affine, standing(frame, terrain, cell_size))

@@ -1,0 +1,248 @@
+"""A stage of a run: one solver with all that it needs, decided before the run begins, and what ends it."""
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from ...analysis.point_volume import point_volume
+from ...conversion.columns import unsettled_share
+from ...conversion.points import columns_to_points
+from ...conversion.starting import kirchhoff_stress, point_options
+from ...conversion.switching import switch_to_columns, switch_to_points
+from ...errors import SceneError
+from ...io.spatial_inputs import read_area
+from ...scene import resolve
+from ...scene.stages import CLIFF, WALLS
+from ...scene.tables import StageTable
+from ...scene.terrain_effects import with_effects_on
+from ...solvers.columns import ColumnSolver
+from ...solvers.cost import require_memory_for_points, resolution_of
+from ...solvers.coupled import CoupledSolver
+from ...solvers.points import PointSolver
+from ...solvers.stage_end import CALM_NORMAL, Cliff, Near, StageEnd
+from ...spatial.declared import KnownByPlace
+from ...spatial.features import Places
+from ...spatial.node_grid import ColumnGrid
+from ...spatial.watch import Watch
+from ...terrain.nodata import NodataInReach
+
+WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
+
+    `deciding` is the scene by which its effects are decided, and `known` what it knows by place, on or off.
+    `known_walls` are all barriers of the scene; `window` and `area` (shapely) what becomes points, and the area that
+    the flow has to come near to; `nodata` is what the flow can reach of it.
+    """
+
+    scene: object
+    grid: ColumnGrid
+    effects: object
+    decisions: tuple
+    facts: object
+    numerics: object  # ColumnNumerics or PointNumerics
+    places: Places
+    known_walls: tuple = ()
+    known: KnownByPlace | None = None
+    deciding: object = None
+    table: StageTable | None = None
+    window: shapely.Geometry | None = None
+    area: shapely.Geometry | None = None
+    nodata: NodataInReach = field(default_factory=NodataInReach)
+
+    @property
+    def walls(self):
+        """The barriers that are on in 3D."""
+        return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
+
+    def features(self):
+        """tuple of Feature: what is placed on its map and off by its number alone."""
+        effects = self.effects
+        law = effects.contact if self.scene.solver == "points" else effects.friction
+        return () if self.known is None else self.known.watched(law, self.decisions)
+
+    def watch(self, solver):
+        """`solver`, which turns on the effects of features that its flow comes to."""
+        features = self.features()
+        if features:
+
+            def with_effects(names):
+                stage = self.with_effects(names)
+                return stage.effects, stage.places, stage.walls
+
+            solver.watch(Watch(features, with_effects))
+        return solver
+
+    def with_effects(self, names, decided_by="flow"):
+        """It with the effects `names`, which it has by place, on."""
+        if not names:
+            return self
+        effects, decisions = resolve(with_effects_on(self.deciding, names), self.facts)
+        decisions = tuple(one._replace(decided_by=decided_by) if one.effect in names else one for one in decisions)
+        places = self.known.in_3d(effects) if self.scene.solver == "points" else self.known.on_grid(effects)
+        return replace(self, effects=effects, decisions=decisions, places=places)
+
+    def all_places(self):
+        """Places as they are once every feature is on."""
+        return self.with_effects(tuple(feature.effect for feature in self.features())).places
+
+    def words(self):
+        """Its solver, its cells and when it ends, in words."""
+        ends = {"time": "t = {:g} s", "reach": "within reach of {}", "calm": "calm for {:g} s"}
+        until = " or ".join(ends[key].format(value) for key, value in (self.table.until or {}).items())
+        where = "" if self.window is None else f" in {self.table.window}"
+        return f"{self.scene.solver}{where}, cells of {self.grid.cell_size:g} m, until {until or 'the end'}"
+
+    def shapes(self):
+        """What it knows by place besides `places`."""
+        walls = [wall.footprint for wall in self.known_walls] if self.table is not None else []
+        return [shape for shape in (self.window, self.area, *walls) if shape is not None]
+
+    def solver(self, terrain, frame, vertical_stress=None, gradient=None):
+        """Its solver, which starts with `frame`; `vertical_stress` [n] [Pa] is of points, `gradient` of both."""
+        if self.scene.solver == "points":
+            return PointSolver(
+                frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
+                self.walls, gradient,
+            )  # fmt: skip
+        return ColumnSolver(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
+
+    def stress(self, vertical_stress):
+        """float64[n, 6] [Pa], Kirchhoff, of points under their weight; None where nothing tells it."""
+        if vertical_stress is None:
+            return None
+        material = self.effects.material
+        return kirchhoff_stress(vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
+
+    def end(self, terrain, following):
+        """A StageEnd to look at on the way; `following` is the next Stage, None after the last."""
+        if following is None:
+            return StageEnd()
+        until, least = self.table.until, WET_SHARE * self.facts.release_thickness
+        walls = self._near_walls(least)
+        reached = {WALLS: walls, CLIFF: Cliff(terrain)}.get(self.table.reach)
+        if self.area is not None:
+            reached = Near(f"the area of {self.table.reach}", self.area, least)
+        calm = until.get("calm")
+        if calm is None:
+            return StageEnd(until.get("time"), reached)
+        disturbing = [thing for thing in (walls, Cliff(terrain)) if thing is not None]
+        cell = following.cell_of_columns(self.grid.cell_size)
+        return StageEnd(
+            until.get("time"), reached, calm, disturbing,
+            lambda frame: unsettled_share(frame, terrain, cell, CALM_NORMAL),
+        )  # fmt: skip
+
+    def _near_walls(self, least):
+        if not self.known_walls:
+            return None
+        names = ", ".join(f"'{wall.name}'" for wall in self.known_walls)
+        return Near(f"barrier {names}", shapely.union_all([wall.footprint for wall in self.known_walls]), least)
+
+    def cell_of_columns(self, point_cell):
+        """Side [m] of the cells in which points of a grid of `point_cell` [m] become its columns.
+
+        As many to a cell of its own as columns are seeded, none smaller than a cell of the points' grid.
+        """
+        along = min(round(np.sqrt(self.scene.columns_per_cell)), int(self.grid.cell_size / point_cell + 1e-9))
+        return self.grid.cell_size / max(along, 1)
+
+    def switched_from(self, before, frame, terrain, beside=None):
+        """The flow `frame` of the Stage `before` as this one goes on with it; a Switched.
+
+        `beside` is a Frame of columns that were outside that stage's window.
+        """
+        if self.scene.solver == "columns":
+            cell = self.cell_of_columns(before.grid.cell_size)
+            return switch_to_columns(frame, terrain, cell, self.grid.holds, beside)
+        options = self.point_options()
+        require_memory_for_points(options.predicted_points(frame.particles), options.cell)
+        return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
+
+    def resolution(self, columns):
+        """The Resolution, on its grid of points, of a Frame of columns that becomes points; None where none does."""
+        particles = columns.particles
+        if self.window is not None:
+            particles = particles.take(shapely.contains_xy(self.window, *columns.map_xy()))
+        height = self.facts.barrier_height if self.walls else None
+        return resolution_of(particles, self.grid.cell_size, height) if len(particles) else None
+
+    def volume(self, points, terrain):
+        """The PointVolume of a Frame of its points on `terrain`."""
+        x, y = points.map_xy()
+        if not len(x):
+            return point_volume(points, np.zeros(0), np.zeros(0), self.grid.cell_size, self.numerics.density)
+        near = terrain.cropped((x.min(), y.min(), x.max(), y.max()), 2)
+        height = points.particles.position[:, 2] + points.origin[2] - near.sample(x, y)
+        at = (np.rint(place).astype(int) for place in near.grid.rowcol(x, y))
+        row, column = (np.clip(k, 0, n - 1) for k, n in zip(at, near.elevation.shape, strict=True))
+        slope = np.hypot(*near.limited_gradient[row, column].T)
+        return point_volume(points, height, slope, self.grid.cell_size, self.numerics.density)
+
+    @property
+    def marches_outside(self):
+        """Whether what lies outside its window goes on as columns."""
+        return self.table is not None and self.table.outside == "columns"
+
+    def coupled(self, points, columns, terrain):
+        """The CoupledSolver of its PointSolver and the ColumnSolver of what lies outside its window."""
+        shapely.prepare(self.window)
+        margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain stay on it
+
+        def inside(x, y):
+            east, north = x - self.grid.x0, y - self.grid.y0
+            corners = [self.grid.covers(east + a, north + b) for a in (-margin, margin) for b in (-margin, margin)]
+            return np.logical_and.reduce([shapely.contains_xy(self.window, x, y), *corners])
+
+        options = replace(self.point_options(), stretched=False)
+
+        def as_points(frame):
+            made = columns_to_points(frame, terrain, options).frame
+            return made, self.stress(made.state["vertical_stress"]), made.state.get("affine")
+
+        return CoupledSolver(points, columns, inside, as_points)
+
+    def columns_outside(self, frame, terrain, gradient=None):
+        """The ColumnSolver, of this stage of columns, that goes on with those of `frame` outside the next's window."""
+        thickness = self.numerics.reference_thickness or self.facts.release_thickness
+        numerics = replace(self.numerics, reference_thickness=thickness, stop_at_rest=False)
+        return ColumnSolver(frame, terrain, self.effects, numerics, self.places, self.grid, gradient)
+
+    def point_options(self):
+        """How a flow of columns becomes its points: where columns lie over each other they are raised (E10)."""
+        options = point_options(self.grid.cell_size, self.scene.numerics.points_per_side)
+        return replace(options, relevel=True)
+
+
+def read_areas(scene, number, terrain, say):
+    """What stage `number`, from 0, of `scene` has by place: `table`, `window` and `area` of a Stage."""
+    if not scene.stage:
+        return {}
+    table = scene.stage[number]
+    named = {"window": table.window, "area": table.reached_file}
+    read = {key: read_area(scene.path(name), terrain, say) for key, name in named.items() if name is not None}
+    return {"table": table} | read
+
+
+def require_inflow_over(stages, events):
+    """Refuse inflow that a stage of points would miss: it comes in between steps of columns.
+
+    Raises
+    ------
+    SceneError
+    """
+    over = events.ends()
+    for number, (before, stage) in enumerate(pairwise(stages), 1):
+        if not events.inlets or stage.solver == "columns" or stage.outside == "columns":
+            continue
+        if set(before.until) != {"time"} or before.until["time"] < over:
+            raise SceneError(
+                f"[hydrograph] flows in until t = {over:g} s, and [[stage]] number {number + 1}, of points, may begin "
+                f"before that; end the one before with until = {{time = ...}} of {over:g} s or more and nothing else, "
+                "or let what is outside a window go on as columns"
+            )

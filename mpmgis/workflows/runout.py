@@ -1,0 +1,191 @@
+"""Results in, runout and its angles out; with a flow line that the user may draw."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.comparison import footprint
+from ..analysis.flow_line import centre_line, distance_to_line
+from ..analysis.frame_values import cells_of
+from ..analysis.runout import (
+    Place,
+    RunoutFound,
+    ends_along,
+    energy_line,
+    farthest_place,
+    heights_under,
+    line_profile,
+    mass_state,
+)
+from ..errors import InputError
+from ..io.observed import read_line
+from ..reports.series import write_figures, write_over_time, write_profile, write_runout_plot
+from .answer_files import AnswerRequest, answer_output, write_answer
+from .opened_results import exported_peaks, open_flow, read_peaks
+from .parallel import frame_pool
+
+
+def given_line(path, flowed, grid, terrain, say):
+    """float64[n, 2] [m]: the line at `path`, from its upper end.
+
+    Parameters
+    ----------
+    path : Path
+    flowed : bool[rows, columns]
+        Cells of `grid` that the flow reached; the line must pass within two cells of one.
+    grid : Grid
+    terrain : Terrain or None
+        Without it the line keeps its direction.
+    say : callable
+
+    Raises
+    ------
+    MpmgisError
+    """
+    line = read_line(path, grid, say)
+    distance = distance_to_line(line, flowed, grid)
+    if distance > 2 * grid.cell_size:
+        raise InputError(f"{path} passes no nearer than {distance:.0f} m to the flow; give the line that it took")
+    if terrain is not None:
+        begin, end = terrain.sample(*line[[0, -1]].T)
+        if begin < end:
+            say(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
+            return line[::-1]
+    return line
+
+
+PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
+FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
+WORD = "runout"
+CENTRE_LINE = "centre line of the flow"
+STRAIGHT_OVER_ALONG = 1.5  # a toe as far beside the line as along it makes 1.41
+_ROOM = 0.08  # of the runout: how far the profile goes on at both ends
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunoutRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
+
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+
+
+def runout(request, say=lambda text: None, progress=lambda done, total: None):
+    """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
+
+    Returns
+    -------
+    RunoutFound
+
+    Raises
+    ------
+    MpmgisError
+        What cannot be read, or a flow that reached nothing; nothing is written then.
+    """
+    output = answer_output(request, WORD, FILES)
+    flow = open_flow(request.results, output, say, peaks_do=True)
+    with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
+        peaks = exported_peaks(request.results, stack, say, progress)
+        bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
+    found = found_runout(request, flow, bands, grid, say)
+    return replace(found, files=_write(request, output, found))
+
+
+def found_runout(request, flow, bands, grid, say):
+    """The RunoutFound of a flow whose largest depth and maybe last depth [m] are the `bands` on `grid`; no files."""
+    if "h_max" not in bands:
+        raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), from which a runout is read")
+    depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
+    mask = footprint(depth, request.threshold)
+    if not mask.any():
+        raise InputError(
+            f"{flow.name}: no cell was ever deeper than --threshold {request.threshold:g} m; give a lower one"
+        )
+    elevation = heights_under(mask, grid, flow.terrain)
+    if not np.isfinite(elevation).any():
+        raise InputError(f"{flow.terrain.path} has no heights under the flow; give with --dem the DTM of the results")
+    line, source = _line(request, flow, mask, depth, elevation, grid, say)
+    top, toe = ends_along(mask, elevation, grid, line)
+    lying = footprint(deposit, request.threshold)
+    spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
+    reached = energy_line(top, toe, line, flow.terrain, spacing)
+    if reached is None:
+        raise InputError(
+            f"{flow.name}: the flow does not get beyond its highest place along {source}; give another --line"
+        )
+    if reached.straight > STRAIGHT_OVER_ALONG * reached.length:
+        say(
+            f"{source}: the flow's toe lies {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
+            "along the line, which does not follow the flow; give another --line"
+        )
+    states = _states(flow, line)
+    return RunoutFound(
+        name=flow.name,
+        threshold=request.threshold,
+        line=line,
+        line_source=source,
+        flow=reached,
+        deposit=energy_line(top, farthest_place(lying & mask, elevation, grid, line), line, flow.terrain, spacing),
+        states=states,
+        farthest_mass=_farthest_mass(states, line, flow.terrain),
+        profile=_profile(reached, line, flow.terrain, spacing, depth, deposit, grid),
+    )
+
+
+def _line(request, flow, mask, depth, elevation, grid, say):
+    """(vertices, where from) of the line that the runout is read along."""
+    if request.line is not None:
+        return given_line(request.line, mask, grid, flow.terrain, say), str(request.line)
+    line = centre_line([mask], [depth], elevation, grid)
+    if line is None:
+        raise InputError(
+            f"{flow.name}: the flow is one cell, or has no heights under it; give --line, or smaller --cs-e"
+        )
+    return line, CENTRE_LINE
+
+
+def _states(flow, line):
+    """MassState of every frame; () of rasters."""
+    if not flow.entries:
+        return ()
+    with frame_pool() as pool:
+        return tuple(state for state in pool.map(_entry_state, flow.entries, flow.averaging, line) if state is not None)
+
+
+def _entry_state(entry, averaging, line):
+    return mass_state(entry.read(averaging.density), averaging, line)
+
+
+def _farthest_mass(states, line, terrain):
+    """Place on the line where 99 % of the last frame's mass lie at or before; None without frames."""
+    if not states:
+        return None
+    along = float(states[-1].quantiles[-1])
+    (_, x, y, elevation, _) = line_profile(line, terrain, along, along + 1e-3, 1.0)
+    return Place(along, float(x[0]), float(y[0]), float(elevation[0]))
+
+
+def _profile(reached, line, terrain, spacing, depth, deposit, grid):
+    """The columns of PROFILE_COLUMNS, from a little above the top to a little beyond the toe."""
+    room = _ROOM * reached.length
+    begin, end = reached.top.along - room, reached.toe.along + room
+    along, x, y, elevation, ground = line_profile(line, terrain, begin, end, 2 * spacing)
+    share = (along - reached.top.along) / reached.length
+    falling = np.where((share >= 0) & (share <= 1), reached.top.z - share * reached.drop, np.nan)
+    cells = cells_of(grid, x, y)
+    values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, deposit)]
+    return (along, ground, x, y, elevation, falling, *values)
+
+
+def _write(request, output, found):
+    writers = {
+        PLOT_FILE: lambda path: write_runout_plot(path, found),
+        FIGURES_FILE: lambda path: write_figures(path, found),
+        TIME_FILE: lambda path: write_over_time(path, found),
+        PROFILE_FILE: lambda path: write_profile(path, found),
+    }
+    if not found.states:
+        del writers[TIME_FILE]
+    return write_answer(request, output, writers)

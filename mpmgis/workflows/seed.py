@@ -1,0 +1,128 @@
+"""`mpmgis seed`: a DTM and release areas in, a file of columns out."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import system
+from ..errors import OutputError
+from ..io.atomic import refuse_existing
+from ..io.particle_files import require_format, write_columns
+from ..io.raster import READ_WHOLE, TerrainFile, read_terrain
+from ..io.vector import read_release, with_crs_beside
+from ..particles import Particles
+from ..seeding.columns import plan_seed
+from ..seeding.options import Cures, tell_if_implausible
+from ..terrain.release import NORMAL
+
+_CURES = Cures("--density", "--thickness", "give a larger --per-cell or --count, a smaller --spacing, or a finer DTM")
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """What came of it: the file, the number of columns, and the record of design notes 1.5."""
+
+    path: Path
+    count: int
+    record: dict
+
+
+def seed_file(
+    dem,
+    release,
+    output=None,
+    *,
+    crs=None,
+    dem_band=None,
+    fill_nodata=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    overwrite=False,
+    say=lambda text: None,
+    **options,
+):
+    """Seed `release` on `dem` and write the columns to `output`.
+
+    Parameters
+    ----------
+    dem, release : str or Path
+    output : str or Path, optional
+        Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
+    crs, dem_band, fill_nodata : as for `read_terrain`
+    thickness, thickness_mode, surface : as for `read_release`
+    overwrite : bool
+    say : callable
+    **options
+        As in `SeedOptions`.
+
+    Returns
+    -------
+    Seeded
+    """
+    if output is not None:
+        require_format(output)
+        refuse_existing(output, overwrite)
+    terrain = with_crs_beside(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, say))
+    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
+    path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
+    refuse_existing(path, overwrite)
+    _refuse_inputs(path, (dem, release, thickness, surface))
+    seed = _planned(terrain, area, options, say)
+    frame = replace(seed.empty_frame(), dem=system.slashed(terrain.path, path.parent))
+    write_columns(path, frame, seed.count, seed.slabs())
+    return Seeded(path, seed.count, seed.record)
+
+
+def _terrain(dem, crs, band, fill_nodata, say):
+    """The DTM, or of a very large one the file, of which no more is read than lies under the release.
+
+    Holes are filled in the whole DTM: where a hole ends is not known of a part.
+    """
+    file = TerrainFile(dem, crs, band, say, fill_nodata)
+    if file.pixels <= READ_WHOLE or fill_nodata is not None:
+        return file.whole()
+    rows, columns = file.grid.shape
+    say(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
+    return file
+
+
+def seed_frame(
+    dem,
+    release,
+    *,
+    crs=None,
+    dem_band=None,
+    fill_nodata=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    say=lambda text: None,
+    **options,
+):
+    """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
+    terrain = with_crs_beside(
+        release, lambda: read_terrain(dem, crs=crs, band=dem_band, say=say, fill_nodata=fill_nodata)
+    )
+    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
+    seed = _planned(terrain, area, options, say)
+    slabs = [particles.arrays() for particles in seed.slabs()]
+    particles = Particles(**{name: np.concatenate([slab[name] for slab in slabs]) for name in slabs[0]})
+    return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
+
+
+def _planned(terrain, area, options, say):
+    """The Seed of a release on a terrain, with words about what is hardly meant."""
+    seed = plan_seed(terrain, area, say=say, **options)
+    mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
+    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
+    return seed
+
+
+def _refuse_inputs(path, inputs):
+    """No seed takes the place of what it is made from, --overwrite or not."""
+    for given in inputs:
+        named = Path(str(given).partition("|")[0])
+        if path.exists() and named.exists() and path.samefile(named):
+            raise OutputError(f"{path} is what the seed is made from and would be replaced; give another -o")

@@ -1,0 +1,256 @@
+"""`mpmgis study`: a scene in, what its accuracy costs in time out, as a table, a plot and plain words."""
+
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.cells import Bed
+from ..analysis.comparison import nearest
+from ..errors import InputError, OutputError, SceneError
+from ..experiments.measures import (
+    NAMES,
+    Errors,
+    ExportSetting,
+    ExportSweep,
+    State,
+    StudyCells,
+    centre_of,
+    errors_against_exact,
+    errors_of,
+    outcomes,
+)
+from ..experiments.numerical_parameters import crossed, knobs_of, one_at_a_time, reference
+from ..experiments.report import Beside, Row, Study
+from ..io.atomic import whole_folder
+from ..io.links import within
+from ..io.spatial_inputs import read_placed_raster
+from ..io.tables import write_records
+from ..reports.study_files import read_beside, write_plot
+from ..terrain.grid import Grid
+from .run import use_threads
+from .run_setup.cost_prediction import predicted_cost, tried
+from .run_setup.prepare import prepare, prepare_scene
+from .run_setup.scene_files import input_files
+from .run_setup.sequence import Sequence
+from .run_setup.warmup import rehearse
+
+TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
+LOOKS = 4  # times at which flows are compared, the last the end
+ASK_SECONDS = 600.0
+TRIAL_SECONDS = 10.0  # of steps, a tenth of which is a trial of this machine for each solver
+
+
+@dataclass(frozen=True)
+class StudyRequest:
+    """What was asked for: the command's options by name. Its help tells more."""
+
+    scene: Path
+    output: Path | None = None
+    overwrite: bool = False
+    knobs: tuple | None = None
+    cell_sizes: tuple | None = None
+    full: bool = False
+    repeats: int = 3
+    measure: str = "thickness"
+    exact: Path | None = None
+    beside: tuple = ()
+    refinement: float | None = None
+    target_error: float | None = None
+    exports: bool = True
+    threads: int | None = None
+    law: Path | None = None
+
+
+@dataclass(frozen=True)
+class StudyFound:
+    """What came of it: the Study, the Choice for the error asked for (or None), and the files."""
+
+    study: object
+    choice: object
+    lines: tuple
+    files: tuple
+
+
+def study(request, *, confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):
+    """Run the scene with its knobs turned one at a time, hold all runs against a finer one or an exact answer.
+
+    Returns
+    -------
+    StudyFound
+
+    Raises
+    ------
+    InputError, SceneError, OutputError
+        Before the first step; nothing is left behind.
+    UnphysicalError
+        A setting that the solver stopped at.
+    """
+    _require_possible(request)
+    output = Path(request.output or Path(request.scene).parent / "study")
+    with whole_folder(output, request.overwrite) as part:
+        found = _study(request, output, confirm, say, watch)
+        write_records(part / TABLE_FILE, *found.study.records())
+        write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
+        write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
+        names = [TABLE_FILE, SUMMARY_FILE, PLOT_FILE]
+        if found.study.exports:
+            write_records(part / EXPORT_FILE, ExportSetting._fields, found.study.exports)
+            names.append(EXPORT_FILE)
+    return replace(found, files=tuple(output / name for name in names))
+
+
+def _require_possible(request):
+    if request.measure not in NAMES:
+        raise InputError(f"--measure {request.measure}: wanted one of {', '.join(NAMES)}")
+    if request.exact is not None and request.measure != "thickness":
+        raise InputError(f"--exact tells of thickness only; leave --measure {request.measure} out")
+    if request.exact is not None and request.refinement is not None:
+        raise InputError("--exact needs no finer run; leave --refinement out")
+
+
+def _study(request, output, confirm, say, watch):
+    base = prepare(request.scene, say, request.law)
+    given = within(output, input_files(request.scene, base.scene, request.law))
+    if given is not None:
+        raise OutputError(f"{output} holds {given}, which this is made from, and would be replaced; give another -o")
+    scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
+    settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
+    finer = None
+    if request.exact is None:
+        finer = reference(scene, settings, request.refinement)
+    cells, times = _cells(base), _interval(scene) * np.arange(1, LOOKS + 1)
+    exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
+    beside = tuple(_beside(file, request, exact, base.terrain, cells.grid) for file in request.beside)
+    threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
+    _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
+
+    @cache
+    def machine():  # tried when the first setting's kernels are compiled
+        rehearse(base)
+        return tried(base, threads, TRIAL_SECONDS)
+
+    def run(settings, repeats, saying=lambda turn, number: None):
+        return outcomes(
+            settings, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
+            times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]), saying,
+        )  # fmt: skip
+
+    def saying(turn, number):
+        say(f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}")
+
+    truth = None
+    if finer is not None:
+        say(f"the reference: {finer.name}")
+        truth = run([finer], 1)[0].states
+    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, saying)]
+    exports = _exports(base, say) if request.exports else ()
+    cell = 0.0 if finer is None else finer.cell_size
+    made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
+    choice = None if request.target_error is None else made.choice(request.target_error)
+    return StudyFound(made, choice, tuple(made.lines()), ())
+
+
+def _interval(scene):
+    """Time [s] between two looks at the flow."""
+    return scene.output.end_time / LOOKS
+
+
+class _Flow:
+    """The frames of a prepared run, `interval` [s] apart; then its solver, steps, and what mass went astray."""
+
+    def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
+        output = replace(prepared.scene.output, frame_interval=float(interval))
+        self._sequence = Sequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
+
+    def __iter__(self):
+        return iter(self._sequence)
+
+    @property
+    def steps(self):
+        return self._sequence.steps
+
+    @property
+    def particle_steps(self):
+        return self._sequence.particle_steps
+
+    @property
+    def mass_error(self):
+        """Relative, of all stages together."""
+        if self._sequence.prepared.scene.stage:
+            return self._sequence.mass_account()["error_relative"]
+        return self._sequence.solver.balances()["mass_error_relative"]
+
+
+def _errors(states, truth, exact) -> Errors:
+    return errors_of(states, truth) if exact is None else errors_against_exact(states, exact)
+
+
+def _cells(base):
+    """The cells that runs are compared on: as large as the scene's own, of stages the largest, over all its terrain."""
+    west, south, east, north = base.terrain.grid.bounds
+    size = max(stage.numerics.cell_size for stage in base.stages)
+    shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
+    grid = Grid.north_up(base.terrain.grid.crs, west, north, size, shape)
+    return StudyCells(grid, Bed.of(base.terrain), base.numerics.density, centre_of(base.frame))
+
+
+def _thickness(path, terrain, grid):
+    """float64[rows, columns] [m] of a raster of thickness on the study's cells."""
+    values, own = read_placed_raster(path, terrain)
+    return nearest(values, own, grid)
+
+
+def _beside(path, request, exact, terrain, grid):
+    """Tuple of Beside: what the table at `path` holds, errors of rasters taken as those of the study's own runs.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    found = []
+    for row in read_beside(path, request.measure):
+        errors = row.errors
+        if row.thickness is not None:
+            if exact is None:
+                raise InputError(
+                    f"--beside {path}: '{row.setting}' is a raster of the thickness at the end, which only --exact can "
+                    f"tell the error of; give --exact, or its error in a column error_{request.measure}"
+                )
+            errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
+        found.append(Beside(row.code, row.setting, row.seconds, errors))
+    return tuple(found)
+
+
+def _state_of(thickness):
+    """A State of which the thickness is known; no value is no flow."""
+    return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
+
+
+def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
+    """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
+    runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
+    total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
+        times * setting.work_over(base.scene) for setting, times in runs
+    )
+    say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
+    if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
+        raise SceneError(
+            f"this study is predicted to take {total / 60:.0f} minutes; give --yes to run it, or fewer --knobs or "
+            "--repeats, or a shorter [output] end_time"
+        )
+
+
+def _exports(base, say):
+    """ExportSettings of the scene as it is."""
+    interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
+    say(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
+    sweep = ExportSweep(
+        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, interval,
+        base.numerics.density,
+    )  # fmt: skip
+    for frame in _Flow(prepare_scene(base.scene), interval):
+        if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # not those of a switch between stages
+            sweep.take(frame)
+    return tuple(sweep.settings())

@@ -1,0 +1,76 @@
+"""`mpmgis timeseries`: results and points in, the flow there over time out."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.profiles import SERIES_PRODUCTS, SeriesFound
+from ..errors import InputError
+from ..io.observed import read_points
+from ..reports.series import write_rows, write_series_plot
+from .answer_files import AnswerRequest, answer_output, write_answer
+from .opened_results import FrameFlow, open_flow, require_on_grid
+
+PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
+WORD = "timeseries"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeseriesRequest(AnswerRequest):
+    """The command's options by name; its help tells more."""
+
+    points: Path | None = None
+    at: tuple = ()  # (E, N) [m]
+
+
+def timeseries(request, say=lambda text: None, progress=lambda done, total: None):
+    """Depth, thickness, velocities and impact pressure over time, in the cells that points lie in.
+
+    Returns
+    -------
+    SeriesFound
+
+    Raises
+    ------
+    MpmgisError
+        What cannot be read, no point, a point off the raster; nothing is written then.
+    """
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(request.results, output, say)
+    names, x, y = asked_points(request.points, request.at, flow, say)
+    cells = require_on_grid(flow, x, y, names, "point")
+    values = flow.at_cells(cells, _products(flow, say), range(len(flow.times)), progress)
+    found = SeriesFound(flow.name, names, x, y, flow.times, values)
+    writers = {
+        PLOT_FILE: lambda path: write_series_plot(path, found),
+        TABLE_FILE: lambda path: write_rows(path, found),
+    }
+    return replace(found, files=write_answer(request, output, writers))
+
+
+def _products(flow, say):
+    """What a point's series holds; an export has only what it was asked for."""
+    if isinstance(flow, FrameFlow):
+        return SERIES_PRODUCTS
+    there = tuple(name for name in SERIES_PRODUCTS if name in flow.steps.bands)
+    if there != SERIES_PRODUCTS:
+        missing = ", ".join(name for name in SERIES_PRODUCTS if name not in there)
+        say(f"{flow.name}: this export's steps have no {missing}; export with --products {missing}, or name the frames")
+    return there
+
+
+def asked_points(path, places, flow, say):
+    """(names, x float64[n], y float64[n]) of the points in a file, and of those given as (E, N).
+
+    Raises
+    ------
+    InputError
+        None at all.
+    """
+    names, x, y = ((), np.empty(0), np.empty(0)) if path is None else read_points(path, flow.terrain.grid, say)
+    if len(names) + len(places) == 0:
+        raise InputError("no point is named; give --points FILE or --at E,N")
+    given = np.reshape(np.array(places, float), (-1, 2))
+    named = tuple(f"{east:.12g},{north:.12g}" for east, north in given)
+    return (*names, *named), np.concatenate([x, given[:, 0]]), np.concatenate([y, given[:, 1]])

@@ -1,0 +1,27 @@
+"""The flow's surface over a profile: depth is normal to the bed, the surface upright above it."""
+
+import numpy as np
+import pytest
+
+from mpmgis.analysis.profiles import free_surface
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.synthetic import plane
+
+SLOPE = np.tan(np.radians(30.0))
+
+
+@pytest.fixture(scope="module")
+def terrain():
+    return plane(30.0).terrain(Grid.north_up(None, 0.0, 40.0, 10.0, (4, 6)))
+
+
+@pytest.mark.parametrize("x", [5.0, 25.0, 55.0])
+@pytest.mark.parametrize("y", [5.0, 15.0, 35.0])
+def test_two_metres_on_thirty_degrees_stand_two_over_the_cosine_high_up_to_the_edge(terrain, x, y):
+    surface = free_surface(terrain, np.array([x]), np.array([y]), np.array([[0.0], [2.0]]))
+    np.testing.assert_allclose(surface[:, 0], -SLOPE * x + np.array([0.0, 2.0 / np.cos(np.radians(30.0))]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("x", "y"), [(-20.0, 15.0), (80.0, 15.0), (25.0, -20.0), (25.0, 60.0)])
+def test_off_the_terrain_there_is_no_surface(terrain, x, y):
+    assert np.isnan(free_surface(terrain, np.array([x]), np.array([y]), np.array([[2.0]]))).all()

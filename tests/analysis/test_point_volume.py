@@ -1,0 +1,114 @@
+"""Whether points fill their volume: lattices that do at any depth, slope and place, and such that do not."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpmgis.analysis.point_volume import HANGING_SHARE, PACKED_SHARE, PointVolume, point_volume
+from mpmgis.analysis.run_summary import unusable_lines, volume_words
+from mpmgis.particles import Frame, Particles
+
+DENSITY, ALONG = 1500.0, 6  # [kg m-3]; cells along either side of a layer
+
+
+def layer(cells, cell_size=1.0, along=2, shift=(0.0, 0.0), speed=0.0):
+    """(frame, heights) of a layer `cells` deep with `along` points along a cell's side, its columns at `shift`."""
+    spacing = cell_size / along
+    levels = max(round(cells * along), 1)
+    across = spacing * (np.arange(ALONG * along) + 0.5)
+    x, y, k = (part.ravel() for part in np.meshgrid(across, across, np.arange(levels), indexing="ij"))
+    height = (k + 0.5) * cells * cell_size / levels
+    volume = np.full(len(x), spacing**2 * cells * cell_size / levels)
+    velocity = np.zeros((len(x), 3))
+    velocity[:, 0] = speed
+    position = np.column_stack([x + shift[0], y + shift[1], height])
+    return Frame(Particles(position, velocity, DENSITY * volume, volume), dimension=3, time=0.0), height
+
+
+def found(frame, height, slope=0.0, cell_size=1.0):
+    return point_volume(frame, np.asarray(height, float), np.full(len(height), slope), cell_size, DENSITY)
+
+
+depths = st.floats(0.5, 8.0)
+
+
+@settings(deadline=None, max_examples=40)
+@given(depths, st.floats(0.01, 50.0), st.sampled_from([2, 3]), st.floats(0.0, 2.0), st.floats(-0.2, 0.1))
+def test_a_layer_on_its_bed_keeps_its_volume_at_any_depth(cells, cell_size, along, slope, sunk):
+    """Slides rest up to a fifth of a cell lower than their lattice, or higher; columns of cells may be cut unevenly."""
+    frame, height = layer(cells, cell_size, along)
+    volume = found(frame, height + sunk * cell_size, slope, cell_size)
+    assert volume.kept and volume.hanging_share == 0.0
+    assert volume.cells_over_depth == pytest.approx(cells, rel=0.3)  # of columns at the rim, too
+    assert volume.mass == pytest.approx(frame.particles.mass.sum())
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(1.5, 8.0), st.floats(0.01, 50.0))
+def test_a_layer_crushed_to_a_third_of_its_height_is_found(cells, cell_size):
+    frame, height = layer(cells, cell_size)
+    volume = found(frame, height / 3.0, 0.0, cell_size)
+    assert volume.packed_share > PACKED_SHARE and not volume.kept
+
+
+@settings(deadline=None, max_examples=40)
+@given(depths, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
+def test_a_layer_at_rest_above_its_bed_is_found(cells, cell_size, slope):
+    """A gap of 1.6 cells along the normal, however steep the ground; what falls or slides that fast is in flight."""
+    lifted = 1.6 * cell_size * np.hypot(1.0, slope) + 0.5 * cell_size
+    for speed, share in ((0.0, 1.0), (np.sqrt(2 * 9.81 * 1.6 * cell_size), 0.0)):
+        frame, height = layer(cells, cell_size, speed=speed)
+        volume = found(frame, height + lifted, slope, cell_size)
+        assert volume.hanging_share == pytest.approx(share) and volume.kept == (share <= HANGING_SHARE)
+
+
+def test_a_gap_is_measured_against_the_depth_of_what_hangs():
+    """0.7 cells under a deep layer is where fallen material rests; under one of one cell it is most of its depth."""
+    for cells, share in ((4.0, 0.0), (1.0, 1.0)):
+        frame, height = layer(cells)
+        assert found(frame, height + 0.7).hanging_share == pytest.approx(share)
+
+
+def test_a_point_in_the_air_hides_no_packed_layer_and_counts_for_its_own_mass():
+    frame, height = layer(4.0)
+    height = height / 3.0
+    height[:: len(height) // ALONG] = 50.0
+    assert found(frame, height).packed_share > 0.5
+
+
+def test_points_without_ground_are_left_out():
+    frame, height = layer(2.0)
+    height[::2] = np.nan
+    volume = found(frame, height)
+    assert volume.mass == pytest.approx(0.5 * frame.particles.mass.sum()) and volume.kept
+    nothing = found(frame, np.full(len(height), np.nan))
+    assert nothing.mass == 0.0 and nothing.kept
+
+
+def test_what_is_not_kept_is_said_with_the_cure():
+    frame, height = layer(1.0)
+    words = volume_words(found(frame, height + 3.0).as_numbers())
+    assert "hangs off the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
+    assert volume_words(found(frame, height).as_numbers()).endswith(": kept")
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(3.0, 8.0), st.floats(0.01, 50.0))
+def test_a_layer_crushed_evenly_by_a_quarter_has_no_room_for_its_volume(cells, cell_size):
+    """No point of it is packed beyond 1.2 times its density where clearance is taken off, and yet volume is missing."""
+    frame, height = layer(cells, cell_size)
+    volume = found(frame, 0.75 * height, 0.0, cell_size)
+    assert volume.missing_share == pytest.approx(0.25 - 0.25 / cells, abs=0.1) and not volume.kept
+    assert found(frame, height, 0.0, cell_size).missing_share == 0.0
+
+
+@pytest.mark.parametrize("shares", [(0.06, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)])
+def test_each_loss_of_volume_makes_a_result_unusable_in_one_line(shares):
+    numbers = PointVolume(2.0, 1.0, *shares, 1.2).as_numbers()
+    (line,) = unusable_lines({"volume": numbers})
+    assert line.startswith("unusable: ") and "1.2 cells over the depth" in line and "\n" not in line
+    staged = unusable_lines({"stages": [{"solver": "columns"}, {"volume": numbers}]})
+    assert staged == [f"stage 2: {line}"]
+    assert unusable_lines({"volume": PointVolume(2.0, 1.0, 0.0, 0.0, 0.0, 1.2).as_numbers()}) == []
+    assert unusable_lines({"stages": [{"solver": "columns"}]}) == []
