@@ -1,0 +1,1 @@
+"""Cell sums, map quantities, runout, comparison and balances of a result."""

@@ -1,4 +1,4 @@
-"""Sums over raster cells behind every product, for points and columns, and the bed below (NHESS 25:3897, Eqs 2-7)."""
+"""Sums of particle quantities over raster cells, for points and columns, and the bed (NHESS 25:3897, Eqs 2-7)."""
 
 import threading
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ class Bed:
     gradient : float64[rows, columns, 2] [1], (db/dE, db/dN)
     kind : str
         "bilinear": elevation between pixel centres, slopes limited at cliff edges; "plane": tangent plane of the
-        pixel, central differences, the paper to the letter (design note X3).
+        pixel, central differences, as in the paper.
     standoff : float [m]
-        Height, along the normal, at which the code that made the particles lets them rest; taken off distances.
+        Distance, normal to the bed, at which the source code lets particles rest; subtracted from all distances.
     clamped : bool
-        Points outside the DTM count in the nearest cell of its rim, as Eq 5 has it; otherwise they are left out.
+        Points outside the DTM count in the nearest edge cell (Eq 5); otherwise they are ignored.
     """
 
     grid: Grid
@@ -38,7 +38,7 @@ class Bed:
 
     @classmethod
     def of(cls, terrain, kind="bilinear", standoff=0.0, clamped=False):
-        """The bed of `terrain`; the rest as of the class."""
+        """The bed of `terrain`; the other parameters as in the class."""
         gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
         return cls(
             terrain.grid,
@@ -57,9 +57,9 @@ class Bed:
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a frame's particles are: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown).
+    """Location of a frame's particles: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown).
 
-    `moved` is the number of those that lie outside and were taken to the rim of a clamped bed.
+    `moved` is the number of outside particles that were moved to the edge of a clamped bed.
     """
 
     pixel: np.ndarray
@@ -93,31 +93,31 @@ def place(frame, bed):
     return Placed(pixel, distance, int(moved))
 
 
-_rooms = threading.local()
+_buffers = threading.local()
 
 
 @dataclass(frozen=True)
 class Cells:
-    """What the particles of one frame sum to in every export cell that holds any.
+    """Sums over the particles of one frame in every export cell that has particles.
 
     Parameters
     ----------
     index : int64[k]
         Flat index of the cell in the export grid, ascending.
     top, lowest : float64[k] [m]
-        Largest (or percentile) and smallest distance from the bed; NaN where no particle has a slope under it.
-        A column's are its thickness normal to the bed, and 0.
+        Largest (or percentile) and smallest distance from the bed; NaN where the bed slope is unknown under all
+        particles. For a column: its thickness normal to the bed, and 0.
     count : int64[k]
         Particles whose position lies in the cell.
     sums : float64[k, SUMS]
-        Sums over mass, as `mpmgis.kernels.binning` names its columns.
+        Mass-weighted sums; column numbers are constants of `mpmgis.kernels.binning`.
     cell_area : float [m2]
     density : float [kg m-3]
         Of the release.
     spacing : float [m]
-        Grid spacing of the code that made the particles, 0 where the flow is columns (they never leave the bed).
+        Grid spacing of the solver that made the particles; 0 for columns (they never leave the bed).
     outside, mass_outside, without_slope : int, float [kg], int
-        Particles that are not on the DTM, their mass, and particles on it whose pixel has no slope.
+        Particles outside the DTM, their mass, and particles on DTM pixels without a slope.
     """
 
     index: np.ndarray
@@ -133,12 +133,12 @@ class Cells:
     without_slope: int
 
     def mean(self, column):
-        """Mass-weighted mean of a column of `sums`; NaN where nothing in the cell has a slope under it."""
+        """Mass-weighted mean of a column of `sums`; NaN where the bed slope is unknown under all particles."""
         weight = self.sums[:, binning.SLOPED]
         return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
 
     def mean_vector(self, column):
-        """float64[k, 3]: as `mean`, of the three columns from `column`."""
+        """float64[k, 3]: `mean` of the three columns from `column`."""
         return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
 
 
@@ -149,16 +149,16 @@ def bin_frame(frame, placed, bed, grid, density, percentile=100.0, spread=True):
     ----------
     frame : Frame
     placed : Placed
-        Where its particles are on `bed`.
+        Location of its particles on `bed`.
     bed : Bed
     grid : Grid
-        Rotated or not; its cells may be oblong. Columns are squares along its axes.
+        May be rotated, with rectangular cells. Columns are squares along its axes.
     density : float [kg m-3]
     percentile : float
-        Of the points' distances, mass-weighted, in (0, 100]; columns have none.
+        Mass-weighted percentile of the points' distances, in (0, 100]; not used for columns.
     spread : bool
-        Columns of a run are spread as their solver does it. False: each fills the square of its area. That keeps sums
-        over cells sharper, to compare runs on cells of different sizes, but gives no depth in fine cells.
+        True: columns of a run are spread with their solver's B-splines. False: each column fills the square of its
+        area; sums over cells stay sharper (for comparing runs of different cell sizes), but fine cells have gaps.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def _cells_of(frame, placed, grid, clamped):
 
 
 def _numbered(marker, bounds, grid):
-    """Number the cells that `marker` (a function of the empty window) marks: (window, flat index of each cell)."""
+    """Number the cells that `marker` (a function of the empty window) marks: (window, flat index of each)."""
     window = np.zeros((max(bounds[1] - bounds[0], 0), max(bounds[3] - bounds[2], 0)), np.int32)
     marker(window)
     cells = np.empty(int(np.count_nonzero(window)), np.int64)
@@ -210,7 +210,8 @@ def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, total
     window, cells = _numbered(lambda mark: binning.mark_points(row, column, bounds, mark), bounds, grid)
     k, n = len(cells), len(particles)
     tiles = [-(-length // binning.TILE) for length in window.shape]
-    table, records = _room("table", (k, binning.ROW)), _room("records", (min(n, binning.SLAB), binning.RECORD))
+    table = _work_array("table", (k, binning.ROW))
+    records = _work_array("records", (min(n, binning.SLAB), binning.RECORD))
     binning.bin_points(
         row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
         particles.mass, particles.volume, table, records, np.empty(tiles[0] * tiles[1] + 1, np.int64),
@@ -225,19 +226,19 @@ def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, total
     return Cells(cells, top, lowest, count, sums.T, spacing=grid_spacing(frame), **totals)
 
 
-def _room(name, shape):
-    """float64 of `shape` to work in, the same memory for every frame of a thread: fresh pages cost as much as the work.
+def _work_array(name, shape):
+    """float64 work array of `shape`, reused for every frame of a thread, because new pages cost as much as the work.
 
-    Nothing that is handed on may lie there.
+    Returned values must not refer to it.
     """
-    kept, size = vars(_rooms), shape[0] * shape[1]
+    kept, size = vars(_buffers), shape[0] * shape[1]
     if name not in kept or len(kept[name]) < size:
         kept[name] = np.empty(size)
     return kept[name][:size].reshape(shape)
 
 
 def lower_percentile(distance, mass, percentile):
-    """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without any."""
+    """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without particles."""
     top = np.zeros(1)
     _take_percentile(top, np.zeros(len(distance), np.int64), distance, np.asarray(mass, float), percentile)
     return float(top[0])
@@ -252,15 +253,15 @@ def _take_percentile(top, slot, distance, mass, percentile):
 def column_spacing(frame):
     """Node spacing [m] of the depth-averaged run that made the columns of `frame`; None for all other particles.
 
-    Columns of a run are samples of the flow, which its solver spreads over nodes. Those of a seed, of a conversion or
-    of another code tile the ground: each fills the square of its area.
+    Columns of a run sample the flow, and its solver spreads them over nodes. Columns of a seed, of a conversion or
+    of another code cover the ground without gaps: each fills the square of its area.
     """
-    said = frame.header.get("cell_size") if frame.dimension == 2 else None
-    return None if said is None else float(said)
+    spacing = frame.header.get("cell_size") if frame.dimension == 2 else None
+    return None if spacing is None else float(spacing)
 
 
 def column_side(frame):
-    """What the columns of `frame` resolve [m]: their run's node spacing, else the side of the mean column's square.
+    """Resolution [m] of the columns of `frame`: node spacing of the run, else the side of the mean column's square.
 
     0 for points.
     """
@@ -271,7 +272,7 @@ def column_side(frame):
 
 
 def column_reach(frame):
-    """float64[n] [m]: how far from its position each column of `frame` gives flow to cells."""
+    """float64[n] [m]: distance from its position up to which each column of `frame` contributes to cells."""
     spacing = column_spacing(frame)
     if spacing is None:
         return 0.5 * np.sqrt(frame.particles.area)
@@ -317,13 +318,13 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
 
 
 def grid_spacing(frame):
-    """Grid spacing [m] of the code that made `frame`: as its header says, else guessed from the particles.
+    """Grid spacing [m] of the solver that made `frame`: from its header, else estimated from the particles.
 
-    The guess has the usual 8 points a cell, or columns in 4 rows of 4, and two digits.
+    The estimate assumes 8 points or 4 x 4 columns per cell, and is rounded to two digits.
     """
-    said = frame.header.get("cell_size")
-    if said is not None:
-        return float(said)
+    spacing = frame.header.get("cell_size")
+    if spacing is not None:
+        return float(spacing)
     if frame.dimension == 2:
         return _two_digits(4.0 * float(np.sqrt(frame.particles.area.mean())))
     return _two_digits(2.0 * float(np.cbrt(frame.particles.volume.mean())))

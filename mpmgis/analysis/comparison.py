@@ -1,4 +1,4 @@
-"""Two results side by side: bands, footprints, overlap, differences, and the distance between outlines."""
+"""Comparison of two results: matching bands, footprints, overlap, differences, distance between outlines."""
 
 import math
 from typing import NamedTuple
@@ -10,22 +10,22 @@ from affine import Affine
 from ..errors import InputError
 from ..terrain.grid import Grid
 
-# names that mean the same quantity in mpmgis's rasters and in those of ISeeSnow and AvaFrame
+# band names of the same quantity in rasters of mpmgis, ISeeSnow and AvaFrame
 SAME_QUANTITY = (("pft", "h_max"), ("pfv", "Ut_max"), ("ppr", "p_max"))
-FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in the order of preference
+FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in order of preference
 SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
 PERCENTILE = 99.0
-MOST_CELLS = 100_000_000  # of the grid that two footprints are compared on
-THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # of a raster alone
-_ONES = (1.0, 255.0)  # what masks have where something is
-_NO_THICKNESS = 10.0  # [m] no flow is so thick in every cell that a raster holds
-_NEGATIVE_SHARE = 1e-3  # of the cells that are not 0, from which negative values are no noise
-_ON_THE_CELL = 1e-6  # [cells] centres so near a border of the other grid's cells are on it
+MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared
+THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # kinds of raster
+_ONES = (1.0, 255.0)  # mask values inside the footprint
+_NO_THICKNESS = 10.0  # [m] no flow exceeds this thickness in every cell of a raster
+_NEGATIVE_SHARE = 1e-3  # share of non-zero cells; more negative values than this are not noise
+_ON_THE_CELL = 1e-6  # [cells] tolerance for cell centres on a cell border of the other grid
 _ROWS_AT_ONCE = 256
 
 
 class Overlap(NamedTuple):
-    """Plan areas [m2] that `both` footprints cover, `only_first` and `only_second`."""
+    """Plan areas [m2] covered by `both` footprints, `only_first` and `only_second`."""
 
     both: float
     only_first: float
@@ -43,7 +43,7 @@ class Overlap(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """First minus second where both flowed: mean and root mean square; NaN where they nowhere did."""
+    """First minus second where both have flow: mean and root mean square; NaN without common cells."""
 
     mean: float
     rms: float
@@ -53,10 +53,9 @@ class Difference(NamedTuple):
 
 
 def matched_bands(first, second):
-    """Pairs of band names that hold the same quantity, in the first one's order; None where one has no partner.
+    """Pairs of band names of the same quantity, in the order of `first`; None for a missing partner.
 
-    The same name goes before an equivalent one (`SAME_QUANTITY`). Two results of a single band each, one of which has
-    a name that no other result knows, are taken to hold the same.
+    An identical name has priority over an equivalent one (`SAME_QUANTITY`).
     """
     pairs = [(name, name if name in second else None) for name in first]
     taken = {other for _, other in pairs}
@@ -74,9 +73,9 @@ def _twins(name):
 
 
 def kind_of_raster(values):
-    """What a raster that says nothing of itself most likely holds: MASK, DIFFERENCE, ELEVATION or THICKNESS.
+    """Most likely content of a raster without metadata: MASK, DIFFERENCE, ELEVATION or THICKNESS.
 
-    A mask holds one value (1 or 255) and 0 or nodata; a difference of DEMs falls and rises; elevations are above
+    A mask has one value (1 or 255) and 0 or nodata; a difference of DEMs has both signs; elevations exceed
     _NO_THICKNESS [m] in every cell.
     """
     known = values[np.isfinite(values)]
@@ -91,7 +90,7 @@ def kind_of_raster(values):
 
 
 def require_present_name(asked):
-    """Refuse a name of a band as earlier versions had it, with the name that it has now.
+    """Reject a band name of earlier versions; the error gives the present name.
 
     Raises
     ------
@@ -99,24 +98,24 @@ def require_present_name(asked):
     """
     if asked is not None and asked.startswith("deposit_"):
         now = f"{asked.removeprefix('deposit_')}_deposit"
-        raise InputError(f"--band {asked!r} is named {now!r} now, as it is in xarray; give that")
+        raise InputError(f"--band {asked!r} is now named {now!r}; use that name")
 
 
 def footprint_bands(pairs, asked=None, complete=True):
-    """The pair of bands whose footprints are compared: the one `asked` for by either name, else peak thickness.
+    """The pair of bands whose footprints are compared: the one named `asked`, else peak thickness.
 
-    With `complete` both results must have it. A result's only band is compared whatever its name.
+    With `complete` both results must have it. The only band of a result is compared whatever its name.
 
     Raises
     ------
     InputError
-        There is none.
+        No such pair.
     """
     whole = [pair for pair in pairs if None not in pair] if complete else pairs
     if asked is not None:
-        found = next((pair for pair in whole if asked in pair), None) or _beside_only_band(pairs, asked)
+        found = next((pair for pair in whole if asked in pair), None) or _with_only_band(pairs, asked)
         if found is None:
-            raise InputError(f"--band {asked!r} is not in both results; {_there(pairs, whole)}")
+            raise InputError(f"--band {asked!r} is not in both results; {_choices(pairs, whole)}")
         return found
     found = next((pair for name in FOOTPRINT_BANDS for pair in whole if name in pair), None)
     if found is None and complete:
@@ -124,12 +123,12 @@ def footprint_bands(pairs, asked=None, complete=True):
     if found is None and len(whole) == 1:
         found = whole[0]
     if found is None:
-        raise InputError(f"no band of peak thickness is in both results; {_there(pairs, whole)}")
+        raise InputError(f"no band of peak thickness in both results; {_choices(pairs, whole)}")
     return found
 
 
-def _beside_only_band(pairs, asked):
-    """The band `asked` for of one result beside the only band of the other, which nothing else matches; else None."""
+def _with_only_band(pairs, asked):
+    """The band `asked` of one result with the only, otherwise unmatched, band of the other; else None."""
     names = [[pair[k] for pair in pairs if pair[k] is not None] for k in (0, 1)]
     for k in (0, 1):
         if asked in names[k] and len(names[1 - k]) == 1 and all(None in pair for pair in pairs):
@@ -138,7 +137,7 @@ def _beside_only_band(pairs, asked):
 
 
 def _only_bands(pairs):
-    """A result's only band beside the other's peak thickness, or its only one; None where neither has just one."""
+    """The only band of one result with the peak thickness or only band of the other; None if both have several."""
     first = [a for a, _ in pairs if a is not None]
     second = [b for _, b in pairs if b is not None]
     if min(len(first), len(second)) != 1:
@@ -151,15 +150,15 @@ def _thickest(names):
     return next((name for name in FOOTPRINT_BANDS if name in names), None)
 
 
-def _there(pairs, whole):
+def _choices(pairs, whole):
     if whole:
-        return f"give --band one of {', '.join(a or b for a, b in whole)}"
+        return f"use --band with one of {', '.join(a or b for a, b in whole)}"
     first, second = (", ".join(pair[k] for pair in pairs if pair[k]) or "none" for k in (0, 1))
     return f"the first has {first}; the second has {second}"
 
 
 def peak(values, name=""):
-    """Largest value of a band (smallest for `SMALLEST_COUNTS`) without NaN; NaN where there is none."""
+    """Largest finite value of a band (smallest for `SMALLEST_COUNTS`); NaN without finite values."""
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return math.nan
@@ -167,7 +166,7 @@ def peak(values, name=""):
 
 
 def high_percentile(values, name=""):
-    """Value that 99 % of the cells with flow (finite and not 0) stay below: a peak that one odd cell does not make."""
+    """99th percentile of the cells with flow (finite and not 0): a peak that does not depend on a single cell."""
     flowing = values[np.isfinite(values) & (values != 0)]
     if flowing.size == 0:
         return math.nan
@@ -180,7 +179,7 @@ def difference(first, second, where):
     gap = gap[np.isfinite(gap)]
     if gap.size == 0:
         return Difference(math.nan, math.nan)
-    with np.errstate(over="ignore"):  # a damaged result may hold any numbers
+    with np.errstate(over="ignore"):  # values of a damaged file
         return Difference(float(gap.mean()), float(np.sqrt((gap**2).mean())))
 
 
@@ -194,7 +193,7 @@ def footprint(values, threshold):
 
 
 def mask_corners(mask, grid):
-    """float64[4, 2] [m]: outer corners of the window of the True cells; empty [0, 2] where there is none."""
+    """float64[4, 2] [m]: corners of the bounding window of the True cells; empty [0, 2] without True cells."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
         return np.empty((0, 2))
@@ -204,19 +203,19 @@ def mask_corners(mask, grid):
 
 
 def joint_grid(grids, points):
-    """The grid that results are compared on: the finest of `grids`, cut or continued to hold all `points`.
+    """Common grid of a comparison: the finest of `grids`, cropped or extended to contain all `points`.
 
     Parameters
     ----------
     grids : sequence of Grid
-        The first one of the smallest cells is taken.
+        The first of those with the smallest cells is used.
     points : float[n, 2] [m]
         Map coordinates, n at least 1.
 
     Raises
     ------
     InputError
-        It would have more than 1e8 cells: the points lie too far apart for such cells.
+        More than 1e8 cells: the points are too far apart for this cell size.
     """
     finest = min(grids, key=lambda grid: round(grid.cell_size, 9))
     row, column = finest.rowcol(*np.asarray(points, float).T)
@@ -225,8 +224,8 @@ def joint_grid(grids, points):
     shape = (max(bottom - top, 1), max(right - left, 1))
     if shape[0] * shape[1] > MOST_CELLS:
         raise InputError(
-            f"the footprints span {shape[0]} x {shape[1]} cells of {finest.cell_size:g} m, wanted at most "
-            f"{MOST_CELLS:g} cells; check that both show the same place, or use coarser rasters"
+            f"the footprints span {shape[0]} x {shape[1]} cells of {finest.cell_size:g} m, expected at most "
+            f"{MOST_CELLS:g} cells; check that both cover the same area, or use coarser rasters"
         )
     return Grid(finest.crs, finest.transform * Affine.translation(left, top), shape)
 
@@ -234,8 +233,8 @@ def joint_grid(grids, points):
 def nearest(values, grid, onto, outside=np.nan):
     """`values` [rows, columns] of `grid` at the cell centres of the grid `onto`; `outside` beyond the raster.
 
-    Onto cells that are not larger, no value is lost or blended: peaks stay, borders move by half a cell at most. A
-    centre on the border of two cells belongs to the larger row and column.
+    Nearest-neighbour resampling: with target cells that are not larger, peaks are kept and borders move by half a
+    cell at most. A centre on the border of two cells belongs to the larger row and column.
     """
     rows, columns = values.shape
     result = np.full(onto.shape, outside, dtype=values.dtype)
@@ -250,7 +249,7 @@ def nearest(values, grid, onto, outside=np.nan):
 
 
 def upright(grid):
-    """A north-up grid of square cells as large as `grid`'s that covers it; `grid` itself where it is one."""
+    """A north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up."""
     if grid.is_north_up:
         return grid
     west, south, east, north = grid.bounds
@@ -260,20 +259,20 @@ def upright(grid):
 
 
 def overlap(first, second, cell_area):
-    """Overlap of two footprints, bool[rows, columns] on the same grid of cells of `cell_area` [m2]."""
+    """Overlap of two footprints, bool[rows, columns] on the same grid with cells of `cell_area` [m2]."""
     counts = (np.count_nonzero(first & second), np.count_nonzero(first & ~second), np.count_nonzero(second & ~first))
     return Overlap(*(count * cell_area for count in counts))
 
 
-HIGH_SHARE = 95.0  # percentile: a distance that one spur does not make
-MOST_PLACES = 200_000  # on an outline
+HIGH_SHARE = 95.0  # percentile that does not depend on a single spur
+MOST_PLACES = 200_000  # sample points on an outline
 
 
 class OutlineDistances(NamedTuple):
-    """Distances [m] between two outlines, from evenly spread places on one to the nearest place on the other.
+    """Distances [m] between two outlines, from evenly spaced points on one to the nearest point on the other.
 
-    `first_mean` and `second_mean` start from the first and from the second outline, `mean` is that of both by their
-    lengths; `high` is not exceeded on 95 % of both, `largest` (Hausdorff's) nowhere.
+    `first_mean` and `second_mean`: from points on the first and on the second outline; `mean`: of both, weighted by
+    length; `high`: 95th percentile of both; `largest`: maximum of both (Hausdorff distance).
     """
 
     first_mean: float
@@ -284,14 +283,14 @@ class OutlineDistances(NamedTuple):
 
 
 def outline_distances(first, second, spacing):
-    """The OutlineDistances of two polygonal geometries; None where one is empty.
+    """The OutlineDistances of two polygonal geometries; None if one is empty.
 
     Parameters
     ----------
     first, second : shapely geometry [m]
         Polygons; holes have outlines too.
     spacing : float [m]
-        Between places on an outline, at most.
+        Largest distance between sample points on an outline.
     """
     outlines = [shapely.boundary(shape) for shape in (first, second)]
     if any(outline.is_empty for outline in outlines):
@@ -311,7 +310,7 @@ def outline_distances(first, second, spacing):
 
 
 def _places_on(outline, spacing):
-    """(points, the length [m] that each stands for): evenly spread on every ring, `spacing` [m] apart at most."""
+    """(points, length [m] represented by each): evenly spaced on every ring, at most `spacing` [m] apart."""
     places, weights = [], []
     for ring in shapely.get_parts(outline):
         count = max(1, math.ceil(ring.length / spacing))

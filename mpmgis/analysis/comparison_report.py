@@ -1,4 +1,4 @@
-"""What a comparison of two results found: as rows of a table and as plain facts."""
+"""The result of a comparison, as table rows and as plain values."""
 
 import math
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from .flow_line import Runout
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two: `name`, `kind`, the `band` of its footprint (None: an outline), `area` [m2].
+    """One of the two results: `name`, `kind`, `band` of its footprint (None: an outline), `area` [m2].
 
-    `farthest` (Runout or None) is counted from the start of the line; the runout is counted from the distance `top` [m]
-    along it, that of the highest place of the flow (NaN: not known).
+    `farthest` (Runout or None) is measured from the start of the line. The runout is measured from `top` [m], the
+    distance along the line of the highest point of the flow (NaN: unknown).
     """
 
     name: str
@@ -26,16 +26,16 @@ class Side:
 
     @property
     def farthest_along(self):
-        """Distance [m] along the line, from its start, to the farthest place; NaN where there is none."""
+        """Distance [m] along the line from its start to the farthest point; NaN without one."""
         return math.nan if self.farthest is None else self.farthest.distance
 
     @property
     def runout(self):
-        """Distance [m] along the line from the highest place of the flow to its farthest; NaN where not known."""
+        """Distance [m] along the line from the highest to the farthest point of the flow; NaN if unknown."""
         return self.farthest_along - self.top
 
     def facts(self):
-        """The same in plain numbers and texts."""
+        """The same as plain numbers and strings."""
         place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
         return {
             "name": self.name,
@@ -50,7 +50,7 @@ class Side:
 
 @dataclass(frozen=True)
 class BandFacts:
-    """One quantity of both: names (None: not there), unit, (first, second) `peak` and 99th `percentile`, difference."""
+    """One quantity of both: names (None: missing), unit, (first, second) `peak` and 99th `percentile`, difference."""
 
     names: tuple
     unit: str
@@ -60,11 +60,11 @@ class BandFacts:
 
     @property
     def name(self):
-        """Both names in one, or the one that both share."""
+        """Both names joined, or the common name."""
         return " / ".join(dict.fromkeys(name for name in self.names if name))
 
     def facts(self):
-        """The same in plain numbers and texts."""
+        """The same as plain numbers and strings."""
         return {
             "a": self.names[0],
             "b": self.names[1],
@@ -80,25 +80,25 @@ class BandFacts:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was found. Areas in plan [m2], distances [m].
+    """Result of a comparison. Plan areas [m2], distances [m].
 
     Parameters
     ----------
     sides : (Side, Side)
     threshold : float
-        Cells above it are a footprint; in `unit`.
+        In `unit`; cells above it belong to the footprint.
     cell_size : float [m]
         Of the common grid.
     overlap : Overlap
     line : float[n, 2] [m] or None
-        Along which runout was read.
+        Line along which the runout is measured.
     line_source : str
-        Where the line came from, or why there is none.
+        Source of the line, or the reason for its absence.
     bands : tuple of BandFacts
     distances : OutlineDistances or None
         Between the outlines of both footprints.
     files : tuple of Path
-        What was written.
+        Files written.
     """
 
     sides: tuple
@@ -114,13 +114,13 @@ class Comparison:
 
     @property
     def observed(self):
-        """Number of the side that is an outline, which the other is judged by; None where both are results."""
+        """Index of the side that is an observed outline; None if both are results."""
         return next((k for k, side in enumerate(self.sides) if side.band is None), None)
 
     def area_words(self):
-        """(word, area [m2]) of what both cover, only the first, only the second.
+        """(label, area [m2]) of the area covered by both, only the first, only the second.
 
-        Beside an outline what only the result covers is overestimated, what only the outline covers underestimated.
+        Against an observed outline: area of the result alone is overestimated, of the outline alone underestimated.
         """
         words = {None: ("only A", "only B"), 0: ("underestimated, only A", "overestimated, only B")}
         words[1] = ("overestimated, only A", "underestimated, only B")
@@ -130,7 +130,7 @@ class Comparison:
 
     @property
     def observed_reached(self):
-        """Share of the outline that the result covers; NaN where both are results or the outline is empty."""
+        """Share of the outline covered by the result; NaN if both are results or the outline is empty."""
         if self.observed is None:
             return math.nan
         only = (self.overlap.only_first, self.overlap.only_second)[self.observed]
@@ -138,52 +138,52 @@ class Comparison:
         return self.overlap.both / outline if outline > 0 else math.nan
 
     def distance_rows(self):
-        """(quantity, unit, value) of the distances between the outlines; () where one is empty."""
+        """(quantity, unit, value) of the distances between the outlines; () if one is empty."""
         if self.distances is None:
             return ()
         words = ("A to B, mean", "B to A, mean", "both ways, mean", "both ways, 95 %", "both ways, largest (Hausdorff)")
         return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
 
-    def told_bands(self):
-        """The bands worth a line: those that both have; where one side is an outline, that of the other's footprint.
+    def reported_bands(self):
+        """The bands to report: common bands; if one side is an outline, the footprint band of the other.
 
-        A band all of whose numbers are those of one before it is left out: columns have t = h.
+        A band with the same numbers as an earlier one is omitted: columns have t = h.
         """
         alone, footprints = any(side.band is None for side in self.sides), {side.band for side in self.sides} - {None}
-        told = {}
+        reported = {}
         for band in self.bands:
             if (set(band.names) & footprints) if alone else None not in band.names:
-                told.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
-        return list(told.values())
+                reported.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
+        return list(reported.values())
 
     def rows(self):
-        """(quantity, unit, first, second, first minus second) of every number that both sides may have."""
+        """(quantity, unit, first, second, first minus second) of every number with a value for each side."""
         first, second = self.sides
         rows = [("area", "m2", first.area, second.area)]
         if self.line is not None:
             rows.append(("runout", "m", first.runout, second.runout))
             rows.append(("farthest along line", "m", first.farthest_along, second.farthest_along))
-        for band in self.told_bands():
+        for band in self.reported_bands():
             rows.append((f"{band.name} peak", band.unit, *band.peak))
             rows.append((f"{band.name} 99 %", band.unit, *band.percentile))
         return [(*row, row[2] - row[3]) for row in rows]
 
     def common_rows(self):
-        """(quantity, unit, value) of every number that belongs to both sides together."""
+        """(quantity, unit, value) of every number that describes both sides together."""
         overlap = self.overlap
         rows = [(word, "m2", area) for word, area in self.area_words()]
         rows.append(("overlap (IoU)", "1", overlap.iou))
         if self.observed is not None:
             rows.append(("of the outline reached", "1", self.observed_reached))
         rows += self.distance_rows()
-        for band in self.told_bands():
+        for band in self.reported_bands():
             if math.isfinite(band.difference.mean):
                 rows.append((f"{band.name} A - B mean", band.unit, band.difference.mean))
                 rows.append((f"{band.name} A - B rms", band.unit, band.difference.rms))
         return rows
 
     def facts(self):
-        """Everything as plain numbers, lists and texts, None where there is no number."""
+        """All results as plain numbers, lists and strings; None for missing numbers."""
         return {
             "a": self.sides[0].facts(),
             "b": self.sides[1].facts(),

@@ -1,4 +1,4 @@
-"""How far flows reach: distances along a line, and the line that two flows took together."""
+"""Runout distances along a line, and the common centre line of two flows."""
 
 import math
 from typing import NamedTuple
@@ -11,15 +11,15 @@ from scipy.sparse import csgraph
 
 from ..terrain.grid import Grid
 
-_LINE_CELLS = 40_000  # cells of the footprint that a centre line is searched on
+_LINE_CELLS = 40_000  # largest number of footprint cells for the centre line search
 _LINE_PIECES = 40
-_PIECE_CELLS = 8  # a piece of the centre line is at least so many cells long
-_SMALLEST_PART = 0.1  # of the largest part: what frames far apart leave between gaps; smaller ones are splashes
-_HIGHEST_SHARE = 0.01  # of the drop: cells that count as the highest
+_PIECE_CELLS = 8  # shortest piece of the centre line, in cells
+_SMALLEST_PART = 0.1  # of the largest part; smaller separate parts are ignored as splashes
+_HIGHEST_SHARE = 0.01  # of the drop height: cells within it are the highest
 
 
 class Runout(NamedTuple):
-    """How far a footprint reaches: `distance` [m] along the line to its farthest cell, whose centre is (`x`, `y`)."""
+    """Reach of a footprint: `distance` [m] along the line to its farthest cell, with centre (`x`, `y`) [m]."""
 
     distance: float
     x: float
@@ -27,10 +27,10 @@ class Runout(NamedTuple):
 
 
 def positions_along(line, x, y):
-    """Distance [m] from the start of `line` to the point on it that is nearest to each (x, y).
+    """float64[k]: distance [m] from the start of `line` to the point on it nearest to each (x, y).
 
-    Beyond its ends the line goes on straight: positions before the start are negative, those behind the end larger
-    than its length.
+    The line is extended straight at both ends: positions before the start are negative, positions beyond the end
+    exceed its length.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def positions_along(line, x, y):
 
 
 def runout(mask, grid, line):
-    """How far the True cells of `mask` on `grid` reach along `line`, counted to cell centres; None where none is."""
+    """Runout of the True cells of `mask` on `grid` along `line`, to cell centres; None without True cells."""
     row, column = np.nonzero(mask)
     if row.size == 0:
         return None
@@ -62,7 +62,7 @@ def runout(mask, grid, line):
 
 
 def up_to(line, distance):
-    """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or continued straight."""
+    """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or extended straight."""
     line = np.asarray(line, float)
     along = vertex_distances(line)
     last = min(int(np.searchsorted(along, distance)), len(line) - 1)
@@ -76,8 +76,10 @@ def vertex_distances(line):
 
 
 def places_along(line, along):
-    """(x, y) float64[k] [m] of the places at the distances `along` [m] from the start of `line`: undoes
-    `positions_along`, straight on beyond both ends."""
+    """(x, y) float64[k] [m] of the points at the distances `along` [m] from the start of `line`.
+
+    Inverse of `positions_along`; the line is extended straight at both ends.
+    """
     line, along = np.asarray(line, float), np.asarray(along, float)
     vertices = vertex_distances(line)
     piece = np.clip(np.searchsorted(vertices, along, side="right") - 1, 0, len(line) - 2)
@@ -86,7 +88,7 @@ def places_along(line, along):
 
 
 def distance_to_line(line, mask, grid):
-    """Distance [m] from `line` to the nearest centre of a True cell; infinite where there is none."""
+    """Distance [m] from `line` to the nearest centre of a True cell; infinite without True cells."""
     row, column = np.nonzero(mask)
     if row.size == 0:
         return math.inf
@@ -94,12 +96,12 @@ def distance_to_line(line, mask, grid):
 
 
 def centre_line(masks, weights, elevation, grid):
-    """The way that two flows took together: float64[n, 2] [m], from the highest part of their footprints downwards.
+    """Common centre line of two flows: float64[n, 2] [m], from the highest part of their footprints downwards.
 
-    Distances are measured within the union of the footprints, so around corners, from its highest part (the middle of
-    the cells within 1 % of the drop). Bands of equal distance are replaced by their centres, weighted by thickness,
-    each result counting the same: what a practitioner would draw by hand along the thalweg. Where frames far apart
-    leave the union in parts, those of a tenth of the largest or more are joined by the shortest ways between them.
+    Distances are path lengths within the union of the footprints, from its highest part (the middle of the cells
+    within 1 % of the drop). Bands of equal distance are replaced by their centres, weighted by thickness, with equal
+    weight of both results; this approximates a line drawn by hand along the thalweg. Separate parts of the union
+    (from frames far apart in time) of at least a tenth of the largest are joined by the shortest connections.
 
     Parameters
     ----------
@@ -108,12 +110,12 @@ def centre_line(masks, weights, elevation, grid):
         One for each mask, of any unit; NaN counts as 0.
     elevation : float[rows, columns] [m]
     grid : Grid
-        Of all of them.
+        Grid of all arrays.
 
     Returns
     -------
     float64[n, 2] or None
-        None where there is no elevation or fewer than two places to go through.
+        None without elevations, or with fewer than two points.
     """
     weight = sum(_share(mask, weight) for mask, weight in zip(masks, weights, strict=True))
     cut = max(1, math.ceil(math.sqrt(np.count_nonzero(weight) / _LINE_CELLS)))
@@ -129,14 +131,14 @@ def centre_line(masks, weights, elevation, grid):
 
 
 def _share(mask, weight):
-    """`weight` within `mask` as shares of its mean there, 0 elsewhere."""
+    """`weight` within `mask`, divided by its mean there; 0 elsewhere."""
     weight = np.where(mask, np.nan_to_num(weight, nan=0.0), 0.0)
     total = weight.sum()
     return weight * (np.count_nonzero(mask) / total) if total > 0 else weight
 
 
 def _blocks(values, cut, of):
-    """`of` (a reduction over the last axis) of blocks of `cut` x `cut` values, the last ones filled up with NaN."""
+    """Blocks of `cut` x `cut` values reduced with `of` (over the last axis); incomplete blocks are filled with NaN."""
     if cut == 1:
         return values
     rows, columns = (-(-n // cut) * cut for n in values.shape)
@@ -147,14 +149,14 @@ def _blocks(values, cut, of):
 
 
 def _mean(blocks, axis):
-    """Mean without NaN along the last axis, NaN where there is nothing else."""
+    """Mean of the finite values along the last axis; NaN without finite values."""
     known = np.isfinite(blocks)
     count = known.sum(axis=axis)
     return np.where(count > 0, np.where(known, blocks, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
 
 
 def _large_parts(mask):
-    """(the large parts of `mask` whose cells hang together, corners included; the number of each cell's part)."""
+    """(large connected parts of `mask`, with 8 neighbours; number of the part of each cell)."""
     labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
     if count <= 1:
         return mask, labels
@@ -164,7 +166,7 @@ def _large_parts(mask):
 
 
 def _bridges(parts, places):
-    """(cells, cells, lengths [m]) of the shortest links that join all `parts` [k], whose cells lie at `places`."""
+    """(cells, cells, lengths [m]) of the shortest links that join all `parts` [k], with cells at `places`."""
     joined, left = parts == parts[0], list(dict.fromkeys(parts[parts != parts[0]]))
     places, found = np.column_stack(places), []
     while left:
@@ -183,7 +185,7 @@ def _bridges(parts, places):
 
 
 def _highest(mask, weight, elevation, grid):
-    """(x, y) [m] of the cell nearest to the middle of the highest ones; None without any elevation."""
+    """(x, y) [m] of the cell nearest to the middle of the highest cells; None without elevations."""
     known = mask & np.isfinite(elevation)
     if not known.any():
         return None
@@ -195,9 +197,9 @@ def _highest(mask, weight, elevation, grid):
 
 
 def _distance_within(mask, grid, start, bridges=()):
-    """float[k]: length [m] of the shortest way from `start` to each True cell, from cell to cell, 16 directions.
+    """float[k]: length [m] of the shortest path from `start` to each True cell, from cell to cell in 16 directions.
 
-    `bridges` are links between cells besides (`_bridges`).
+    `bridges` are additional links between cells (`_bridges`).
     """
     number = np.full(mask.shape, -1)
     number[mask] = np.arange(np.count_nonzero(mask))
@@ -218,7 +220,7 @@ def _distance_within(mask, grid, start, bridges=()):
 
 
 def _shifted(number, step):
-    """Views of `number` on a cell and on the one that lies `step` (rows, columns) from it."""
+    """Views of `number` on each cell and on the cell at the offset `step` (rows, columns)."""
     down, right = step
     rows, columns = number.shape
     before = number[: rows - down, max(-right, 0) : columns - max(right, 0)]

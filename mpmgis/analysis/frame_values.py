@@ -1,4 +1,4 @@
-"""One frame as cell values, the survey of all frames before an export, and values of chosen cells over time."""
+"""Cell values of one frame, the survey of all frames before an export, and values of selected cells."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from .maxima import least_depth
 from .quantities import PRODUCTS, cell_values, map_speed, volume_thickness
 from .sampling import FrameFacts, export_axes, export_grid
 
-_ROUNDING = 1e-3  # particles closer than this share of the code's cell to the bed are on it, not below
+_ROUNDING = 1e-3  # share of the solver cell; particles less than this below the bed are on it
 
 
 @dataclass(frozen=True)
 class Averaging:
-    """How frames are averaged: the same for all of them.
+    """Settings for averaging frames, the same for all frames.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Averaging:
         In (0, 100].
     min_depth : float [m]
     second_grid : Grid or None
-        Another grid to average on besides, and `second_names`, the products there.
+        Second grid to average on; `second_names` are its products.
     """
 
     bed: Bed
@@ -46,7 +46,7 @@ class Averaging:
 
 @dataclass(frozen=True)
 class FrameValues:
-    """The values of one frame's cells.
+    """Cell values of one frame.
 
     Parameters
     ----------
@@ -54,25 +54,25 @@ class FrameValues:
     count, mass : int, float [kg]
         Particles in the frame.
     index : int64[k]
-        Flat index in the export grid of the cells that hold any, ascending.
+        Flat index in the export grid of the cells with particles, ascending.
     values : dict of str to float32[k]
         By product.
     second : (int64[m], dict of str to float32[m]) or None
         The same on the second grid.
     outside, mass_outside, without_slope : int, float [kg], int
-        Particles off the DTM, their mass, and particles on it where it has no slope.
+        Particles outside the DTM, their mass, and particles on DTM pixels without a slope.
     moved : int
-        Particles that lie outside the DTM and were taken to its rim (a clamped bed's).
+        Particles outside the DTM that were moved to the edge of a clamped bed.
     below, lowest : float, float [m]
-        Share of the mass below the DTM (points), and the smallest distance from it, whatever the bed's standoff.
+        Share of the mass below the DTM (points), and the smallest distance from it, without the standoff.
     column_side : float [m]
-        What columns resolve: the node spacing of their run, else the side of the mean column; 0 for points.
+        Resolution of columns: node spacing of the run, else the side of the mean column; 0 for points.
     least : float [m]
-        Depth below which a cell holds only the tail of columns' splines; 0 where particles have none.
+        Depth below which a cell has only the tail of column splines; 0 for particles without splines.
     point_side : float [m]
-        Eq 15's cell size: the cube root of the mean point's present volume, 0 for columns.
+        Cell size of Eq 15: cube root of the mean current volume of points; 0 for columns.
     fastest : float [m s-1]
-        Largest depth-averaged speed in the map plane where the flow is at least min_depth deep.
+        Largest depth-averaged horizontal speed where the flow is at least min_depth deep.
     """
 
     time: float
@@ -94,7 +94,7 @@ class FrameValues:
 
 
 def average_frame(frame, averaging):
-    """Average `frame` as `averaging` says.
+    """Average `frame` with the settings `averaging`.
 
     Returns
     -------
@@ -143,26 +143,26 @@ def _fastest(cells, depth, min_depth):
 
 
 def _below_terrain(frame, placed, standoff, spacing, mass):
-    """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns, which stand on it."""
+    """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns."""
     if frame.dimension == 2:
         return 0.0, 0.0
     below, lowest = binning.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
     return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)
 
 
-RESTING_BELOW = 0.01  # share of the mass below the bed from which a code's own offset is assumed
+RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
 
 
 def reached(frame, bed, axes):
-    """(First column, first row, last column, last row) [m] of what lies on the DTM; None where nothing does.
+    """Bounds (first column, first row, last column, last row) [m] of the flow on the DTM; None without flow.
 
     Parameters
     ----------
     frame : Frame
-        Of its particles only `position` is used, and `area` of columns, which count with the ground they stand for.
+        Only `position` of its particles is used, and `area` of columns (their full ground area counts).
     bed : Bed
     axes : Grid
-        `export_axes`, along which the answer is.
+        `export_axes` of the bounds.
     """
     particles, bounds = frame.particles, np.empty(4)
     half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
@@ -175,7 +175,7 @@ def reached(frame, bed, axes):
 
 
 def survey_frame(frame, bed, density, axes=None):
-    """What `frame` contributes to the choice of cells and of the standoff.
+    """Data of `frame` for the choice of the cell size and the standoff.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def survey_frame(frame, bed, density, axes=None):
     density : float [kg m-3]
         Of the release.
     axes : Grid, optional
-        `export_axes` that the bounds are along (default: north-up).
+        `export_axes` of the bounds (default: north-up).
 
     Returns
     -------
@@ -219,7 +219,7 @@ def _median_thickness(frame, placed, bed, density):
 
 
 def resting_offset(distance, mass):
-    """How far below the DTM a grid-based code lets its particles rest.
+    """Depth below the DTM at which a grid-based code lets particles rest.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def resting_offset(distance, mass):
     Returns
     -------
     (float, float)
-        Share of the mass below the bed, and the distance [m] that only 1 % of the mass lies under.
+        Share of the mass below the bed, and the distance [m] with 1 % of the mass below it.
     """
     known = np.isfinite(distance)
     distance, mass = distance[known], mass[known]
@@ -244,26 +244,26 @@ def resting_offset(distance, mass):
 
 
 def automatic_standoff(facts):
-    """The standoff [m] of the frame with the largest share of its mass below the bed; 0 where that is under 1 %.
+    """The standoff [m] of the frame with the largest share of its mass below the bed; 0 if the share is under 1 %.
 
-    It is the distance that only 1 % of that frame's mass lies under: grid-based codes hold particles off nodes and
-    not off the DTM, so that they come to rest up to a cell below it, and all distances are short by that much.
+    It is the distance with 1 % of that frame's mass below it. Grid-based codes apply the bed condition at nodes and
+    not at the DTM, so particles rest up to a cell below the DTM, and all distances are too small by this offset.
     """
     deepest = max(facts, key=lambda fact: fact.below)
     return deepest.offset if deepest.below >= RESTING_BELOW else 0.0
 
 
 def fastest_mean(frame, bed, grid, density):
-    """Largest depth-averaged speed [m s-1] in the map plane over the cells of `grid` (for Eq 17)."""
+    """Largest depth-averaged horizontal speed [m s-1] over the cells of `grid` (for Eq 17)."""
     speed = map_speed(bin_frame(frame, place(frame, bed), bed, grid, density))
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
 
 
-NOWHERE = -1  # the number of a cell that a grid does not have
+NOWHERE = -1  # cell number of a point outside the grid
 
 
 def cells_of(grid, x, y):
-    """int64[n]: flat number of the cell of `grid` that holds each map point [m], NOWHERE off the grid."""
+    """int64[n]: flat number of the cell of `grid` that contains each map point [m]; NOWHERE outside the grid."""
     row, column = (np.floor(place + 0.5).astype(np.int64) for place in grid.rowcol(x, y))
     rows, columns = grid.shape
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
@@ -271,7 +271,7 @@ def cells_of(grid, x, y):
 
 
 def pick(index, values, empty, cells):
-    """Values of `cells` out of those that are known.
+    """Values of selected `cells`.
 
     Parameters
     ----------
@@ -281,12 +281,12 @@ def pick(index, values, empty, cells):
     empty : float
         Value of the grid's other cells.
     cells : int64[n]
-        NOWHERE has no value.
+        Flat numbers, or NOWHERE.
 
     Returns
     -------
     float64[n]
-        NaN off the grid.
+        NaN outside the grid.
     """
     result = np.where(cells == NOWHERE, np.nan, empty)
     if len(index):
@@ -297,13 +297,13 @@ def pick(index, values, empty, cells):
 
 
 def frame_at_cells(frame, averaging, cells):
-    """Product -> float64[n] of `cells` of `averaging.grid`, one frame averaged as for the export's rasters."""
+    """Product -> float64[n] of `cells` of `averaging.grid`, averaged as in the export's rasters."""
     found = average_frame(frame, averaging)
     return {name: pick(found.index, found.values[name], PRODUCTS[name].empty, cells) for name in averaging.names}
 
 
 def nearest_times(times, wanted):
-    """Numbers of the frames nearest to the `wanted` times [s], each once, in their order; of two equally near the
-    earlier."""
+    """Ascending numbers of the frames nearest to the `wanted` times [s], without repetition; the earlier of two
+    equally near ones."""
     gaps = np.abs(np.asarray(times, float)[None, :] - np.asarray(wanted, float)[:, None])
     return sorted({int(k) for k in np.argmin(gaps, axis=1)})

@@ -1,4 +1,4 @@
-"""Intensity classes of a guideline: which conditions a cell's largest values meet."""
+"""Intensity classes of a guideline, from the largest values of a cell."""
 
 import math
 import re
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 
-# what a condition may name -> its unit, the band that it is taken from, and what that is multiplied by
+# quantity of a condition -> unit, band, factor
 QUANTITIES = {
     "h": ("m", "h_max", 1.0),
     "v": ("m/s", "Ut_max", 1.0),
@@ -20,14 +20,14 @@ QUANTITIES = {
 UNREAD = "not read"
 PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
-MOST_CLASSES = 250  # a byte's values, with room
+MOST_CLASSES = 250  # class numbers fit into a byte
 
 
 @dataclass(frozen=True)
 class IntensityClass:
-    """A class: its `name`, its `colour` (#rrggbb), and conditions, any of which will do: dicts quantity -> least.
+    """A class: `name`, `colour` (#rrggbb) and alternative conditions `when`: dicts quantity -> smallest value.
 
-    `read_in` tells where its numbers were read; "" where nobody says, UNREAD where they were not.
+    `read_in` is the source of its numbers; "" if not given, UNREAD if the document was not read.
     """
 
     name: str
@@ -36,9 +36,9 @@ class IntensityClass:
     read_in: str = ""
 
     def words(self):
-        """The conditions in words."""
+        """The conditions as text."""
         if any(not condition for condition in self.when):
-            return "wherever the flow came"
+            return "all cells with flow"
         parts = (
             " and ".join(f"{name} >= {least:g} {QUANTITIES[name][0]}" for name, least in condition.items())
             for condition in self.when
@@ -46,15 +46,15 @@ class IntensityClass:
         return " or ".join(parts)
 
     def origin(self):
-        """Where its numbers were read, in words."""
+        """The source of its numbers, as text."""
         if self.read_in == UNREAD:
-            return "number as commonly cited, not read in the document; check it there"
+            return "number as commonly cited, not verified in the document; check it there"
         return f"number read in {self.read_in}"
 
 
 @dataclass(frozen=True)
 class Guideline:
-    """A guideline: `name`, `title`, the document that is its `source`, a `note`, `classes` from the lowest."""
+    """A guideline: `name`, `title`, `source` (document), `note`, `classes` from the lowest."""
 
     name: str
     title: str
@@ -64,19 +64,19 @@ class Guideline:
 
     @property
     def bands(self):
-        """Names of the bands that its conditions need."""
+        """Names of the bands that its conditions use."""
         named = {name for entry in self.classes for condition in entry.when for name in condition}
         named |= {"h", "v"} if named & set(PRODUCTS) else set()
         return tuple(band for name, (_, band, _) in QUANTITIES.items() if name in named and band is not None)
 
 
 def parse_guidelines(tables, where):
-    """Guideline by name of the tables of a TOML file; `where` names it in refusals.
+    """Guidelines by name from the tables of a TOML file; `where` is its name in error messages.
 
     Raises
     ------
     InputError
-        What is missing, unknown or no number.
+        A key is missing or unknown, or a value is not a number.
     """
     return {name: _guideline(name, table, f"{where} [{name}]") for name, table in tables.items()}
 
@@ -95,52 +95,52 @@ def _class(table, where):
     _require_table(table, where, ("name", "colour", "when", "read_in"), ("name", "colour", "when"))
     colour = _text(table["colour"], where, "colour")
     if not _COLOUR.fullmatch(colour):
-        raise InputError(f"{where}: colour is {colour!r}, wanted #rrggbb, for example #c1272d")
+        raise InputError(f"{where}: colour is {colour!r}, expected #rrggbb, for example #c1272d")
     conditions = table["when"]
     if not (isinstance(conditions, list) and conditions and all(isinstance(entry, dict) for entry in conditions)):
         raise InputError(f"{where}: when must be a list of conditions, for example [{{ h = 1, v = 1 }}, {{ p = 30 }}]")
     for condition in conditions:
         for name, least in condition.items():
             if name not in QUANTITIES:
-                raise InputError(f"{where}: there is no quantity {name!r}; choose from {', '.join(QUANTITIES)}")
+                raise InputError(f"{where}: unknown quantity {name!r}; choose from {', '.join(QUANTITIES)}")
             if isinstance(least, bool) or not isinstance(least, int | float) or not math.isfinite(least) or least <= 0:
-                raise InputError(f"{where}: {name} is {least!r}, wanted a number above 0")
+                raise InputError(f"{where}: {name} is {least!r}, expected a number above 0")
     read_in = _text(table.get("read_in", ""), where, "read_in")
     return IntensityClass(_text(table["name"], where, "name"), colour, tuple(map(dict, conditions)), read_in)
 
 
 def _require_table(table, where, known, needed):
     if not isinstance(table, dict):
-        raise InputError(f"{where}: wanted a table with {', '.join(known)}")
+        raise InputError(f"{where}: expected a table with {', '.join(known)}")
     for key in table:
         if key not in known:
-            raise InputError(f"{where}: there is no key {key!r}; it takes {', '.join(known)}")
+            raise InputError(f"{where}: unknown key {key!r}; known keys are {', '.join(known)}")
     for key in needed:
         if key not in table:
-            raise InputError(f"{where}: {key} is missing; it takes {', '.join(known)}")
+            raise InputError(f"{where}: {key} is missing; known keys are {', '.join(known)}")
 
 
 def _text(value, where, key):
     if not isinstance(value, str):
-        raise InputError(f"{where}: {key} is {value!r}, wanted text")
+        raise InputError(f"{where}: {key} is {value!r}, expected text")
     return value
 
 
 def classify(guideline, bands, reached):
-    """Number of the class of each cell.
+    """Class number of each cell.
 
     Parameters
     ----------
     guideline : Guideline
     bands : dict of str to float[rows, columns]
-        Its `bands` in their own units; NaN where there is no value.
+        Its `bands` in their units; NaN without a value.
     reached : bool[rows, columns]
-        Where the flow came.
+        Cells with flow.
 
     Returns
     -------
     uint8[rows, columns]
-        From 1, the lowest; 0 where the flow never came or no condition holds.
+        From 1, the lowest class; 0 without flow or without a fulfilled condition.
     """
     numbers = np.zeros(reached.shape, np.uint8)
     for number, entry in enumerate(guideline.classes, start=1):

@@ -1,21 +1,21 @@
-"""Largest values over all frames (Eq 16), and the maxima that the solver kept, on the cells of an export.
+"""Largest values over all frames (Eq 16), and the peaks recorded by the solver, on the cells of an export.
 
-Where the solver kept peaks of every step, a cell takes the larger of those and of the frames': both are values that the
-flow had, peaks between frames as well, frames also before the first step and at rims, where a node sees less than a
-column is thick. So no step ever shows more than the maxima.
+If the solver recorded peaks of every step, a cell takes the larger of these and of the frames. Solver peaks include
+times between frames. Frames include the state before the first step, and edges, where a node has less than the column
+thickness. So no frame exceeds the maxima.
 
-A solver's thickness is vertical, that of the bands is normal to the bed: it is multiplied by the cosine of the slope of
-the DTM pixel. Its speed is |U|, along the ground in form `slope`, which is the meaning of `Ut`, and
-horizontal in form `swe`, which is at most `Ut` and differs little on the beds of rivers and lakes. Speed, pressure and
-arrival are of flow that is at least `arrival_thickness` deep at the node. They are used only where `min_depth` is the
-same number, because a band has one threshold.
+The solver's thickness is vertical, that of the bands is normal to the bed: it is multiplied by the cosine of the slope
+of the DTM pixel. The solver's speed is |U|: along the ground in form `slope` (as `Ut`), horizontal in form `swe`
+(at most `Ut`, nearly equal on the beds of rivers and lakes). Speed, pressure and arrival are of flow that is at least
+`arrival_thickness` deep at the node. They are used only if `min_depth` is the same number, because a band has one
+threshold.
 
-Between nodes peaks are bilinear, and cells take them as they take the columns of a frame (`node_fields`): `h` and `t`
-are the largest mean over parts of the cell that are no wider than the node spacing, or a crest in the cell; `t_vol` is
-the mean over the cell; `Ut` is the mean weighted by thickness; `p` is from the mean speed; arrival is the mean over
-what was reached.
+Peaks are bilinear between nodes, and are integrated over cells like the columns of a frame (`node_fields`): `h` and `t`
+are the largest mean over parts of the cell not wider than the node spacing, or a crest in the cell; `t_vol` is the mean
+over the cell; `Ut` is the mean weighted by thickness; `p` is from the mean speed; arrival is the mean over the reached
+part.
 
-Where the flow never was as deep as `min_depth`, nor as the solver's arrival thickness, a peak is only the tail of the
+Where the depth never reached the smaller of `min_depth` and the arrival thickness, a peak is only the tail of the
 solver's splines, and the cell has no value.
 """
 
@@ -24,14 +24,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts are loaded when they are first used
+import scipy  # submodules are loaded on first use
 
 from ..peaks import PEAK_NAMES, TRANSFORM, lattices_of
 from .node_fields import Lattice, nodes_to_cells
 
 
 class Peak(NamedTuple):
-    """A maxima band: of which product, and whether the `larger` or the smaller value stays."""
+    """A maxima band: its product, and whether the `larger` or the smaller value is kept."""
 
     product: str
     larger: bool
@@ -47,30 +47,30 @@ PEAKS = {
 }
 ARRIVAL = "t_arrival"
 MAXIMA_BANDS = (*PEAKS, ARRIVAL)
-RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # in every step, where `--products maxima` asks for them
+RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # also in every step with `--products maxima`
 PRODUCTS_NEEDED = tuple(dict.fromkeys(peak.product for peak in PEAKS.values()))
 
-ARRIVAL_THICKNESS = 0.05  # [m] of the solver, where its frames do not say another
-THINNEST = 1e-3  # [m] no flow, where --min-depth is 0
+ARRIVAL_THICKNESS = 0.05  # [m] of the solver, unless its frames give another
+THINNEST = 1e-3  # [m] smallest depth of flow if --min-depth is 0
 
 
 def least_depth(min_depth, arrival_thickness=ARRIVAL_THICKNESS):
-    """Depth [m] from which a field of columns is flow; below it is the tail of their splines."""
+    """Smallest depth [m] of flow in a field of columns; smaller values are the tail of their splines."""
     return min(min_depth, arrival_thickness) or THINNEST
 
 
 class RunningMaxima:
-    """The largest (or smallest) value that every cell of a grid has seen.
+    """Largest (or smallest) value of every cell of a grid over the frames so far.
 
-    Stored in float32, as in the file: rounding keeps order, so this is the rounded maximum. Pages of cells that the
-    flow never meets stay untouched, so that memory follows the flow.
+    Stored in float32, as in the file: rounding keeps order, so this is the rounded maximum. Memory pages of cells
+    without flow stay untouched, so memory follows the extent of the flow.
 
     Parameters
     ----------
     cells : int
         Number of cells of the grid.
     min_depth : float [m]
-        Depth at which the flow counts as arrived.
+        Depth that defines arrival.
     peaks : dict of str to Peak
     """
 
@@ -81,17 +81,17 @@ class RunningMaxima:
         self.seen = {name: np.zeros(cells, bool) for name in names}
 
     def absorb(self, index, values, time, least=0.0):
-        """Take in one frame.
+        """Add one frame.
 
         Parameters
         ----------
         index : int64[k]
-            Its cells.
+            Flat numbers of its cells.
         values : dict of str to float[k]
             By product.
         time : float [s]
         least : float [m]
-            Cells with a smaller `h` hold no flow (`least_depth`); 0 for particles that have no tails.
+            Cells with a smaller `h` have no flow (`least_depth`); 0 for particles without splines.
         """
         if least > 0.0:
             flow = ~(np.asarray(values["h"]) < least)
@@ -102,7 +102,7 @@ class RunningMaxima:
         self._keep(ARRIVAL, index, arrived, np.minimum)
 
     def absorb_peaks(self, index, values):
-        """Take in what the solver kept of every step: `index` and `values` as `SolverPeaks.on` yields them."""
+        """Add the solver's peaks of every step: `index` and `values` as yielded by `SolverPeaks.on`."""
         for name, peak in self.peaks.items():
             if peak.larger and peak.product in values:
                 self._keep(name, index, values[peak.product], np.maximum)
@@ -118,22 +118,22 @@ class RunningMaxima:
         seen[index] = True
 
     def rows(self, name, first, last, columns):
-        """float32[last - first, columns]: raster rows of band `name`, NaN where the flow never was."""
+        """float32[last - first, columns]: raster rows of band `name`, NaN without flow."""
         part = slice(first * columns, last * columns)
         return np.where(self.seen[name][part], self.values[name][part], np.float32(np.nan)).reshape(-1, columns)
 
     def at(self, name, index):
-        """float32[k]: band `name` in the cells `index`, NaN where the flow never was."""
+        """float32[k]: band `name` in the cells `index`, NaN without flow."""
         return np.where(self.seen[name][index], self.values[name][index], np.float32(np.nan))
 
     def largest(self, name):
-        """Largest absolute value of band `name`; 0 where the flow never was anywhere."""
+        """Largest absolute value of band `name`; 0 without flow."""
         return float(np.abs(self.values[name]).max(initial=0.0))
 
 
-BANDS = ("h_max", "t_max", "Ut_max", "p_max", ARRIVAL)  # a solver of columns knows no velocity normal to the bed
+BANDS = ("h_max", "t_max", "Ut_max", "p_max", ARRIVAL)  # columns have no velocity normal to the bed
 WITHOUT_THRESHOLD = BANDS[:2]
-STRIP_CELLS = 1_000_000  # in one strip, so that memory does not grow with the raster
+STRIP_CELLS = 1_000_000  # of one strip; limits memory on large rasters
 
 
 @dataclass(frozen=True)
@@ -143,19 +143,19 @@ class SolverPeaks:
     Parameters
     ----------
     time : float [s]
-        Of the frame that holds them.
+        Of the frame that contains them.
     thickness : float32[rows, columns] [m]
         Vertical.
     speed, pressure : float32[rows, columns] [m s-1], [Pa]
         Of flow that is at least `arrival_thickness` deep.
     arrival_time : float32[rows, columns] [s]
-        First time with that thickness, -1 where there was none.
+        First time with that thickness, -1 if never.
     west, south : float [m]
         Map position of the first node.
     spacing : float [m]
     arrival_thickness : float [m]
     others : tuple of SolverPeaks
-        On other lattices, of stages with cells of another size.
+        On other lattices, of stages with another cell size.
     """
 
     time: float
@@ -171,7 +171,7 @@ class SolverPeaks:
 
     @classmethod
     def of(cls, kept, time):
-        """The peaks in the dictionary `kept` (group `maxima` of a frame at `time` [s]); None where nothing was reached.
+        """The peaks in the dictionary `kept` (group `maxima` of a frame at `time` [s]); None without flow.
 
         Its `transform` maps corners of cells around the nodes: (spacing, 0, west, 0, spacing, south).
         """
@@ -192,12 +192,12 @@ class SolverPeaks:
         )
 
     def bands(self, min_depth):
-        """The maxima bands that these peaks serve: those without a threshold, all where `min_depth` [m] is theirs."""
+        """The maxima bands from these peaks: those without a threshold; all if `min_depth` [m] is their threshold."""
         same = abs(self.arrival_thickness - min_depth) <= 1e-6 * self.arrival_thickness
         return BANDS if same else WITHOUT_THRESHOLD
 
     def bounds(self, min_depth):
-        """(west, south, east, north) [m] of what the flow reached, to the next dry node; None where that is nothing."""
+        """(west, south, east, north) [m] of the flow, to the next dry node; None without flow."""
         found = [lattice._own_bounds(min_depth) for lattice in (self, *self.others)]
         found = np.array([bounds for bounds in found if bounds is not None])
         if not len(found):
@@ -216,25 +216,25 @@ class SolverPeaks:
         )
 
     def _least(self, min_depth):
-        """Thickness [m] from which a peak is flow."""
+        """Smallest thickness [m] of a peak that is flow."""
         return least_depth(min_depth, self.arrival_thickness)
 
     def on(self, grid, bed, min_depth):
-        """Yield the peaks of the cells of `grid` that the flow reached, some rows of it and one lattice at a time.
+        """Yield the peaks of the cells of `grid` with flow, for strips of rows and one lattice at a time.
 
         Parameters
         ----------
         grid : Grid
-            Rotated or not; its cells may be oblong.
+            May be rotated, with rectangular cells.
         bed : Bed
-            Whose pixels' slopes turn vertical thickness into normal.
+            Its slopes convert vertical to normal thickness.
         min_depth : float [m]
-            Of the bands.
+            Threshold of the bands.
 
         Yields
         ------
         (int64[k], dict of str to float32[k])
-            Flat index of cells, ascending; by product `h`, `t`, `t_vol`, and where `min_depth` is the solver's
+            Flat index of cells, ascending; by product `h`, `t`, `t_vol`, and if `min_depth` is the solver's
             `arrival_thickness` also `Ut`, `p` and `t_arrival`.
         """
         for lattice in (self, *self.others):
@@ -244,14 +244,14 @@ class SolverPeaks:
         row, column = np.nonzero(self.thickness > 0)
         if not len(row):
             return
-        # a ring of neighbours more, which tells whether a node at the rim is a crest
+        # one ring of neighbours, to detect crests at the edge
         part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in (row, column))
         with_motion = self.bands(min_depth) == BANDS
         nodes = self._nodes(part, with_motion)
         north = self.south + self.spacing * (part[0].start + nodes.shape[0] - 1.0)
         lattice = Lattice(self.spacing, (self.west + self.spacing * float(part[1].start), north))
         if grid.is_rotated:
-            nodes, lattice = _turned(nodes, lattice, grid)
+            nodes, lattice = _rotated(nodes, lattice, grid)
         extent = np.array([0, nodes.shape[0], 0, nodes.shape[1]], np.int64)
         cells = lattice.window(grid, extent)
         if cells[0] == cells[1] or cells[2] == cells[3]:
@@ -265,7 +265,7 @@ class SolverPeaks:
             yield index[reached], {name: value[reached].astype(np.float32) for name, value in values.items()}
 
     def _nodes(self, part, with_motion):
-        """float64[rows, columns, s]: what the nodes of `part` hold, row 0 in the north, by `THICKNESS` and the next."""
+        """float64[rows, columns, s]: sums of the nodes of `part`, row 0 in the north; s as THICKNESS, WEIGHT, ..."""
         thickness = np.asarray(self.thickness[part], float)[::-1]
         nodes = np.empty((*thickness.shape, ARRIVED_AT + 1 if with_motion else 1))
         nodes[..., THICKNESS] = thickness
@@ -276,18 +276,18 @@ class SolverPeaks:
             arrived = (arrival >= 0).astype(float)
             nodes[..., WEIGHT] = arrived * thickness
             nodes[..., MOVED] = nodes[..., WEIGHT] * speed
-            nodes[..., PRESSED] = nodes[..., WEIGHT] * np.sqrt(pressure)  # the band squares a mean
+            nodes[..., PRESSED] = nodes[..., WEIGHT] * np.sqrt(pressure)  # the band is the square of a mean
             nodes[..., ARRIVED] = arrived
             nodes[..., ARRIVED_AT] = arrived * arrival
         nodes *= self.spacing**2
         return nodes
 
 
-THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground
+THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground area
 
 
-def _turned(nodes, lattice, grid):
-    """(nodes, Lattice) of the same field on nodes along the axes of a rotated `grid`, half as far apart."""
+def _rotated(nodes, lattice, grid):
+    """(nodes, Lattice) of the same field on nodes along the axes of a rotated `grid`, at half the spacing."""
     rows, columns, held = nodes.shape
     lattice_along = Lattice(0.5 * lattice.spacing, lattice.anchor)
     west, north = lattice.anchor
@@ -299,14 +299,14 @@ def _turned(nodes, lattice, grid):
     x, y = (step[k, 0] * across[None, :] + step[k, 1] * down[:, None] for k in (0, 1))
     place = np.stack([-y, x]) / lattice.spacing
     at_place = partial(scipy.ndimage.map_coordinates, coordinates=place, order=1, mode="grid-constant")
-    turned = np.stack([at_place(nodes[..., k]) for k in range(held)], axis=-1)
+    rotated = np.stack([at_place(nodes[..., k]) for k in range(held)], axis=-1)
     anchor = west + float(x[0, 0]), north + float(y[0, 0])
-    turned *= lattice_along.node_area(grid) / lattice.spacing**2
-    return np.ascontiguousarray(turned), Lattice(lattice_along.spacing, anchor)
+    rotated *= lattice_along.node_area(grid) / lattice.spacing**2
+    return np.ascontiguousarray(rotated), Lattice(lattice_along.spacing, anchor)
 
 
 def _strips(cells):
-    """(first row, row after the last) of parts of the window `cells`, small enough for memory."""
+    """(first row, row after the last) of strips of the window `cells`."""
     first, last, left, right = cells.tolist()
     height = max(1, STRIP_CELLS // (right - left))
     for row in range(0, last - first, height):
@@ -314,7 +314,7 @@ def _strips(cells):
 
 
 def _cells(nodes, grid, window, with_motion):
-    """(flat index, product -> float64) of the cells of `window` that a node with flow reaches."""
+    """(flat index, product -> float64) of the cells of `window` within reach of a node with flow."""
     found = nodes_to_cells(nodes, THICKNESS, THICKNESS, grid, window)
     values = {"h": found.top, "t": found.top, "t_vol": found.sums[:, THICKNESS] / grid.cell_area}
     if with_motion:

@@ -1,15 +1,15 @@
-"""What columns hold as a smooth field over the ground, integrated over raster cells.
+"""Columns as a smooth field over the ground, integrated over raster cells.
 
 A column of a depth-averaged run is a sample of the flow, not a block of material: its solver spreads it over nine nodes
-with a quadratic B-spline, and only the sum of many columns is a flow depth. An export does the same. The sums of all
-columns go to the nodes of the solver's lattice, are bilinear in between, and every raster cell takes the integral of
-that field. So volume is conserved in every cell size, and a fine raster shows a smooth depth.
+with a quadratic B-spline, and only the sum of many columns is a flow depth. An export does the same: columns are
+summed at the nodes of the solver's lattice, the field is bilinear between nodes, and every raster cell takes its
+integral. Volume is conserved for every cell size, and a fine raster has a smooth depth.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts are loaded when they are first used
+import scipy  # submodules are loaded on first use
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
@@ -25,19 +25,19 @@ class Axis(NamedTuple):
     Parameters
     ----------
     start : float
-        Lattice place of the first cell's edge, counted from the first node.
+        Lattice coordinate of the first cell's edge, from the first node.
     cell : float
         Width of a cell, in node spacings.
     parts : int
-        Parts that a cell is cut into; none is wider than the node spacing.
+        Parts of a cell, none wider than the node spacing.
     low : int
-        Number of the first part that a node reaches, counted from the first cell. The parts before it are left out.
+        Number of the first part within reach of a node, from the first cell. Earlier parts are omitted.
     owner : int64[parts]
-        Cell that each part belongs to.
+        Cell of each part.
     first : int64[parts]
-        Of each part the first node that its field depends on.
+        First node of the field in each part.
     weight : float64[parts, 3]
-        How much of the hats of three nodes lies in each part.
+        Integrals of the hat functions of three nodes over each part.
     """
 
     start: float
@@ -50,7 +50,7 @@ class Axis(NamedTuple):
 
     @classmethod
     def of(cls, start, cell, cells, nodes):
-        """The axis of `cells` cells that are `cell` node spacings wide, from `start` on; 0 is the first of `nodes`."""
+        """The axis of `cells` cells of `cell` node spacings from `start`; 0 is the first of `nodes`."""
         parts = max(1, int(np.ceil(cell - 1e-9)))
         part = cell / parts
         low = max(0, int(np.floor((-1.0 - start) / part)))
@@ -58,7 +58,7 @@ class Axis(NamedTuple):
         number = np.arange(low, max(high, low) + 1)
         edges = start + number * part
         whole = np.rint(edges)
-        edges = np.where(np.abs(edges - whole) < ROUNDING, whole, edges)  # no slivers where cells end at nodes
+        edges = np.where(np.abs(edges - whole) < ROUNDING, whole, edges)  # no slivers at cell edges on nodes
         first = np.floor(edges[:-1]).astype(np.int64)
         node = first[:, None] + np.arange(3)
         weight = _below(edges[1:, None] - node) - _below(edges[:-1, None] - node)
@@ -71,7 +71,7 @@ class Axis(NamedTuple):
         return self.cell / self.parts
 
     def rows(self, first, last):
-        """The axis of the cells from `first` to `last` alone."""
+        """The axis of the cells from `first` to `last` (exclusive)."""
         a, b = np.searchsorted(self.owner, (first, last))
         return self._replace(
             start=self.start + first * self.cell, low=self.low + int(a) - first * self.parts,
@@ -79,13 +79,13 @@ class Axis(NamedTuple):
         )  # fmt: skip
 
     def shares(self, nodes):
-        """float64[nodes]: how much of each node's hat lies in the cells."""
+        """float64[nodes]: integral of each node's hat function over the cells."""
         node = self.first[:, None] + np.arange(3)
         there = (node >= 0) & (node < nodes)
         return np.bincount(node[there], self.weight[there], nodes)
 
     def table(self):
-        """The arrays that the kernels take."""
+        """The arrays for the kernels."""
         return self.owner, self.first, self.weight
 
 
@@ -96,7 +96,7 @@ def _below(place):
 
 
 class Lattice(NamedTuple):
-    """Nodes laid out along the axes of a raster, `spacing` [m] apart, one of them at the map point `anchor` [m]."""
+    """Nodes along the axes of a raster, `spacing` [m] apart, with one node at the map point `anchor` [m]."""
 
     spacing: float
     anchor: tuple
@@ -105,8 +105,8 @@ class Lattice(NamedTuple):
     def of_solver(cls, spacing, terrain_grid, grid):
         """The nodes of a depth-averaged run on a DTM, along the axes of the export `grid`.
 
-        One lies where the cells of the export are counted from: on the upper left corner of the DTM's bounds, or on the
-        first corner of a rotated DTM whose axes the export keeps.
+        One node is at the origin of the export cells: the upper left corner of the DTM's bounds, or the first corner
+        of a rotated DTM if the export keeps its axes.
         """
         return cls(float(spacing), tuple(export_axes(terrain_grid, not grid.is_rotated).corner))
 
@@ -116,11 +116,11 @@ class Lattice(NamedTuple):
         return sides, sides[:, None] * np.linalg.inv(grid.matrix)
 
     def place_of(self, grid, x, y):
-        """float64[2]: (across, down) of a map point [m], counted from the anchor along the axes of `grid`."""
+        """float64[2]: (across, down) of a map point [m], from the anchor along the axes of `grid`."""
         return self.units(grid)[1] @ np.array([x - self.anchor[0], y - self.anchor[1]])
 
     def window(self, grid, nodes):
-        """(first row, end row, first column, end column) of the cells of `grid` that the window of `nodes` reaches."""
+        """(first row, end row, first column, end column) of the cells of `grid` within reach of `nodes` (window)."""
         sides, _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
         low = np.floor((np.array([nodes[2], nodes[0]]) - 1.0 - corner) / sides).astype(int)
@@ -129,7 +129,7 @@ class Lattice(NamedTuple):
         return np.array([i0, max(i1, i0), j0, max(j1, j0)], np.int64)
 
     def axes(self, grid, cells, nodes):
-        """(Axis down, Axis across) of the window `cells` of `grid`, counted from the first of the window `nodes`."""
+        """(Axis down, Axis across) of the window `cells` of `grid`, from the first node of the window `nodes`."""
         (across, down), _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
         return (
@@ -138,9 +138,9 @@ class Lattice(NamedTuple):
         )
 
     def cell_window(self, grid, bed, cells, axes, sloped=False):
-        """The CellWindow of the `cells` of `grid` with their `axes`: flow may be where `bed` has ground.
+        """The CellWindow of the `cells` of `grid` with their `axes`; flow is possible where `bed` has data.
 
-        With `sloped` the factor is the cosine of the slope under the middle of each part, else 1.
+        With `sloped` the factor is the cosine of the slope at the middle of each part, else 1.
         """
         down, across = axes
         factor = np.empty((len(down.owner), len(across.owner)))
@@ -153,24 +153,24 @@ class Lattice(NamedTuple):
         return CellWindow(cells, axes, factor, self.node_area(grid))
 
     def node_area(self, grid):
-        """Ground of one node [m2]."""
+        """Ground area of one node [m2]."""
         sides, _ = self.units(grid)
         return grid.cell_area / float(sides.prod())
 
 
 class CellWindow(NamedTuple):
-    """Raster cells that a window of nodes reaches.
+    """Raster cells within reach of a window of nodes.
 
     Parameters
     ----------
     cells : int64[4]
         First row, row after the last, first column, column after the last.
     axes : (Axis, Axis)
-        Down and across, counted from the first node.
+        Down and across, from the first node.
     factor : float64[rows of parts, columns of parts]
-        What the measure of a field is multiplied by in each part of a cell; 0 where no flow may be.
+        Factor of the field in each part of a cell; 0 where no flow is possible.
     node_area : float [m2]
-        Ground of one node.
+        Ground area of one node.
     """
 
     cells: np.ndarray
@@ -179,13 +179,13 @@ class CellWindow(NamedTuple):
     node_area: float
 
     def admit(self, row, column):
-        """Let flow be in the cells that hold a particle, `row` and `column` int32[n], whatever their ground."""
+        """Allow flow in the cells of particles, `row` and `column` int32[n], also without bed data."""
         down, across = self.axes
         parts = (down.parts, down.low), (across.parts, across.low)
         kernel.parts_with_columns(row, column, self.cells[0], self.cells[2], *parts, self.factor)
 
     def shares(self, shape):
-        """float64[shape]: how much of each node's hat lies where flow may be."""
+        """float64[shape]: integral of each node's hat function where flow is possible."""
         down, across = self.axes
         if self.factor.all():
             return down.shares(shape[0])[:, None] * across.shares(shape[1])[None, :]
@@ -195,11 +195,11 @@ class CellWindow(NamedTuple):
 
 
 class CellSums(NamedTuple):
-    """The field of nodes in the cells that it reaches.
+    """Integrals of a nodal field over raster cells.
 
-    `index` int64[k] flat number of each cell in the grid, ascending; `sums` float64[k, s]; `top` float64[k] [m-2]
-    largest amount per area of one of the sums, of the parts of the cell and the crests in it; `mark` int32[rows,
-    columns] number of each cell of the window, -1 where it has none.
+    `index` int64[k]: flat number of each cell in the grid, ascending; `sums` float64[k, s]; `top` float64[k] [m-2]:
+    largest amount per area of one sum, over the parts of the cell and its crests; `mark` int32[rows, columns]:
+    number of each cell of the window, -1 outside the field.
     """
 
     index: np.ndarray
@@ -215,7 +215,7 @@ def nodes_to_cells(nodes, present, measure, grid, window):
     ----------
     nodes : float64[rows, columns, s]
     present, measure : int
-        The sum without which a cell is left out, and the one whose largest value per area is wanted.
+        Number of the sum that must be present in a cell, and of the sum for `top`.
     grid : Grid
     window : CellWindow
 
@@ -241,7 +241,7 @@ def nodes_to_cells(nodes, present, measure, grid, window):
 
 
 def column_sums(frame, placed, bed, grid, row, column, lattice):
-    """Give the columns of `frame` to the nodes of `lattice`, and integrate their field over the cells of `grid`.
+    """Spread the columns of `frame` to the nodes of `lattice` and integrate the field over the cells of `grid`.
 
     Parameters
     ----------
@@ -249,15 +249,15 @@ def column_sums(frame, placed, bed, grid, row, column, lattice):
     placed : Placed
     bed : Bed
     grid : Grid
-        Of the export.
+        Export grid.
     row, column : int32[n]
-        Cell of each column; `row` is below 0 for columns that are left out.
+        Cell of each column; negative `row`: column is ignored.
     lattice : Lattice
 
     Returns
     -------
     (CellSums, int64[k])
-        With the sums that `binning` names, `top` of UPRIGHT; and the number of columns in each cell.
+        Sums as defined in `binning`, with `top` of UPRIGHT; number of columns in each cell.
     """
     particles, n = frame.particles, len(frame.particles)
     _, matrix = lattice.units(grid)
@@ -281,9 +281,9 @@ def column_sums(frame, placed, bed, grid, row, column, lattice):
 
 
 def _gains(share):
-    """float64[rows, columns]: one over the part of each node's spline on ground with flow, from those of the hats.
+    """float64[rows, columns]: inverse of the part of each node's spline on ground with flow, from the hat shares.
 
-    A quadratic B-spline is 1/8, 3/4 and 1/8 at three nodes, and hats with these heights are close to it everywhere.
+    A quadratic B-spline is 1/8, 3/4 and 1/8 at three nodes; hat functions with these heights approximate it.
     """
     if share.min(initial=1.0) > 1.0 - 1e-9:
         return np.ones(share.shape)

@@ -1,8 +1,8 @@
-"""Whether the points of a 3D flow still fill the volume that they stand for: packed mass, layers that hang off the bed.
+"""Check of the volume of the points of a 3D flow: packed mass, and layers that hang above the bed.
 
-An explicit MPM keeps the mass of its points to rounding, but not their spacing. On cells that are large against the
-flow's depth points can crowd together without their stress noticing, or come to rest on each other's grid momentum
-above the ground. Neither shows in a balance. Both show in the columns of the map's cells.
+An explicit MPM conserves the mass of its points to rounding, but not their spacing. If cells are large against the
+flow depth, points can crowd together without a change of their stress, or come to rest above the ground on grid
+momentum of other points. Balances do not show either error; columns of map cells show both.
 """
 
 from dataclasses import asdict, dataclass
@@ -11,32 +11,32 @@ import numpy as np
 
 from ..fields import GRAVITY
 
-PACKED = 1.2  # times its density, above which mass is packed
-PACKED_CELLS = 2.0  # side of the squares of the map in which that is taken: points of a fluid gather in single cells
-CLEARANCE = 0.25  # [cells] that points may lie lower than a lattice on the ground; what slides lies 0.1 to 0.2 lower
-# Empty height under the lowest point of a column above which it hangs: half its own thickness, within these [cells].
-# What has fallen rests up to 1.4 cells high, of which half a point is its own.
+PACKED = 1.2  # times the material density, above which mass counts as packed
+PACKED_CELLS = 2.0  # side of the map squares for this test: points of a fluid gather in single cells
+CLEARANCE = 0.25  # [cells] by which points may be lower than a lattice on the ground; sliding points: 0.1 to 0.2
+# A column hangs if the gap under its lowest point exceeds half its thickness, limited to this range [cells].
+# Fallen material rests up to 1.4 cells high, including half a point.
 HANGING_SHARE_OF_DEPTH, HANGING_CELLS = 0.5, (0.5, 1.5)
-FALLING = 0.1  # share of the speed of a free fall through that height, below which the column does not fall
-PACKED_SHARE, HANGING_SHARE = 0.05, 0.1  # of the mass, above which volume is lost; resolved flows have 0.02 at most
-MISSING_SHARE = 0.1  # of the volume, above which the room that the points take is too small for their mass
+FALLING = 0.1  # share of the free-fall speed through the gap, below which the column is not falling
+PACKED_SHARE, HANGING_SHARE = 0.05, 0.1  # of the mass; limits of a usable result; resolved flows have 0.02 at most
+MISSING_SHARE = 0.1  # of the volume; limit of a usable result
 
 
 @dataclass(frozen=True)
 class PointVolume:
-    """What became of the volume of a 3D flow at one time.
+    """Volume check of a 3D flow at one time.
 
     Parameters
     ----------
     time : float [s]
     mass : float [kg]
-        Of the points that have ground under them.
+        Of the points with ground under them.
     packed_share, hanging_share : float [1]
-        Of that mass: packed beyond PACKED times its density; in columns that hang off the bed and do not fall.
+        Of that mass: packed beyond PACKED times its density; in columns that hang above the bed without falling.
     missing_share : float [1]
-        Of the volume of that mass: what does not fit into the height that its points take.
+        Of the volume of that mass: the part that exceeds the space below its points.
     cells_over_depth : float [1]
-        Mean thickness of the flow over the cell size, weighted by mass.
+        Mass-weighted mean thickness of the flow, divided by the cell size.
     """
 
     time: float
@@ -48,31 +48,31 @@ class PointVolume:
 
     @property
     def kept(self):
-        """Whether all shares are within what a usable result has."""
+        """True if all shares are within the limits of a usable result."""
         hangs = self.hanging_share > HANGING_SHARE
         return not hangs and self.packed_share <= PACKED_SHARE and self.missing_share <= MISSING_SHARE
 
     def as_numbers(self):
-        """All of it as plain numbers for a record."""
+        """All values as plain numbers for a record."""
         return asdict(self) | {"kept": self.kept}
 
 
 def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     """The PointVolume of a Frame of points.
 
-    In a square of the map of PACKED_CELLS cells the points that lie no higher than a point fill a height; where that is
-    more than PACKED times the height at which the point lies, the point is packed. So a point in the air above a packed
-    layer hides nothing, and a thin layer counts as well as a deep one. What is
-    missing in a square is the largest excess of volume over room. What hangs is found in columns of single cells.
+    A map square has PACKED_CELLS cells per side. A point is packed if the points of its square up to its height have
+    more than PACKED times the volume below that height. So a point above a packed layer does not hide it, and thin
+    layers count like deep ones. The missing volume of a square is the largest excess over the space below a point.
+    Hanging mass is found in columns of single cells.
 
     Parameters
     ----------
     frame : Frame
         Of dimension 3.
     height : float64[n] [m]
-        Of each point above the ground under it, vertical; NaN where there is no ground.
+        Vertical height of each point above the ground; NaN without ground.
     slope : float64[n] [1]
-        Tangent of the steepest slope of the ground there.
+        Tangent of the steepest ground slope at each point.
     cell_size : float [m]
         Of the solver's grid.
     density : float [kg m-3]
@@ -90,12 +90,12 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     height, steep = height[known], np.hypot(1.0, np.nan_to_num(slope[known]))
     half = 0.5 * np.cbrt(np.asarray(particles.volume, float)[known])
     speed = np.sqrt((np.asarray(particles.velocity, float)[known] ** 2).sum(axis=1))
-    room = np.maximum(height, 0.0) + half + CLEARANCE * cell_size * steep
+    space = np.maximum(height, 0.0) + half + CLEARANCE * cell_size * steep
     square = _columns(x[known], y[known], cell_size, PACKED_CELLS)
-    filled, room = _filled(square, height, mass / density), room * (PACKED_CELLS * cell_size) ** 2
-    packed = filled > PACKED * room
+    filled, space = _filled(square, height, mass / density), space * (PACKED_CELLS * cell_size) ** 2
+    packed = filled > PACKED * space
     missing = np.zeros(square.max() + 1)
-    np.maximum.at(missing, square, filled - room)
+    np.maximum.at(missing, square, filled - space)
     column = _columns(x[known], y[known], cell_size, 1.0)
     of_column = np.bincount(column, mass)
     lowest = np.full(len(of_column), np.inf)
@@ -112,7 +112,7 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
 
 
 def _filled(column, height, volume):
-    """float64[n] [m3]: the volume of the points of each one's column that lie no higher than it does."""
+    """float64[n] [m3]: for each point, the volume of the points of its column up to its height."""
     order = np.lexsort((height, column))
     column = column[order]
     first = np.flatnonzero(np.diff(column, prepend=-1))
@@ -123,9 +123,9 @@ def _filled(column, height, volume):
 
 
 def _columns(x, y, cell_size, cells):
-    """int64[n]: which square of so many `cells` of `cell_size` [m] each point lies in, numbered from 0 without gaps.
+    """int64[n]: number of the square (side: `cells` times `cell_size` [m]) of each point, from 0 without gaps.
 
-    Squares begin a quarter of a cell before the first point, so that no points of a lattice lie on their edges.
+    Squares begin a quarter of a cell before the first point, so that lattice points are not on square edges.
     """
     east, north = (np.floor(((values - values.min()) / cell_size + 0.25) / cells).astype(np.int64) for values in (x, y))
     return np.unique(north * (east.max() + 1) + east, return_inverse=True)[1].reshape(-1)

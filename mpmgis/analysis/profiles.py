@@ -1,8 +1,8 @@
-"""A flow along a line, at points over time, and over the height above its bed.
+"""Profiles of a flow along a line, at points over time, and over the height above the bed.
 
-Bins lie between two distances from the bed, along its normal, over a square cell of the map: as a cell of an export is
-averaged, but cut into layers (the outlook of Vicari et al. 2025, NHESS 25:3897). A point takes up the height of a cube
-of its volume and is shared among the layers that it reaches into, so that a lattice of points is even in any layers.
+A vertical profile is a square map cell divided into layers by distance normal to the bed; each layer is averaged like
+a cell of an export (outlook of Vicari et al. 2025, NHESS 25:3897). A point has the height of a cube of its volume and
+is shared among the layers that it overlaps, so a uniform lattice of points gives uniform layers.
 """
 
 import math
@@ -30,12 +30,12 @@ class ProfileFound:
     ----------
     name : str
     along, x, y, terrain : float64[n] [m]
-        Places on the line: distance from its start, position, elevation.
+        Points on the line: distance from its start, position, elevation.
     times : float64[k] [s]
     surface : float64[k, n] [m]
         Elevation of the free surface.
     values : dict of str to float64[k, n]
-        Products of the cell that each place lies in.
+        Products of the cell of each point.
     files : tuple of Path
     """
 
@@ -54,7 +54,7 @@ class ProfileFound:
         return (*PLACE_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
     def rows(self):
-        """A row for each time and place."""
+        """One row per time and point."""
         for k, time in enumerate(self.times):
             numbers = (self.along, self.x, self.y, self.terrain, self.surface[k], *(v[k] for v in self.values.values()))
             yield from ((time, *row) for row in zip(*numbers, strict=True))
@@ -89,19 +89,19 @@ class SeriesFound:
         return (("point", ""), *POINT_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
     def rows(self):
-        """A row for each point and time."""
+        """One row per point and time."""
         for point, name in enumerate(self.names):
             for k, time in enumerate(self.times):
                 values = (values[k, point] for values in self.values.values())
                 yield (name, self.x[point], self.y[point], time, *values)
 
     def arrival(self, point, min_depth):
-        """First of the times [s] with at least `min_depth` [m] at a point's number; NaN where the flow never came."""
+        """First time [s] with at least `min_depth` [m] at the point of this number; NaN without flow."""
         deep = self.values["h"][:, point] >= min_depth
         return float(self.times[np.argmax(deep)]) if deep.any() else np.nan
 
     def peak(self, product, point):
-        """(largest value, its time [s]) of a product at a point's number; NaN where it has none."""
+        """(largest value, its time [s]) of a product at the point of this number; NaN without values."""
         values = self.values[product][:, point]
         if not np.isfinite(values).any():
             return np.nan, np.nan
@@ -110,7 +110,7 @@ class SeriesFound:
 
 
 def free_surface(terrain, x, y, depth):
-    """Elevation [m] of a flow's surface over map points: `depth` [m] is normal to the bed, the answer upright above it.
+    """Elevation [m] of the free surface at map points, vertically above them, from `depth` [m] normal to the bed.
 
     Parameters
     ----------
@@ -140,18 +140,18 @@ LOAD_COLUMNS = (
     ("height_of_overburden_force", "m"),
 )  # fmt: skip
 MOST_LAYERS = 2_000
-WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the code's own grid: with its usual 8 points a cell, 64 in a layer
+WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the solver's grid: 64 points per layer with 8 points per cell
 
 
 @dataclass(frozen=True)
 class VerticalProfile:
-    """One cell at one `time` [s], in layers of the heights between `edges` float64[k + 1] [m] above the bed.
+    """One cell at one `time` [s], in layers between the heights `edges` float64[k + 1] [m] above the bed.
 
-    `depth` [m] is h of an export: the largest distance of a particle from the bed, or its percentile, at least 0.
-    `count` int64[k]: points whose middle is in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`,
+    `depth` [m]: h as in an export: the largest particle distance from the bed, or its percentile, at least 0.
+    `count` int64[k]: points with centre in a layer; `density` float64[k] [kg m-3], 0 in an empty layer; `parallel`,
     `normal` float64[k] [m s-1] as Ut and Un of an export, NaN in an empty layer; `pressure` float64[k] [Pa]: density
-    times the squared mean speed; `overburden` float64[k] [Pa]: the normal pressure of the weight above the middle of
-    each layer, as at rest.
+    times the squared mean speed; `overburden` float64[k] [Pa]: normal stress at rest from the weight above the middle
+    of each layer.
     """
 
     time: float
@@ -166,17 +166,17 @@ class VerticalProfile:
 
     @property
     def momentum_flux(self):
-        """(force per width [N m-1], height [m] at which it acts) of the momentum that the flow carries, rho v^2."""
+        """(force per width [N m-1], height of its resultant [m]) of the momentum flux rho v^2."""
         return self._force(self.pressure)
 
     @property
     def overburden_force(self):
-        """(force per width [N m-1], height [m] at which it acts) of the overburden, if it presses alike in all
-        directions, as in a fluid; a flow at rest has this force alone."""
+        """(force per width [N m-1], height of its resultant [m]) of the overburden, with isotropic pressure as in a
+        fluid; the only force of a flow at rest."""
         return self._force(self.overburden)
 
     def _force(self, pressure):
-        """(integral of `pressure` over height, height of its moment; NaN without pressure)."""
+        """(integral of `pressure` over height, height of its resultant; NaN without pressure)."""
         thickness, middles = np.diff(self.edges), 0.5 * (self.edges[1:] + self.edges[:-1])
         force = float(np.sum(pressure * thickness))
         return force, float(np.sum(pressure * middles * thickness)) / force if force > 0 else math.nan
@@ -184,7 +184,7 @@ class VerticalProfile:
 
 @dataclass(frozen=True)
 class VerticalFound:
-    """Profiles of a result: `profiles` of the points (names, x, y [m]) as a list for each, and the `files`."""
+    """Profiles of a result: a list of `profiles` per point (names, x, y [m]), cell `width` [m], and the `files`."""
 
     name: str
     names: tuple
@@ -231,9 +231,9 @@ def vertical_profiles(frame, bed, density, points, width, layer, percentile=100.
     width : float [m]
         Of the square cell around each.
     layer : float [m]
-        Height of a layer; layers begin at multiples of it, below the bed where particles lie there.
+        Height of a layer; edges are multiples of it, also below the bed if particles are there.
     percentile : float
-        Of the particles' distances from the bed, by mass, that is taken as depth; layers keep all particles.
+        Mass-weighted percentile of the particles' distances from the bed, used as depth; layers have all particles.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def _overburden(density, layer, part, placed, bed):
 
 
 def _extents(volume, placed, bed):
-    """(lower, upper) float64[n] [m]: what height a point takes up, a cube's side; none from above the bed below it."""
+    """(lower, upper) float64[n] [m]: height range of a point (side of a cube), cut at the bed for points above it."""
     slope = bed.gradient_by_pixel[placed.pixel]
     side = np.cbrt(np.asarray(volume, float)) / np.sqrt(1.0 + (slope**2).sum(axis=-1))
     lower, upper = placed.distance - 0.5 * side, placed.distance + 0.5 * side
@@ -291,7 +291,7 @@ def _extents(volume, placed, bed):
 
 
 def _layer_values(part, placed, share, bed, density, grid, layer):
-    """(density, Ut, Un, pressure) of a layer that has this `share` of each particle."""
+    """(density, Ut, Un, pressure) of a layer with this `share` of each particle."""
     held = np.flatnonzero(share)
     particles = part.particles.take(held)
     scaled = replace(particles, mass=particles.mass * share[held], volume=particles.volume * share[held])
@@ -302,7 +302,7 @@ def _layer_values(part, placed, share, bed, density, grid, layer):
 
 
 def usual_sizes(frame):
-    """(width of the cell, height of a layer) [m] where none are asked for, by the grid of the code behind `frame`."""
+    """Default (width of the cell, height of a layer) [m], from the grid spacing of the solver of `frame`."""
     spacing = grid_spacing(frame)
     return WIDTH_IN_CELLS * spacing, LAYER_IN_CELLS * spacing
 

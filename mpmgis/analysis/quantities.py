@@ -1,7 +1,7 @@
 """The quantities of an export: one function for each equation of NHESS 25:3897, and the table of all products.
 
-Each takes `Cells` and gives float64[k], NaN where the cell has none. They hold for points and for columns, because
-a column's thickness stands in `Cells` as its highest distance from the bed, above a lowest of 0.
+Each function takes `Cells` and returns float64[k], NaN for unknown values. They are valid for points and for columns:
+in `Cells` the largest distance of a column from the bed is its thickness, and the smallest is 0.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels import binning
-from . import quantities as average
 
 
 def flow_depth(cells):
@@ -25,38 +24,38 @@ def flow_thickness(cells):
 
 
 def normal_velocity(cells):
-    """Un [m s-1]: mean of U . n, weighted by mass; positive leaves the bed (Eqs 9, 13; X2)."""
+    """Un [m s-1]: mean of U . n, weighted by mass; positive away from the bed (Eqs 9, 13)."""
     return cells.mean(binning.NORMAL)
 
 
 def parallel_speed(cells):
-    """Ut [m s-1]: length of the mean slope-parallel velocity, weighted by mass (Eqs 10, 14; X2)."""
+    """Ut [m s-1]: length of the mean slope-parallel velocity, weighted by mass (Eqs 10, 14)."""
     return np.linalg.norm(cells.mean_vector(binning.PARALLEL), axis=1)
 
 
 def parallel_velocity_east(cells):
-    """Ut_E [m s-1]: east part of the mean slope-parallel velocity."""
+    """Ut_E [m s-1]: east component of the mean slope-parallel velocity."""
     return cells.mean(binning.PARALLEL)
 
 
 def parallel_velocity_north(cells):
-    """Ut_N [m s-1]: north part of the mean slope-parallel velocity."""
+    """Ut_N [m s-1]: north component of the mean slope-parallel velocity."""
     return cells.mean(binning.PARALLEL + 1)
 
 
 def volume_thickness(cells):
-    """t_vol [m]: sum of m / density times n_H, over the cell's area; conserves mass (design note X5)."""
+    """t_vol [m]: sum of m / density times n_H, divided by the cell area; conserves mass."""
     thickness = cells.sums[:, binning.UPRIGHT] / (cells.density * cells.cell_area)
     return np.where(cells.sums[:, binning.SLOPED] > 0, thickness, np.nan)
 
 
 def particle_count(cells):
-    """n [1]: particles whose position lies in the cell."""
+    """n [1]: particles in the cell."""
     return cells.count.astype(float)
 
 
 def areal_mass(cells):
-    """mass [kg m-2]: per plan area; times the cell's area it sums to the particles' mass (design notes 5.3)."""
+    """mass [kg m-2]: per plan area; its sum times the cell area is the particles' mass."""
     return cells.sums[:, binning.MASS] / cells.cell_area
 
 
@@ -66,7 +65,7 @@ def impact_pressure(cells):
 
 
 def detached(cells):
-    """1 where the lowest particle is clear of the bed by more than a solver cell and a fifth of h, else 0 (X10)."""
+    """1 where the lowest particle is above the bed by more than a solver cell and a fifth of h, else 0."""
     if cells.spacing == 0:
         return np.zeros(len(cells.index))
     clear = cells.lowest > np.maximum(cells.spacing, 0.2 * flow_depth(cells))
@@ -74,7 +73,7 @@ def detached(cells):
 
 
 def map_speed(cells):
-    """Speed of the mean velocity in the map plane [m s-1], the one that Eq 17 means."""
+    """Horizontal speed of the mean velocity [m s-1], as in Eq 17."""
     return np.hypot(cells.mean(binning.MOMENTUM), cells.mean(binning.MOMENTUM + 1))
 
 
@@ -83,7 +82,7 @@ RUNNING = "maxima"
 
 
 class Product(NamedTuple):
-    """How a band is made: `compute(cells)`, its value in `empty` cells, and whether it needs `min_depth` of flow."""
+    """Definition of a band: `compute(cells)`, its value in `empty` cells, and whether it needs `min_depth` of flow."""
 
     compute: Callable
     empty: float
@@ -91,38 +90,38 @@ class Product(NamedTuple):
 
 
 PRODUCTS = {
-    "h": Product(average.flow_depth, 0.0, False),
-    "t": Product(average.flow_thickness, 0.0, False),
-    "Un": Product(average.normal_velocity, np.nan, True),
-    "Ut": Product(average.parallel_speed, np.nan, True),
-    "Ut_E": Product(average.parallel_velocity_east, np.nan, True),
-    "Ut_N": Product(average.parallel_velocity_north, np.nan, True),
-    "t_vol": Product(average.volume_thickness, 0.0, False),
-    "n": Product(average.particle_count, 0.0, False),
-    "mass": Product(average.areal_mass, 0.0, False),
-    "p": Product(average.impact_pressure, np.nan, True),
-    "detached": Product(average.detached, np.nan, False),
+    "h": Product(flow_depth, 0.0, False),
+    "t": Product(flow_thickness, 0.0, False),
+    "Un": Product(normal_velocity, np.nan, True),
+    "Ut": Product(parallel_speed, np.nan, True),
+    "Ut_E": Product(parallel_velocity_east, np.nan, True),
+    "Ut_N": Product(parallel_velocity_north, np.nan, True),
+    "t_vol": Product(volume_thickness, 0.0, False),
+    "n": Product(particle_count, 0.0, False),
+    "mass": Product(areal_mass, 0.0, False),
+    "p": Product(impact_pressure, np.nan, True),
+    "detached": Product(detached, np.nan, False),
 }
 
 
 def choose_products(asked):
-    """The bands of a step: the four that are always there and those `asked` for, in the table's order.
+    """The bands of a step: the four default bands and those `asked` for, in the order of the table.
 
     Raises
     ------
     InputError
-        A name that is neither in the table nor `maxima`.
+        A name neither in the table nor `maxima`.
     """
     for name in asked:
         if name not in PRODUCTS and name != RUNNING:
             known = ", ".join([*PRODUCTS, RUNNING])
-            raise InputError(f"--products: there is no product {name!r}; choose from {known}")
+            raise InputError(f"--products: unknown product {name!r}; choose from {known}")
     return tuple(name for name in PRODUCTS if name in ALWAYS or name in asked)
 
 
 def cell_values(cells, names, min_depth):
     """Name -> float64[k] of the products `names`; velocities are NaN where the flow is shallower than `min_depth`."""
-    too_shallow = ~(average.flow_depth(cells) >= min_depth)
+    too_shallow = ~(flow_depth(cells) >= min_depth)
     values = {}
     for name in names:
         product = PRODUCTS[name]

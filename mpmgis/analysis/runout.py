@@ -1,7 +1,7 @@
-"""Runout, drop, the angles of the energy line and the centre of mass, as numbers and as report lines.
+"""Runout, drop height, angles of the energy line, and centre of mass, as numbers and as report lines.
 
-The energy line (Heim 1932: Fahrboeschung) joins the highest place of a flow to its farthest; its angle has the tangent
-drop over length. That of the centre of mass is what friction alone decides: mu for a block with Coulomb's law.
+The energy line (Heim 1932: Fahrboeschung) joins the highest point of a flow to its farthest; the tangent of its angle
+is drop over length. For the centre of mass the tangent depends on friction only: mu for a block with Coulomb friction.
 """
 
 import math
@@ -18,7 +18,7 @@ QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
 
 
 class Place(NamedTuple):
-    """A place of the flow: distance `along` the line, map position (`x`, `y`), elevation `z`, all [m]."""
+    """A point of the flow: distance `along` the line, map position (`x`, `y`), elevation `z`, all [m]."""
 
     along: float
     x: float
@@ -27,7 +27,7 @@ class Place(NamedTuple):
 
 
 class EnergyLine(NamedTuple):
-    """From the `top` to the `toe` (Place); `ground` [m] is the length of the way between them along the terrain."""
+    """From the `top` to the `toe` (Place); `ground` [m] is the length between them along the terrain."""
 
     top: Place
     toe: Place
@@ -40,7 +40,7 @@ class EnergyLine(NamedTuple):
 
     @property
     def straight(self):
-        """Horizontal distance as the crow flies [m]."""
+        """Straight horizontal distance [m]."""
         return math.hypot(self.toe.x - self.top.x, self.toe.y - self.top.y)
 
     @property
@@ -50,16 +50,16 @@ class EnergyLine(NamedTuple):
 
     @property
     def angle(self):
-        """Angle below the horizontal [degrees]; NaN where there is no length."""
+        """Angle below the horizontal [degrees]; NaN for zero length."""
         return slope_angle(self.drop, self.length)
 
 
 @dataclass(frozen=True)
 class MassState:
-    """Where the mass is at one `time` [s].
+    """Position of the mass at one `time` [s].
 
-    `mass` [kg] on the terrain; its centre (`x`, `y`, `z`) [m], and `along` the line; `quantiles` float64[k] [m]: the
-    positions along the line up to which the shares QUANTILES of it lie.
+    `mass` [kg] on the terrain; its centre (`x`, `y`, `z`) [m] and position `along` the line [m]; `quantiles`
+    float64[k] [m]: the shares QUANTILES of the mass are at or before these positions along the line.
     """
 
     time: float
@@ -72,17 +72,17 @@ class MassState:
 
 
 def slope_angle(drop, length):
-    """Angle [degrees] of a line that falls by `drop` over `length` [m]; NaN where that is not above 0."""
+    """Angle [degrees] of a line with `drop` [m] over `length` [m]; NaN for `length` of 0 or less."""
     return math.degrees(math.atan2(drop, length)) if length > 0 else math.nan
 
 
 def highest_place(mask, elevation, grid, line):
-    """Place of the highest True cell of `mask` with an `elevation` [m]; None where there is none."""
+    """Place of the highest True cell of `mask` with an `elevation` [m]; None without such a cell."""
     return _place(np.where(mask & np.isfinite(elevation), elevation, -np.inf), elevation, grid, line)
 
 
 def farthest_place(mask, elevation, grid, line):
-    """Place of the True cell of `mask` with an `elevation` [m] that lies farthest along `line`; None without any."""
+    """Place of the True cell of `mask` with an `elevation` [m] farthest along `line`; None without such a cell."""
     there = mask & np.isfinite(elevation)
     along = np.full(mask.shape, -np.inf)
     along[there] = positions_along(line, *grid.xy(*np.nonzero(there)))
@@ -105,17 +105,16 @@ def heights_under(mask, grid, terrain):
 
 
 def ends_along(mask, elevation, grid, line):
-    """(highest Place, farthest Place along `line`) of the True cells of `mask`; None each where there is none.
+    """(highest Place, farthest Place along `line`) of the True cells of `mask`; each None if missing.
 
-    `runout` and `compare` both count a runout from the one to the other: horizontally, along the line, from cell centre
-    to cell centre.
+    `runout` and `compare` measure the runout between them: horizontally, along the line, between cell centres.
 
     Parameters
     ----------
     mask : bool[rows, columns]
-        Cells that were reached.
+        Cells with flow.
     elevation : float64[rows, columns] [m]
-        NaN where unknown: such cells do not count.
+        NaN if unknown; such cells are ignored.
     grid : Grid
     line : float[n, 2] [m]
     """
@@ -128,7 +127,7 @@ def line_profile(line, terrain, begin, end, spacing):
     Returns
     -------
     (along, x, y, elevation, ground) : float64[n] [m]
-        `ground` is the length along the terrain from the first of them; it goes straight over nodata.
+        `ground` is the length along the terrain from the first point, interpolated over nodata.
     """
     count = max(2, math.ceil((end - begin) / spacing) + 1)
     vertices = vertex_distances(line)
@@ -139,14 +138,14 @@ def line_profile(line, terrain, begin, end, spacing):
 
 
 def ground_lengths(along, elevation):
-    """float64[n] [m]: length along the terrain up to each of the places `along` a line [m]."""
+    """float64[n] [m]: length along the terrain up to each position `along` a line [m]."""
     known = np.isfinite(elevation)
     heights = np.interp(along, along[known], elevation[known]) if known.any() else np.zeros(len(along))
     return np.r_[0.0, np.cumsum(np.hypot(np.diff(along), np.diff(heights)))]
 
 
 def energy_line(top, toe, line, terrain, spacing):
-    """The EnergyLine between two Places; None where one of them is missing or the toe is not beyond the top."""
+    """The EnergyLine between two Places; None if one is missing or the toe is not beyond the top."""
     if top is None or toe is None or toe.along <= top.along:
         return None
     *_, ground = line_profile(line, terrain, top.along, toe.along, spacing)
@@ -154,14 +153,14 @@ def energy_line(top, toe, line, terrain, spacing):
 
 
 def mass_state(frame, averaging, line):
-    """Where the mass of a frame is: its centre from the particles, its spread along `line` from the export's cells.
+    """Position of the mass of a frame: centre from the particles, distribution along `line` from the export cells.
 
-    A column's centre is half its thickness above its bed. Particles off the terrain do not count.
+    The centre of a column is half its thickness above the bed. Particles outside the terrain are ignored.
 
     Returns
     -------
     MassState or None
-        None where no particle lies on the terrain.
+        None without particles on the terrain.
     """
     placed = place(frame, averaging.bed)
     cells = bin_frame(frame, placed, averaging.bed, averaging.grid, averaging.density)
@@ -183,7 +182,7 @@ def mass_state(frame, averaging, line):
 
 
 def quantiles(along, weight, shares=QUANTILES):
-    """float64[k] [m]: the smallest of the positions `along` with each of the `shares` of the `weight` at or before."""
+    """float64[k] [m]: the smallest positions `along` with each of the `shares` of the `weight` at or before them."""
     order = np.argsort(along, kind="stable")
     below = np.cumsum(weight[order])
     wanted = np.asarray(shares) * below[-1] * (1 - 1e-12)
@@ -202,23 +201,23 @@ ENERGY_LINE_COLUMNS = (
 
 @dataclass(frozen=True)
 class RunoutFound:
-    """What was found. Distances along the line are counted from its start.
+    """Runout of a result. Distances along the line are measured from its start.
 
     Parameters
     ----------
     name : str
     threshold : float [m]
-        Of flow depth: cells above it were reached.
+        Flow depth above which a cell counts as reached.
     line : float[n, 2] [m]
     line_source : str
     flow, deposit : EnergyLine
-        To the farthest cell ever reached, and of the last frame (None where nothing lies that deep then).
+        To the farthest cell ever reached, and for the last frame (None without cells above the threshold).
     states : tuple of MassState
-        One a frame; () where the result is an export, which does not know its particles.
+        One per frame; () for an export, which has no particles.
     farthest_mass : Place or None
-        On the line, where 99 % of the last frame's mass lie at or before.
+        Position on the line with 99 % of the last frame's mass at or before it.
     profile : tuple of float[k]
-        The columns ENERGY_LINE_COLUMNS along the line.
+        Columns ENERGY_LINE_COLUMNS along the line.
     files : tuple of Path
     """
 
@@ -235,7 +234,7 @@ class RunoutFound:
 
     @property
     def centre(self):
-        """(distance along the line, drop, angle [degrees]) of the way of the centre of mass; None without frames."""
+        """(distance along the line [m], drop [m], angle [degrees]) of the centre of mass; None without frames."""
         if len(self.states) < 2:
             return None
         first, last = self.states[0], self.states[-1]
@@ -243,7 +242,7 @@ class RunoutFound:
         return travelled, drop, slope_angle(drop, travelled)
 
     def rows(self):
-        """(quantity, unit, value) of every figure."""
+        """(quantity, unit, value) of every result."""
         rows = [*_line_rows("", self.flow), ("farthest_along_line", "m", self.flow.toe.along)]
         if self.deposit is not None:
             rows += _line_rows("deposit_", self.deposit)
@@ -266,7 +265,7 @@ class RunoutFound:
         ]
 
     def facts(self):
-        """Everything as plain numbers, lists and texts, None where there is no number."""
+        """All results as plain numbers, lists and strings; None for missing numbers."""
         named = {
             quantity if unit == "1" else f"{quantity}_{'deg' if unit == 'degrees' else unit}": _number(value)
             for quantity, unit, value in self.rows()

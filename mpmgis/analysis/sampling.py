@@ -1,4 +1,4 @@
-"""How finely to export: cell size, time step, steps and the export grid (Vicari et al. 2025, Eqs 15, 17)."""
+"""Resolution of an export: cell size, time step, steps and grid (Vicari et al. 2025, NHESS 25:3897, Eqs 15, 17)."""
 
 import math
 from typing import NamedTuple
@@ -9,20 +9,19 @@ from affine import Affine
 from ..errors import InputError
 from ..terrain.grid import Grid
 
-POINTS_PER_CELL = 5  # with 5 randomly placed points a cell, exp(-5) = 0.7 % of the cells stay empty (design notes 5.3)
+POINTS_PER_CELL = 5  # with 5 random points per cell, exp(-5) = 0.7 % of the cells stay empty
 MOST_CELLS = 400_000_000
 FINEST_CELL = 1e-6  # [m]
 
 
 class FrameFacts(NamedTuple):
-    """What one frame contributes to the choice of cells.
+    """Data of one frame for the choice of the cell size.
 
-    `bounds` (first column, first row, last column, last row) [m] along the `export_axes` of what lies on the DTM, None
-    where nothing does; `particle_volume` [m3]
-    mean at release; `dilation` [1], the 10 % quantile of release volume over current volume; `thickness` [m], median
-    volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m] of the code's own grid; `below` [1], share
-    of the mass below the bed, and `offset` [m], the distance that only 1 % of the mass lies under (both 0 for columns);
-    `column_side` [m], mean side of the squares that columns fill, 0 for points.
+    `bounds` (first column, first row, last column, last row) [m]: of the flow on the DTM, along the `export_axes`, None
+    without flow; `particle_volume` [m3]: mean at release; `dilation` [1]: 10 % quantile of release volume over current
+    volume; `thickness` [m]: median volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m]: of the
+    solver grid; `below` [1]: share of the mass below the bed; `offset` [m]: distance with 1 % of the mass below it
+    (both 0 for columns); `column_side` [m]: mean side of the squares of columns, 0 for points.
     """
 
     bounds: tuple | None
@@ -36,22 +35,22 @@ class FrameFacts(NamedTuple):
 
 
 def automatic_cell_size(facts, terrain_cell):
-    """cs_e [m] by Eq 15, kept coarse enough that few cells inside the flow stay empty (design notes 5.3).
+    """cs_e [m] by Eq 15, coarse enough that few cells inside the flow stay empty.
 
-    The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid;
-    then up to a divisor of the DTM's cell, or to a multiple of half the solver's cell above it. Columns leave no cell
-    empty inside the flow: theirs is the side of the squares that they fill, below which there is no detail.
+    The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid,
+    rounded up to a divisor of the DTM cell, or above it to a multiple of half the solver cell. Columns leave no cell
+    empty inside the flow: for them the side of their squares replaces the second term.
 
     Returns
     -------
     (float, str)
-        cs_e [m] and the inputs that decided, in words.
+        cs_e [m] and its inputs, as text.
     """
     facts = [fact for fact in facts if fact.bounds is not None]
     volume = float(np.median([fact.particle_volume for fact in facts]))
     dilation = min(fact.dilation for fact in facts)
     thickness = float(np.median([fact.thickness for fact in facts]))
-    spacing = min(fact.spacing for fact in facts)  # where it is guessed, particles that spread look like a coarser grid
+    spacing = min(fact.spacing for fact in facts)  # estimated spacing grows as particles spread
     side = float(np.median([fact.column_side for fact in facts]))
     by_volume = (volume / dilation) ** (1.0 / 3.0)
     by_coverage, coverage = _coverage(side, volume, thickness)
@@ -70,23 +69,22 @@ def automatic_cell_size(facts, terrain_cell):
 
 
 def _coverage(side, volume, thickness):
-    """(Cell size [m] that leaves few cells inside the flow empty, why in words)."""
+    """(cell size [m] that leaves few cells inside the flow empty, reason as text)."""
     if side > 0:
         return side, f"columns fill squares of {side:.3g} m"
     cell = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
-    return cell, f"{POINTS_PER_CELL} particles a cell ask for {cell:.3g} m (median thickness {thickness:.3g} m)"
+    return cell, f"{POINTS_PER_CELL} particles per cell need {cell:.3g} m (median thickness {thickness:.3g} m)"
 
 
 def automatic_time_step(cell_size, fastest):
-    """dt_e [s] by Eq 17: what moves at `fastest` [m s-1] in the map plane crosses one export cell; inf at rest."""
+    """dt_e [s] by Eq 17: time to cross one export cell at the horizontal speed `fastest` [m s-1]; inf at rest."""
     return cell_size / fastest if fastest > 0 else math.inf
 
 
 class Crossing(NamedTuple):
-    """The two neighbouring frames between which the flow crosses most cells.
+    """The pair of consecutive frames between which the flow crosses most cells.
 
-    `cells` [1] that it crosses in the `interval` [s] between them at `speed` [m s-1]; `fastest` [m s-1] is that of all
-    frames, which Eq 17 has.
+    `cells` [1] crossed in the `interval` [s] at `speed` [m s-1]; `fastest` [m s-1]: of all frames, for Eq 17.
     """
 
     cells: float
@@ -96,20 +94,20 @@ class Crossing(NamedTuple):
 
 
 def farthest_crossing(times, speeds, cell_size):
-    """How far the flow moves between neighbouring frames, in export cells; Eq 17 wants one cell at most.
+    """Largest displacement between consecutive frames, in export cells; Eq 17 requires at most one cell.
 
     Parameters
     ----------
     times : sequence of float [s]
         Of the frames, ascending.
     speeds : sequence of float [m s-1]
-        Largest depth-averaged speed in the map plane of each. Between two frames the larger one counts.
+        Largest depth-averaged horizontal speed of each frame. The larger one of two frames is used.
     cell_size : float [m]
 
     Returns
     -------
     Crossing
-        Of the worst pair; zeros where there are fewer than two frames.
+        Of the worst pair; zeros for fewer than two frames.
     """
     if len(times) < 2:
         return Crossing(0.0, 0.0, 0.0, 0.0)
@@ -121,10 +119,10 @@ def farthest_crossing(times, speeds, cell_size):
 
 
 def choose_steps(times, time_step=None):
-    """Indices of the frames to export: for each multiple of `time_step` [s] the nearest in time, each once.
+    """Indices of the frames to export: the nearest frame to each multiple of `time_step` [s], without repetition.
 
-    `times` [s] ascend. None takes every frame. Of two equally near frames the earlier one is taken. Where no multiple
-    falls between the first and the last time, the frame nearest to one is taken.
+    `times` [s] are ascending. None: every frame. The earlier of two equally near frames is used. Without a multiple
+    between the first and the last time, the frame nearest to any multiple is used.
     """
     times = np.asarray(times, float)
     if time_step is None:
@@ -133,7 +131,7 @@ def choose_steps(times, time_step=None):
         return [0]
     count = times / time_step
     count = np.where(np.abs(count - np.rint(count)) < 1e-9 * np.maximum(1.0, np.abs(count)), np.rint(count), count)
-    # a frame is nearest to some multiple if it is so to the one before or the one after it
+    # only the multiples just before and just after each frame are needed
     multiples = np.unique(np.concatenate([np.floor(count), np.ceil(count)]))
     between = multiples[(multiples >= count[0]) & (multiples <= count[-1])]
     if not len(between):
@@ -150,11 +148,11 @@ def _nearest(times, moments):
 
 
 def export_axes(terrain_grid, north_up=True):
-    """The grid of one cell of 1 m that lies where an export's cells are counted from, along its axes.
+    """Grid of one 1 m cell at the origin of the export cells, along their axes.
 
-    North-up it is the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is the
-    DTM's own first corner, and the axes are those of the DTM. One that runs along east and north, in whatever order,
-    gives north-up cells in any case.
+    North-up: at the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is at
+    the first corner of the DTM, along its axes. A DTM along east and north, in any order, always gives north-up
+    cells.
     """
     t = terrain_grid.transform
     if north_up or not terrain_grid.is_rotated:
@@ -165,12 +163,12 @@ def export_axes(terrain_grid, north_up=True):
 
 
 def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1, north_up=True):
-    """The grid to export on, aligned with the DTM's (`export_axes`).
+    """The export grid, aligned with the DTM (`export_axes`).
 
-    Without `cell_size` [m] it has the DTM's own cells (a rotated DTM, north-up: squares of the same area), else cells
-    with sides of that length. Without `bounds` it covers the DTM, and its last row and column may reach over the rim;
-    with `bounds` (first column, first row, last column, last row) [m], along `export_axes`, it is the part of that
-    which holds them, with `margin` cells around.
+    Without `cell_size` [m] it has the cells of the DTM (for a rotated DTM, north-up: squares of the same area), else
+    square cells of that size. Without `bounds` it covers the DTM, and its last row and column may extend beyond the
+    edge. With `bounds` (first column, first row, last column, last row) [m], along `export_axes`, it is the part that
+    contains them, with `margin` cells around.
 
     Raises
     ------
@@ -196,8 +194,8 @@ def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1, north_up=Tr
         first_row, rows = _part(bounds[1], bounds[3], height, rows, margin)
     if width < FINEST_CELL or columns * rows > MOST_CELLS:
         raise InputError(
-            f"cells of {width:g} m make a raster of {float(columns * rows):.3g}, wanted at most {MOST_CELLS:.0e}; "
-            "take a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
+            f"cells of {width:g} m make a raster of {float(columns * rows):.3g} cells, expected at most "
+            f"{MOST_CELLS:.0e}; use a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
         )
     cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
     transform = cells * Affine.translation(int(first_column), int(first_row))

@@ -1,9 +1,9 @@
-"""What goes through a section over time: particles counted as they cross it, and the flux of its cells.
+"""Discharge through a section over time, from particles that cross it and from the momentum of its cells.
 
-A particle that has an identity is at known places at two frames. The straight way between them crosses the section or
-does not, so the mass that crossed is a sum over particles: exact where the section cuts the whole flow off, because
-then only the sides count. The flux of momentum in the section's cells at frame times, over time by the trapezoidal
-rule, needs no identity and is as good as the frames are dense.
+The position of a particle with an id is known at two frames. The straight path between them crosses the section or
+not, so the mass that crossed is a sum over particles. It is exact if the section spans the whole flow, because then
+only the sides matter. The momentum flux of the section's cells at frame times, integrated with the trapezoidal rule,
+needs no ids; its accuracy depends on the frame interval.
 """
 
 import math
@@ -22,21 +22,21 @@ COLUMNS = (
 )  # fmt: skip
 
 
-RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, from which the flux of its cells is made
+RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, for the flux of its cells
 
 
 @dataclass(frozen=True)
 class SectionState:
-    """One frame seen from a section.
+    """State of one frame relative to a section.
 
     Parameters
     ----------
     time : float [s]
     dimension : int
     flux : (float, float)
-        Volume [m3 s-1] and mass [kg s-1] a second through the section's cells, to its right as it is drawn.
+        Volume [m3 s-1] and mass [kg s-1] per second through the section's cells, to the right of its direction.
     ids : uint64[n] or None
-        Ascending; None where the particles have none, or one twice.
+        Ascending; None without ids, or with duplicate ids.
     xy, mass, volume : float64[n, 2] [m], float64[n] [kg], float64[n] [m3]
         In the order of `ids`.
     """
@@ -52,11 +52,11 @@ class SectionState:
 
 @dataclass(frozen=True)
 class Crossed:
-    """What crossed between two frames, to the right of the section as it is drawn.
+    """Amounts that crossed between two frames, to the right of the section's direction.
 
-    `volume` [m3] and `mass` [kg] through the section; `round_mass` [kg] round its ends; `began` and `ended` [kg]: mass
-    of particles that only the later or only the earlier frame has; `began_beyond` [kg]: began less ended on the
-    section's right, with what particles took up there.
+    `volume` [m3] and `mass` [kg] through the section; `round_mass` [kg] around its ends; `began` and `ended` [kg]: mass
+    of particles only in the later or only in the earlier frame; `began_beyond` [kg]: began minus ended on the right
+    of the section, including mass that particles entrained there.
     """
 
     volume: float
@@ -69,7 +69,7 @@ class Crossed:
 
 @dataclass(frozen=True)
 class Balance:
-    """Where the mass beyond the section comes from [kg]: `beyond` is its change from the first frame to the last."""
+    """Sources of the mass beyond the section [kg]; `beyond` is its change from the first frame to the last."""
 
     beyond: float
     crossed: float
@@ -78,31 +78,31 @@ class Balance:
 
     @property
     def error(self):
-        """What crossing, going round and beginning there leave unexplained [kg]."""
+        """Residual [kg] after mass that crossed, went around the ends, or began there."""
         return self.beyond - self.crossed - self.round_ends - self.began
 
     def turned(self):
-        """The same seen the other way: what the one side gains the other loses."""
+        """The same for the opposite direction."""
         return Balance(*(-value for value in (self.beyond, self.crossed, self.round_ends, self.began)))
 
 
 @dataclass(frozen=True)
 class HydrographFound:
-    """A hydrograph; positive is the way in which more mass went, towards `azimuth` [degrees from north].
+    """A hydrograph; positive in the direction of the net mass, towards `azimuth` [degrees from north].
 
     Parameters
     ----------
     name : str
     times : float64[k] [s]
     volume, mass : float64[k - 1] [m3], [kg]
-        That crossed from each time to the next.
+        Crossed from each time to the next.
     by_particles : bool[k - 1]
-        Intervals counted by particles; the others by the cells' flux.
+        True: from particles; False: from the flux of the cells.
     cells : float64[k, 2] [m3 s-1], [kg s-1]
         Flux of the section's cells at each time.
     azimuth : float
     balance : Balance or None
-        None where an interval was not counted by particles, or where the section's ends cannot be continued.
+        None if an interval is not from particles, or if the section cannot be extended at its ends.
     unseen : float [kg]
         Largest mass that began or ended between two frames.
     files : tuple of Path
@@ -120,14 +120,14 @@ class HydrographFound:
     files: tuple = field(default=())
 
     def rows(self):
-        """Rows of COLUMNS: rates are means since the time before, volume and mass those so far."""
+        """Rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
         lasting = np.diff(self.times)
         totals = np.cumsum(np.r_[0.0, self.volume]), np.cumsum(np.r_[0.0, self.mass])
         rates = np.r_[math.nan, self.volume / lasting], np.r_[math.nan, self.mass / lasting]
         return list(zip(self.times, *rates, *totals, *self.cells.T, *self.cells_totals().T, strict=True))
 
     def cells_totals(self):
-        """float64[k, 2] [m3], [kg]: what the cells' flux sums to so far, by the trapezoidal rule."""
+        """float64[k, 2] [m3], [kg]: cumulative flux of the cells, by the trapezoidal rule."""
         return np.vstack([np.zeros(2), np.cumsum(trapezoids(self.times, self.cells), axis=0)])
 
     def peak(self):
@@ -143,15 +143,15 @@ def trapezoids(times, rates):
 
 
 def crossings(section, before, after):
-    """How often straight ways cross a line from its left to its right, less how often back.
+    """Net number of crossings of straight paths over a line, from its left to its right.
 
-    Ways that follow each other add up; a way through a vertex crosses once.
+    Consecutive paths add up; a path through a vertex crosses once.
 
     Parameters
     ----------
     section : float64[m, 2] [m]
     before, after : float64[n, 2] [m]
-        Both ends of each way.
+        Both ends of each path.
 
     Returns
     -------
@@ -161,8 +161,8 @@ def crossings(section, before, after):
     for a, b in pairwise(section):
         left_before, left_after = (_cross(b - a, ends - a) >= 0 for ends in (before, after))
         changed = np.flatnonzero(left_before != left_after)
-        start, way = before[changed], after[changed] - before[changed]
-        within = (_cross(way, a - start) >= 0) != (_cross(way, b - start) >= 0)
+        start, path = before[changed], after[changed] - before[changed]
+        within = (_cross(path, a - start) >= 0) != (_cross(path, b - start) >= 0)
         hit = changed[within]
         count[hit] += np.where(left_before[hit], 1, -1)
     return count
@@ -173,7 +173,7 @@ def _cross(first, second):
 
 
 def continued(section, length):
-    """float64[m, 2]: the section with its first and last piece `length` [m] longer, straight on."""
+    """float64[m, 2]: the section with its first and last piece extended straight by `length` [m]."""
     ends = []
     for end, inner in ((section[0], section[1]), (section[-1], section[-2])):
         direction = (end - inner) / np.linalg.norm(end - inner)
@@ -182,7 +182,7 @@ def continued(section, length):
 
 
 def azimuth_to_the_right(section):
-    """Direction [degrees from north] across the section, to its right as it is drawn."""
+    """Direction [degrees from north] across the section, to its right."""
     east, north = section[-1] - section[0]
     return math.degrees(math.atan2(north, -east)) % 360.0
 
@@ -202,9 +202,9 @@ def section_pieces(section, spacing):
 
 
 def cells_flux(frame, averaging, section):
-    """(volume [m3 s-1], mass [kg s-1]) through the cells that the section lies in, to its right.
+    """(volume [m3 s-1], mass [kg s-1]) through the cells of the section, to its right.
 
-    Of each cell: momentum per plan area, and the same with the volume instead of the mass of what lies in it.
+    Mass flux: momentum per plan area of each cell. Volume flux: the same times volume over mass of the cell.
     """
     places, normals = section_pieces(section, 0.25 * averaging.grid.cell_size)
     cells = bin_frame(frame, place(frame, averaging.bed), averaging.bed, averaging.grid, averaging.density)
@@ -220,19 +220,19 @@ def cells_flux(frame, averaging, section):
 
 
 def raster_flux(values, normals, slopes, density):
-    """(volume [m3 s-1], mass [kg s-1]) a second through a section's pieces, of the bands of an exported step.
+    """(volume [m3 s-1], mass [kg s-1]) through a section's pieces, from the bands of an exported step.
 
-    What flows over a place has the horizontal velocity Ut + Un n, n the normal of the bed: the sum of `cells_flux`, but
-    for cells that are too shallow for a velocity.
+    The flow has the velocity Ut + Un n (n: bed normal). Equal to `cells_flux`, except for cells that are too shallow
+    for a velocity.
 
     Parameters
     ----------
     values : dict of str to float64[n]
-        RASTER_BANDS at the pieces, in their own units; NaN where nothing flows.
+        RASTER_BANDS at the pieces, in their units; NaN without flow.
     normals : float64[n, 2] [m]
-        As `section_pieces` gives them.
+        From `section_pieces`.
     slopes : (float64[n], float64[n])
-        Gradient of the terrain eastwards and northwards.
+        Terrain gradient to the east and to the north.
     density : float [kg m-3]
     """
     steep = np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
@@ -259,9 +259,9 @@ def section_state(frame, averaging, section):
 
 
 def crossed_between(section, whole, before, after):
-    """What crossed between two SectionStates; None where their particles cannot be told apart.
+    """Amounts that crossed between two SectionStates; None without usable ids.
 
-    `whole` is the section continued beyond the flow at both ends.
+    `whole` is the section extended beyond the flow at both ends.
 
     Returns
     -------
@@ -288,17 +288,17 @@ def crossed_between(section, whole, before, after):
 
 
 def is_beyond(whole, xy):
-    """bool[n]: places on the right of a continued section; the way there from far on its left crosses it once."""
+    """bool[n]: points on the right of an extended section; the path from far on its left crosses it once."""
     return crossings(whole, np.broadcast_to(far_left(whole), xy.shape), xy) > 0
 
 
 def mass_beyond(whole, state):
-    """Mass [kg] of a SectionState on the right of a continued section."""
+    """Mass [kg] of a SectionState on the right of an extended section."""
     return float(state.mass[is_beyond(whole, state.xy)].sum())
 
 
 def far_left(whole):
-    """float64[2] [m]: a place to the left of a continued section, beyond all that flows."""
+    """float64[2] [m]: a point to the left of an extended section, outside the flow."""
     along = whole[-1] - whole[0]
     middle = 0.5 * (whole[0] + whole[-1])
     return middle + 0.4 * np.array([-along[1], along[0]])

@@ -1,1 +1,1 @@
-"""Many runs of one scene: what accuracy costs in time."""
+"""Many runs of one scene: accuracy against run time, and ensembles of sampled scenes."""

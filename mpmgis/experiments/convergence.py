@@ -1,7 +1,7 @@
 """Errors against the cell size, the Pareto front of settings, and the best next refinement.
 
-A time is given as the spread of its repeats, (least, most) [s]. Two settings whose spreads overlap are a tie: neither
-is quicker. Errors are the same in every repeat.
+A time is given as the range of its repeats, (min, max) [s]. Two settings with overlapping ranges are a tie: neither
+is faster. Errors are the same in every repeat.
 """
 
 import math
@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 LEAST_ORDER, MOST_ORDER = 0.2, 4.0
-FOLLOWED = 0.25  # spread of the logarithms above which errors follow no law
-PAYING = 0.75  # an error that halving the cells leaves this share of, or more, hardly falls
+FOLLOWED = 0.25  # largest spread of the logarithms for which errors follow a power law
+PAYING = 0.75  # ratio of errors after halving the cells, above which refinement is not worthwhile
 
 
 class Law(NamedTuple):
@@ -24,10 +24,10 @@ class Law(NamedTuple):
         [unit of the error, m-order]
     order : float
     spread : float
-        Of the logarithms of the errors about the law.
+        Of the logarithms of the errors around the law.
     independent : bool
-        The reference's own error is independent of the others' (grains of noise), so that squares add up; else it is
-        the same error, only smaller, which an error against the reference lacks (Richardson).
+        True: the error of the reference is independent of the others (noise), so that squares add. False: it is
+        the same error, only smaller, and an error against the reference lacks it (Richardson).
     """
 
     factor: float
@@ -45,11 +45,11 @@ class Law(NamedTuple):
 
 
 def fitted(cell_sizes, errors, finest=0.0):
-    """The Law behind `errors` on `cell_sizes` [m], which were taken against a run on cells of `finest` [m].
+    """The Law fitted to `errors` on `cell_sizes` [m], measured against a run on cells of `finest` [m].
 
-    Such an error is factor * (dx^p - finest^p) where reference and run err alike, factor * sqrt(dx^2p + finest^2p)
-    where they err independently; the form that fits better is taken. `finest` = 0 is an exact answer. None from fewer
-    than two errors above 0, or if they follow no law.
+    Such an error is factor * (dx^p - finest^p) for equal kinds of error in reference and run, and
+    factor * sqrt(dx^2p + finest^2p) for independent errors; the better fit is used. `finest` = 0 is an exact solution.
+    None for fewer than two errors above 0, or if they follow no power law.
     """
     dx, e = np.asarray(cell_sizes, float), np.asarray(errors, float)
     usable = np.isfinite(e) & (e > 0.0) & (dx > finest * (1.0 + 1e-9))
@@ -65,19 +65,19 @@ def fitted(cell_sizes, errors, finest=0.0):
 
 
 def _fitted(errors, shape, independent):
-    """The Law whose `shape(order)` comes nearest to `errors`."""
+    """The Law with the best fit of `shape(order)` to `errors`."""
 
-    def off(order):
+    def residual(order):
         return np.log(errors) - np.log(shape(order))
 
-    found = minimize_scalar(lambda order: np.var(off(order)), bounds=(LEAST_ORDER, MOST_ORDER), method="bounded")
-    return Law(float(np.exp(off(found.x).mean())), float(found.x), float(np.sqrt(found.fun)), independent)
+    found = minimize_scalar(lambda order: np.var(residual(order)), bounds=(LEAST_ORDER, MOST_ORDER), method="bounded")
+    return Law(float(np.exp(residual(found.x).mean())), float(found.x), float(np.sqrt(found.fun)), independent)
 
 
 def stops_paying(cell_sizes, errors):
-    """The cell size [m] below which smaller cells hardly help: half the size takes less than a quarter off.
+    """The cell size [m] below which refinement is not worthwhile: halving reduces the error by less than a quarter.
 
-    None where it falls as far as was looked.
+    None if the error decreases over the whole range.
     """
     order = np.argsort(cell_sizes)[::-1]
     dx, e = np.asarray(cell_sizes, float)[order], np.asarray(errors, float)[order]
@@ -89,35 +89,35 @@ def stops_paying(cell_sizes, errors):
     return None
 
 
-NEAR_FRONT = 1.5  # a setting whose time is within this factor of the front's at its error is as good as on it
-LEAST_FALL = 0.05  # of the error, below which a setting counts as no more right than the scene's
+NEAR_FRONT = 1.5  # largest time ratio to the front at which a setting counts as on it
+LEAST_FALL = 0.05  # smallest relative reduction of the error that counts as more accurate
 
 
-def quicker(spreads):
-    """bool[n, n]: setting i takes less time than setting j, beyond the spread of both."""
+def faster(spreads):
+    """bool[n, n]: setting i is faster than setting j, beyond the range of both."""
     least, most = np.asarray(spreads, float).reshape(-1, 2).T
     return most[:, None] < least[None, :]
 
 
 def ties(spreads):
-    """bool[n, n]: neither of the two settings is quicker; the diagonal is False."""
-    first = quicker(spreads)
+    """bool[n, n]: neither of the two settings is faster; the diagonal is False."""
+    first = faster(spreads)
     return ~(first | first.T | np.eye(len(first), dtype=bool))
 
 
 def on_front(spreads, errors):
-    """bool[n]: no other setting is as right and quicker, or more right and as quick."""
-    e, first = np.asarray(errors, float), quicker(spreads)
+    """bool[n]: Pareto front: no other setting is as accurate and faster, or more accurate and as fast."""
+    e, first = np.asarray(errors, float), faster(spreads)
     beaten = (first & (e[:, None] <= e[None, :])) | (~first.T & (e[:, None] < e[None, :]))
     return np.isfinite(e) & ~beaten.any(axis=0)
 
 
 def time_over_front(seconds, spreads, errors):
-    """float64[n]: time of each setting over that of the quickest one which is at least as right.
+    """float64[n]: time of each setting over that of the fastest one that is at least as accurate.
 
-    1 on the front, and where that one is a tie.
+    1 on the front, and for a tie.
     """
-    t, e, first = np.asarray(seconds, float), np.asarray(errors, float), quicker(spreads)
+    t, e, first = np.asarray(seconds, float), np.asarray(errors, float), faster(spreads)
     over = np.full(len(t), np.nan)
     for k in np.flatnonzero(np.isfinite(e)):
         better = first[:, k] & (e <= e[k])
@@ -126,14 +126,14 @@ def time_over_front(seconds, spreads, errors):
 
 
 class Gain(NamedTuple):
-    """What turning one knob from the scene's value brings.
+    """Gain from changing one parameter of the scene.
 
-    setting: what is set to what, in words; time, error: those of the new setting over the scene's [1], `time` 1 where
-    they are a tie; pays: logarithm of the error's fall over that of the time's growth, infinite where the time does not
-    grow; least, most: of `pays`, by the spread of both times.
+    setting: name and new value as text; time, error: ratios of the new setting to the scene [1], `time` 1 for a tie;
+    pays: logarithm of the error reduction over that of the time increase, infinite if the time does not increase;
+    least, most: range of `pays` from the ranges of both times.
     """
 
-    knob: str
+    parameter: str
     setting: str
     time: float
     error: float
@@ -143,24 +143,24 @@ class Gain(NamedTuple):
 
 
 def gains(base, others):
-    """Gains of the `others`, (knob, setting, seconds, spread, error) each, over `base`, (seconds, spread, error).
+    """Gains of the `others`, each (parameter, setting, seconds, spread, error), over `base` (seconds, spread, error).
 
-    Only of those whose error is smaller by LEAST_FALL and more; best first.
+    Only those that reduce the error by at least LEAST_FALL; best first.
     """
     found, (whole, (base_least, base_most), base_error) = [], base
-    for knob, setting, seconds, (least, most), error in others:
+    for parameter, setting, seconds, (least, most), error in others:
         ratio = error / base_error if base_error > 0.0 else math.inf
         if not ratio <= 1.0 - LEAST_FALL:
             continue
         tie = least <= base_most and base_least <= most
         time = 1.0 if tie else seconds / whole
         ends = (1.0, 1.0) if tie else (most / base_least, least / base_most)
-        found.append(Gain(knob, setting, time, ratio, _pays(time, ratio), *(_pays(end, ratio) for end in ends)))
+        found.append(Gain(parameter, setting, time, ratio, _pays(time, ratio), *(_pays(end, ratio) for end in ends)))
     return sorted(found, key=lambda gain: (-gain.pays, gain.error))
 
 
 def alike(found):
-    """The first of the sorted Gains `found` and all whose `pays` its own does not exceed beyond the spread."""
+    """The first of the sorted Gains `found`, and all that are a tie with it within the range of `pays`."""
     return [gain for gain in found if gain is found[0] or gain.most >= found[0].least]
 
 

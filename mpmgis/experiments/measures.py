@@ -1,4 +1,4 @@
-"""Runs of a study: wall time, states on shared cells, differences between runs, the cost of an export (Eqs 15-17)."""
+"""Runs of a study: wall time, states on common cells, errors between runs, cost of an export (Eqs 15-17)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,14 +13,14 @@ from ..analysis.maxima import PRODUCTS_NEEDED, RunningMaxima
 from ..kernels import binning
 from ..terrain.grid import Grid
 
-FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference, above which a cell counts as flow
+FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow
 
 
 class Errors(NamedTuple):
-    """Errors of a run against a reference; NaN where the reference does not tell.
+    """Errors of a run against a reference; NaN if the reference has no value.
 
     thickness [1]: sum |h - h_ref| / sum h_ref, mean over the times. momentum [1]: the same of h u, against its largest
-    sum over the times. area [1]: 1 - IoU of all cells that the flow was in. reach [m]: mean over the times.
+    sum over the times. area [1]: 1 - IoU of all cells with flow. reach [m]: mean over the times.
     """
 
     thickness: float
@@ -34,7 +34,7 @@ UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
 
 
 def errors_of(states, reference):
-    """Errors of `states` against those of the `reference`, two sequences of State at the same times."""
+    """Errors of `states` against the `reference`, two sequences of State at the same times."""
     pairs = list(zip(states, reference, strict=True))
     thickness = [_apart(a.thickness, b.thickness) / max(b.thickness.sum(), 1e-300) for a, b in pairs]
     most = max(np.abs(b.momentum).sum() for b in reference)
@@ -47,7 +47,7 @@ def errors_of(states, reference):
 
 
 def errors_against_exact(states, thickness):
-    """Errors of the last of `states` against an exact `thickness` float64[rows, columns] [m]; where it is NaN none."""
+    """Errors of the last of `states` against an exact `thickness` float64[rows, columns] [m]; NaN cells are ignored."""
     known = np.isfinite(thickness)
     exact = np.where(known, thickness, 0.0)
     error = _apart(np.where(known, states[-1].thickness, 0.0), exact) / max(exact.sum(), 1e-300)
@@ -58,14 +58,14 @@ def _apart(first, second):
     return float(np.abs(first - second).sum())
 
 
-FAR_SHARE = 0.99  # of the mass, which lies nearer to where it started than the reach
+FAR_SHARE = 0.99  # share of the mass within the reach
 
 
 class State(NamedTuple):
     """The flow at one time, on the study's cells.
 
     thickness float64[rows, columns] [m], vertical, volume over area; momentum float64[rows, columns, 2] [m2 s-1],
-    thickness times horizontal velocity; reach [m]: 99 % of the mass lie nearer to the release's centre on the map.
+    thickness times horizontal velocity; reach [m]: horizontal distance from the release's centre with 99 % of the mass.
     """
 
     time: float
@@ -76,16 +76,16 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one setting came to.
+    """Result of one setting.
 
     Parameters
     ----------
     setting : Setting
     particles, steps, particle_steps : int
     seconds : tuple of float [s]
-        Wall time of the loop over steps, each time that it was run; compiling is `compile_seconds` [s].
+        Wall times of the time integration, one per repeat; compilation is in `compile_seconds` [s].
     predicted : float [s]
-        What a run of it was predicted to take.
+        Predicted run time.
     states : tuple of State
     mass_error : float [1]
     """
@@ -106,19 +106,19 @@ class Outcome:
         return float(np.median(self.seconds))
 
 
-def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict, say=lambda turn, number: None):
-    """Run all `settings` in turns, `repeats` of them, each rehearsed before so that compiling is apart.
+def outcomes(settings, prepare, compile_kernels, begin, cells, times, repeats, predict, say=lambda turn, number: None):
+    """Run all `settings`, `repeats` times in turns; kernels are compiled before the first turn.
 
-    What the machine does beside slows whole turns and no setting more than another; every second turn goes backwards,
-    so that a machine that gets slower and slower does not either.
+    Turns distribute other load of the machine over all settings. Every second turn is in reverse order, so that a
+    slow drift of the machine affects all settings alike.
 
     Parameters
     ----------
     settings : sequence of Setting
     prepare : callable
-        Setting -> a prepared run, anew at each call.
-    rehearse : callable
-        Compiles, or loads from the disk cache, what a prepared run needs.
+        Setting -> a new prepared run at each call.
+    compile_kernels : callable
+        Compiles the kernels of a prepared run, or loads them from the disk cache.
     begin : callable
         prepared -> an iterator of its frames every `times[0]` to `times[-1]`, with `solver`, `steps`, `particle_steps`
         and `mass_error`.
@@ -134,13 +134,13 @@ def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict,
     -------
     list of Outcome
     """
-    found = [_rehearsed(setting, prepare, rehearse, predict) for setting in settings]
+    found = [_before_first_run(setting, prepare, compile_kernels, predict) for setting in settings]
     for turn in range(repeats):
         order = range(len(found))
         for number in order if turn % 2 == 0 else reversed(order):
             say(turn, number)
             flow = begin(prepare(settings[number]))
-            spent, states = _marched(flow, cells, times)
+            spent, states = _integrated(flow, cells, times)
             known = found[number]
             found[number] = replace(
                 known, steps=flow.steps, particle_steps=flow.particle_steps, seconds=(*known.seconds, spent),
@@ -149,16 +149,16 @@ def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict,
     return found
 
 
-def _rehearsed(setting, prepare, rehearse, predict):
+def _before_first_run(setting, prepare, compile_kernels, predict):
     """The Outcome of a setting before its first run."""
     prepared = prepare(setting)
     began = perf_counter()
-    rehearse(prepared)
+    compile_kernels(prepared)
     return Outcome(setting, prepared.particles, 0, 0, (), perf_counter() - began, predict(prepared), (), 0.0)
 
 
-def _marched(flow, cells, times):
-    """(wall time of the march, States at `times`); a flow that stops before stays as it is."""
+def _integrated(flow, cells, times):
+    """(wall time of the time integration [s], States at `times`); a run that ends early keeps its last state."""
     frames, taken, spent, last = iter(flow), [], 0.0, None
     while True:
         began = perf_counter()
@@ -175,7 +175,7 @@ def _marched(flow, cells, times):
 
 @dataclass(frozen=True)
 class StudyCells:
-    """The cells that flows are compared on.
+    """The common cells of a comparison.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ class StudyCells:
     start : (float, float) [m]
         E, N of the release's centre of mass.
     spread : bool
-        Columns are spread as their solver does it, as in maps; else each fills the square of its area.
+        True: columns are spread with B-splines, as in maps. False: each fills the square of its area.
     """
 
     grid: object
@@ -203,8 +203,8 @@ class StudyCells:
         momentum = np.zeros((thickness.size, 2))
         thickness[cells.index] = cells.sums[:, binning.MASS] * per_area
         momentum[cells.index] = cells.sums[:, binning.MOMENTUM : binning.MOMENTUM + 2] * per_area
-        return State(frame.time, thickness.reshape(self.grid.shape), momentum.reshape(*self.grid.shape, 2),
-                     self._reach(frame))  # fmt: skip
+        shape = self.grid.shape
+        return State(frame.time, thickness.reshape(shape), momentum.reshape(*shape, 2), self._reach(frame))
 
     def _reach(self, frame):
         x, y = frame.map_xy()
@@ -221,15 +221,15 @@ def centre_of(frame):
     return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))
 
 
-CELL_FACTORS = (1, 2, 4, 8)  # times the finest cells
-STEP_FACTORS = (1, 2, 4, 8)  # times the interval between frames
+CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
+STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
 LOSSES = ("h_max", "Ut_max")
 
 
 class ExportSetting(NamedTuple):
-    """One pair of --cs-e [m] and --dt-e [s]: frames that it averages, the time that takes [s] without writing files.
+    """One pair of --cs-e [m] and --dt-e [s]: number of averaged frames, averaging time [s] without writing files.
 
-    h_max, Ut_max: what these maxima differ from those of the finest pair, sum |a - b| / sum b [1].
+    h_max, Ut_max: difference of these maxima from those of the finest pair, sum |a - b| / sum b [1].
     """
 
     cs_e: float
@@ -241,7 +241,7 @@ class ExportSetting(NamedTuple):
 
 
 class ExportSweep:
-    """Takes in the frames of one run and averages each on grids of several cell sizes.
+    """Averages the frames of one run on grids of several cell sizes.
 
     Parameters
     ----------
@@ -249,12 +249,12 @@ class ExportSweep:
     bounds : (west, south, east, north) [m]
     crs : pyproj.CRS or None
     finest : float [m]
-        Smallest cells.
+        Smallest cell size.
     interval : float [s]
-        Between frames.
+        Frame interval.
     density : float [kg m-3]
     min_depth : float [m]
-        Below it velocities do not count.
+        Velocities of shallower flow are ignored.
     """
 
     def __init__(self, bed, bounds, crs, finest, interval, density, min_depth=0.05):
@@ -279,7 +279,7 @@ class ExportSweep:
         }
 
     def take(self, frame):
-        """Average a frame; the frames come in order, `interval` apart."""
+        """Average a frame; frames are in order, `interval` apart."""
         for cell, averaging in self.averagings.items():
             steps = [step for step in STEP_FACTORS if self.count % step == 0]
             began = perf_counter()
@@ -305,7 +305,7 @@ class ExportSweep:
         ]  # fmt: skip
 
     def _on_finest(self, name, cell, step):
-        """float64[rows, columns] of a maximum on the finest cells, 0 where there is none."""
+        """float64[rows, columns] of a maximum on the smallest cells, 0 without flow."""
         found = self.maxima[cell, step]
         values = np.where(found.seen[name], found.values[name], 0.0).reshape(self.averagings[cell].grid.shape)
         return np.kron(values, np.ones((cell, cell)))

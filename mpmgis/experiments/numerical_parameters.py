@@ -1,4 +1,4 @@
-"""The knobs that trade accuracy for time, and the settings of them that a study tries (design notes 9)."""
+"""The numerical parameters of a study (accuracy against run time) and the settings that it runs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,19 +10,19 @@ from ..scene.tables import NumericsTable
 from ..solvers.columns import CFL_ALONE, ColumnNumerics
 from ..solvers.points import PointNumerics
 
-HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # above it the schemes are unstable
+HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # stability limit of the schemes
 STEP = 2.0**0.5  # between two cell sizes
-# cost goes with the inverse cell size to this power: particles with the square or cube, steps with one more
+# cost is proportional to the inverse cell size to this power: particles (2 or 3) and steps (1)
 COST_POWER = {"columns": 3, "points": 4}
-LEAST_FINER = 1.2  # times finer cells make a reference
+LEAST_FINER = 1.2  # smallest refinement of the reference
 COLUMNS_A_CELL = (4, 9, 16, 25, 36)
 
 
-class Knob(NamedTuple):
-    """What trades accuracy for time: `values(scene)` are tried, from cheap to dear, each the changes that it makes.
+class Parameter(NamedTuple):
+    """A numerical parameter: `values(scene)` are the values to run, from cheap to expensive, each a tuple of changes.
 
-    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]]. A scene that has not
-    this knob has no values of it.
+    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]]. Without values the
+    scene does not have this parameter.
     """
 
     name: str
@@ -30,13 +30,13 @@ class Knob(NamedTuple):
 
 
 def _cell_sizes(scene):
-    """Coarser by 2, by its root, as the scene has it; columns, which cost less, also finer by the root of 2."""
+    """2 and sqrt(2) times the scene's cells, and the scene's cells; for columns (cheaper) also 1 / sqrt(2) times."""
     factors = (2.0, STEP, 1.0, 1.0 / STEP) if scene.solvers == {"columns"} else (2.0, STEP, 1.0)
     return tuple(cells_times(scene, factor) for factor in factors)
 
 
 def _cell_sizes_of_stage(number):
-    """Values of a knob for stage `number`, from 0: its cells alone."""
+    """Values of the parameter for the cell size of stage `number`, from 0."""
 
     def values(scene):
         stage = scene.stage[number]
@@ -53,7 +53,7 @@ def _columns_a_cell(scene):
 
 
 def _points_a_cell(scene):
-    """Also the spacing of points that columns are converted to."""
+    """This is also the spacing of points converted from columns."""
     if "points" not in scene.solvers:
         return ()
     return _of_numerics("points_per_cell", sorted({*_choices("points_per_cell")[:2], scene.numerics.points_per_cell}))
@@ -77,7 +77,7 @@ def _of_numerics(key, values):
 
 
 def _choices(key):
-    """What the scene's language allows for a key of [numerics]."""
+    """The allowed values of a key of [numerics]."""
     return NumericsTable.__dataclass_fields__[key].metadata["choices"]
 
 
@@ -90,15 +90,15 @@ def _rounded(size):
 
 
 def courant_number(scene):
-    """That of [numerics]; of a scene in stages that leaves it to each solver the smaller one."""
+    """Courant number of [numerics]; without it the smaller default of the scene's solvers."""
     return scene.numerics.cfl or min(default_courant_number(scene, solver) for solver in scene.solvers)
 
 
 def default_courant_number(scene, solver):
-    """That of a `solver` ("columns", "points") where [numerics] has none.
+    """Default Courant number of a `solver` ("columns", "points").
 
-    Columns that meet walls, take up ground or flow in take shorter steps: columns slipped through corners of walls, and
-    the energy balance closed to 1.1e-3 and 5e-3 with the longer ones.
+    Columns with walls, entrainment or inflow use shorter steps: with longer ones columns passed through corners of
+    walls, and the energy balance closed to 1.1e-3 and 5e-3 only.
     """
     if solver == "points":
         return PointNumerics.cfl
@@ -108,58 +108,58 @@ def default_courant_number(scene, solver):
 
 
 def cell_size_of(scene):
-    """Cell size [m] that stands for the scene's: of a scene in stages the first stage's."""
+    """Cell size [m] of the scene, or of its first stage."""
     return scene.stage[0].cell_size if scene.stage else scene.numerics.cell_size
 
 
 def cells_times(scene, factor):
-    """The changes that make all cells `factor` times as large."""
+    """The changes that multiply all cell sizes by `factor`."""
     if not scene.stage:
         return (("cell_size", _rounded(scene.numerics.cell_size * factor)),)
     return tuple((_stage_key(n), _rounded(stage.cell_size * factor)) for n, stage in enumerate(scene.stage))
 
 
-KNOBS = (
-    Knob("cell_size", _cell_sizes),
-    Knob("particles_per_cell", _columns_a_cell),
-    Knob("points_per_cell", _points_a_cell),
-    Knob("cfl", _courant_numbers),
-    Knob("precision", _precisions),
-    Knob("stiffness", _stiffnesses),
+PARAMETERS = (
+    Parameter("cell_size", _cell_sizes),
+    Parameter("particles_per_cell", _columns_a_cell),
+    Parameter("points_per_cell", _points_a_cell),
+    Parameter("cfl", _courant_numbers),
+    Parameter("precision", _precisions),
+    Parameter("stiffness", _stiffnesses),
 )
-CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # of --full, three values each
+CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combined by --full, three values each
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One set of values that is tried.
+    """One set of numerical parameters of a study.
 
     Parameters
     ----------
-    knob : str
-        The one that differs from the scene; "scene", "reference", or "several".
+    parameter : str
+        The parameter that differs from the scene; "scene", "reference", or "several".
     changes : tuple of (str, value)
-        Keys of [numerics], or `stage2.cell_size`, and what they are set to.
+        Keys of [numerics], or `stage2.cell_size`, with their values.
     scene : Scene
     """
 
-    knob: str
+    parameter: str
     changes: tuple
     scene: object
 
     @property
     def name(self):
-        """Words for a table: what differs from the scene."""
+        """Text for a table: the differences from the scene."""
         words = ", ".join(f"{key} = {value if isinstance(value, str) else f'{value:g}'}" for key, value in self.changes)
-        return words or "as the scene has it"
+        return words or "unchanged scene"
 
     @property
     def cell_size(self):
-        """Cell size [m], of a scene in stages the first stage's."""
+        """Cell size [m] of the scene, or of its first stage."""
         return cell_size_of(self.scene)
 
     def work_over(self, scene):
-        """About how many times the work of `scene` this is: particles times steps."""
+        """Approximate work (particles times steps) relative to `scene`."""
         numerics, own = self.scene.numerics, scene.numerics
         more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)
         pairs = zip(_cells(self.scene), _cells(scene), strict=True)
@@ -173,12 +173,12 @@ def _cells(scene):
 
 
 def cost_power(scene):
-    """The work goes with the inverse cell size to this power, that of its dearest solver."""
+    """The work is proportional to the inverse cell size to this power (of its most expensive solver)."""
     return max(COST_POWER[solver] for solver in scene.solvers)
 
 
-def setting(scene, knob, changes=()):
-    """The Setting of `scene` with `changes`: (key, value) each."""
+def setting(scene, parameter, changes=()):
+    """The Setting of `scene` with `changes`, each (key, value)."""
     stages, numerics = list(scene.stage), scene.numerics
     for key, value in changes:
         if key.startswith("stage"):
@@ -186,79 +186,80 @@ def setting(scene, knob, changes=()):
             stages[number] = replace(stages[number], cell_size=value)
         else:
             numerics = replace(numerics, **{key: value})
-    return Setting(knob, tuple(changes), replace(scene, numerics=numerics, stage=tuple(stages)))
+    return Setting(parameter, tuple(changes), replace(scene, numerics=numerics, stage=tuple(stages)))
 
 
-def knobs_of(scene, names=None, cell_sizes=None):
-    """The knobs that `scene` has, all or those of `names`; `cell_sizes` [m] are tried instead of the usual ones.
+def parameters_of(scene, names=None, cell_sizes=None):
+    """The parameters of `scene`, all or those in `names`; `cell_sizes` [m] replace the default cell sizes.
 
     Raises
     ------
     InputError
-        A name that is no knob, or not one of this scene.
+        An unknown name, or a parameter that this scene does not have.
     """
-    stages = [Knob(_stage_key(number), _cell_sizes_of_stage(number)) for number in range(len(scene.stage))]
-    known = {knob.name: knob for knob in (*KNOBS, *stages)}
-    there = {name: knob for name, knob in known.items() if len(knob.values(scene)) > 1}
+    stages = [Parameter(_stage_key(number), _cell_sizes_of_stage(number)) for number in range(len(scene.stage))]
+    known = {parameter.name: parameter for parameter in (*PARAMETERS, *stages)}
+    there = {name: parameter for name, parameter in known.items() if len(parameter.values(scene)) > 1}
     for name in names or ():
         if name not in known:
-            raise InputError(f"--knobs {name}: no such knob; wanted some of {', '.join(there)}")
+            raise InputError(f"--knobs {name}: unknown parameter; choose from {', '.join(there)}")
         if name not in there:
             solvers = " and ".join(sorted(scene.solvers))
-            raise InputError(f"--knobs {name}: a scene of {solvers} has no such knob; it has {', '.join(there)}")
+            raise InputError(f"--knobs {name}: not for {solvers}; choose from {', '.join(there)}")
     if cell_sizes:
         now = cell_size_of(scene)
         tried = tuple(cells_times(scene, size / now) for size in sorted({*cell_sizes, now}, reverse=True))
         there["cell_size"] = there["cell_size"]._replace(values=lambda scene: tried)
-    return tuple(knob for knob in there.values() if names is None or knob.name in names)
+    return tuple(parameter for parameter in there.values() if names is None or parameter.name in names)
 
 
-def one_at_a_time(scene, knobs):
-    """Settings: the scene as it is, then each knob's other values alone."""
+def one_at_a_time(scene, parameters):
+    """Settings: the unchanged scene, then every other value of each parameter alone."""
     settings = [setting(scene, "scene")]
-    for knob in knobs:
-        settings += [setting(scene, knob.name, changes) for v in knob.values(scene) if (changes := _changing(scene, v))]
+    for parameter in parameters:
+        changed = (_changing(scene, value) for value in parameter.values(scene))
+        settings += [setting(scene, parameter.name, changes) for changes in changed if changes]
     return settings
 
 
-def crossed(scene, knobs):
-    """Settings: all combinations of three values (cheapest, as it is, dearest) of cell size, particles and cfl."""
-    chosen = [knob for knob in knobs if knob.name in CROSSED]
+def crossed(scene, parameters):
+    """Settings: all combinations of three values (cheapest, scene, most expensive) of cell size, particles and cfl."""
+    chosen = [parameter for parameter in parameters if parameter.name in CROSSED]
     settings = []
-    for values in product(*(_three(knob, scene) for knob in chosen)):
-        turned = [changes for value in values if (changes := _changing(scene, value))]
-        if len(turned) > 1:
-            settings.append(setting(scene, "several", sum(turned, ())))
+    for values in product(*(_three(parameter, scene) for parameter in chosen)):
+        changed = [changes for value in values if (changes := _changing(scene, value))]
+        if len(changed) > 1:
+            settings.append(setting(scene, "several", sum(changed, ())))
     return settings
 
 
-def _three(knob, scene):
-    values = knob.values(scene)
+def _three(parameter, scene):
+    values = parameter.values(scene)
     return tuple(dict.fromkeys((values[0], (), values[-1])))
 
 
 def _changing(scene, changes):
-    """Those of `changes` that differ from the scene."""
+    """The `changes` that differ from the scene."""
     return tuple((key, value) for key, value in changes if not _same(value, _now(scene, key)))
 
 
 def _now(scene, key):
-    """What the scene has for a `key` of a change."""
+    """The value of the scene for the `key` of a change."""
     if key.startswith("stage"):
         return scene.stage[int(key.removeprefix("stage").partition(".")[0]) - 1].cell_size
     return courant_number(scene) if key == "cfl" else getattr(scene.numerics, key)
 
 
 def reference(scene, settings, refinement=None):
-    """The Setting that `settings` are held against: finer cells, half the Courant number.
+    """The Setting of the reference run of `settings`: smaller cells, half the Courant number.
 
-    Cells are the scene's over `refinement`, without it the smallest of `settings` over the root of 2; those of all
-    stages alike.
+    The cell size is that of the scene over `refinement`, without it the smallest of `settings` over sqrt(2); all
+    stages have the same factor.
 
     Raises
     ------
     InputError
-        Cells that are no finer than those of a setting.
+        Cells that are not smaller than those of a setting.
     """
     now = dict(enumerate(size for _, size in _cells(scene)))
     smallest = min(size / now[n] for setting in settings for n, (_, size) in enumerate(_cells(setting.scene)))
@@ -266,8 +267,8 @@ def reference(scene, settings, refinement=None):
     if factor > smallest / LEAST_FINER:
         own = cell_size_of(scene)
         raise InputError(
-            f"--refinement {refinement:g} makes cells of {own * factor:g} m, but cells of {own * smallest:g} m are to "
-            "be held against them; give a larger one, or other --cell-sizes"
+            f"--refinement {refinement:g} makes cells of {own * factor:g} m, too large as a reference for cells of "
+            f"{own * smallest:g} m; use a larger --refinement, or other --cell-sizes"
         )
     return setting(scene, "reference", (*cells_times(scene, factor), ("cfl", 0.5 * courant_number(scene))))
 

@@ -1,4 +1,4 @@
-"""Which keys of a scene vary, their distributions, and the sampled scene of each ensemble member."""
+"""The varied keys of a scene, their distributions, and the sampled scene of each ensemble member."""
 
 import copy
 import difflib
@@ -17,30 +17,30 @@ from ..scene import scene_from_tables
 from ..scene.tables import LISTED, TABLES, meant
 
 FORMS = "LOW:HIGH, A,B,C, normal:MEAN:SD, lognormal:MEAN:SD (each also :LOW:HIGH to cut it), triangular:LOW:MODE:HIGH"
-COUNTS = {"uniform": (2,), "normal": (2, 4), "lognormal": (2, 4), "triangular": (3,)}  # of numbers after the name
-LEAST_SHARE = 2.0**-53  # nearer to 0 and 1 a normal distribution has no finite value
-DIGITS = 10  # of a drawn number: what the table of members shows is what ran
+COUNTS = {"uniform": (2,), "normal": (2, 4), "lognormal": (2, 4), "triangular": (3,)}  # numbers after the name
+LEAST_SHARE = 2.0**-53  # smallest share with a finite value of a normal distribution
+DIGITS = 10  # of a sampled number: the table of members has the exact values
 
 
 class Choice(NamedTuple):
-    """One of `values`, all equally likely; `text` is how it was asked for."""
+    """One of `values`, all equally likely; `text` is the user's input."""
 
     values: tuple
     text: str
 
     def at(self, share):
-        """The value below which `share` (0 to 1) of the probability lies."""
+        """Quantile for `share` (0 to 1)."""
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
     def levels(self, count):
-        """All values, whatever the `count`."""
+        """All values; `count` is not used."""
         return self.values
 
 
 class Spread(NamedTuple):
-    """A number of the distribution `name` with its `parameters`, cut to `low` and `high` where they are given.
+    """A distribution `name` with its `parameters`, truncated to `low` and `high` if given.
 
-    Mean and standard deviation are those of the number itself, also of a lognormal one, before it is cut.
+    Mean and standard deviation are those of the variable itself before truncation, also for a lognormal one.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Spread(NamedTuple):
     text: str
 
     def at(self, share):
-        """The value below which `share` (0 to 1) of the probability lies, rounded to 10 digits."""
+        """Quantile for `share` (0 to 1), rounded to 10 digits."""
         law = _law(self)
         share = min(max(float(share), LEAST_SHARE), 1.0 - LEAST_SHARE)
         if self.low is not None:
@@ -59,13 +59,13 @@ class Spread(NamedTuple):
         return _rounded(float(law.ppf(share)))
 
     def levels(self, count):
-        """The middles of `count` parts that are equally likely: on a grid each level stands for as much."""
+        """Medians of `count` equally likely intervals, for a grid."""
         return tuple(self.at((k + 0.5) / count) for k in range(count))
 
 
 @lru_cache(maxsize=64)
 def _law(spread):
-    """SciPy's distribution of a Spread, before it is cut."""
+    """SciPy distribution of a Spread, before truncation."""
     from scipy import stats
 
     if spread.name == "uniform":
@@ -82,7 +82,7 @@ def _law(spread):
 
 
 def variation(asked, where):
-    """The Choice or Spread that `asked` says, a text as FORMS or a list of values; `where` is for messages.
+    """The Choice or Spread of `asked`, a text as in FORMS or a list of values; `where` is for messages.
 
     Raises
     ------
@@ -101,20 +101,20 @@ def variation(asked, where):
     if rest and len(head) > 1 and all(_number(part) is not None for part in rest.split(":")):
         close = difflib.get_close_matches(head, COUNTS, 1)
         meant = f"; did you mean {close[0]}?" if close else ""
-        raise InputError(f"{where}: there is no distribution {head!r}{meant}; wanted {FORMS}")
+        raise InputError(f"{where}: unknown distribution {head!r}{meant}; expected {FORMS}")
     return _choice(tuple(_value(part.strip()) for part in text.split(",")), text, where)
 
 
 def _choice(values, text, where):
     if not values or "" in values:
-        raise InputError(f"{where}: got {text!r}, wanted {FORMS}")
+        raise InputError(f"{where}: got {text!r}, expected {FORMS}")
     return Choice(values, text)
 
 
 def _spread(name, parts, text, where):
     numbers = [_number(part) for part in parts]
     if None in numbers or len(numbers) not in COUNTS[name]:
-        raise InputError(f"{where}: got {text!r}, wanted {FORMS}")
+        raise InputError(f"{where}: got {text!r}, expected {FORMS}")
     cut = numbers[2:] if name in ("normal", "lognormal") else []
     parameters = tuple(numbers[: len(numbers) - len(cut)])
     _require_possible(name, parameters, cut, f"{where}: {text}")
@@ -125,15 +125,15 @@ def _spread(name, parts, text, where):
 
 
 def _require_possible(name, parameters, cut, where):
-    """Refuse numbers that make no distribution."""
+    """Reject invalid parameters of a distribution."""
     if name in ("normal", "lognormal"):
         mean, deviation = parameters
         if deviation <= 0 or (name == "lognormal" and mean <= 0):
-            raise InputError(f"{where}: wanted a standard deviation above 0" + (
-                " and a mean above 0" if name == "lognormal" else ""))  # fmt: skip
+            also = " and a mean above 0" if name == "lognormal" else ""
+            raise InputError(f"{where}: expected a standard deviation above 0{also}")
     ordered = cut or (parameters if name in ("uniform", "triangular") else ())
     if ordered and not (ordered[0] < ordered[-1] and list(ordered) == sorted(ordered)):
-        raise InputError(f"{where}: wanted {'LOW below MODE below HIGH' if len(ordered) == 3 else 'LOW below HIGH'}")
+        raise InputError(f"{where}: expected {'LOW below MODE below HIGH' if len(ordered) == 3 else 'LOW below HIGH'}")
 
 
 def _number(text):
@@ -146,7 +146,7 @@ def _number(text):
 
 
 def _value(text):
-    """What a value of a list means: true or false, a whole number, a number, else text."""
+    """The value of a list item: boolean, integer, float, else text."""
     if text in ("true", "false"):
         return text == "true"
     try:
@@ -161,7 +161,7 @@ def _rounded(value):
 
 
 SAMPLINGS = ("lhs", "sobol", "grid", "random")
-SAMPLES, LEVELS = 32, 5  # members; on a grid values of each range
+SAMPLES, LEVELS = 32, 5  # members; on a grid: values per range
 MOST_MEMBERS = 100_000
 
 
@@ -175,16 +175,16 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Which keys vary how, and how many runs that makes.
+    """The varied keys, their distributions, and the number of runs.
 
     Parameters
     ----------
     varied : dict of str to Choice or Spread
-        By key: `friction.mu`, or `zones.1.mu` where a scene may have several of a table.
+        By key: `friction.mu`, or `zones.1.mu` for tables that can occur several times.
     sampling : str
         One of SAMPLINGS.
     samples : int
-        Members; on a grid values of each range.
+        Members; on a grid: values per range.
     seed : int
     """
 
@@ -195,21 +195,21 @@ class Plan:
 
     @classmethod
     def of(cls, varied, sampling=None, samples=None, seed=0):
-        """A Plan with what is not said filled in: lists alone are crossed, all else is a Latin hypercube.
+        """A Plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
 
         Raises
         ------
         InputError
         """
         if not varied:
-            raise InputError("nothing varies; give for example --vary friction.mu=0.1:0.3, or --plan plan.toml")
+            raise InputError("nothing varies; use for example --vary friction.mu=0.1:0.3, or --plan plan.toml")
         if sampling is None:
             sampling = "grid" if all(isinstance(one, Choice) for one in varied.values()) else "lhs"
         if sampling not in SAMPLINGS:
-            raise InputError(f"--sampling {sampling}: wanted one of {', '.join(SAMPLINGS)}")
+            raise InputError(f"--sampling {sampling}: expected one of {', '.join(SAMPLINGS)}")
         plan = cls(dict(varied), sampling, samples or (LEVELS if sampling == "grid" else SAMPLES), seed)
         if plan.count > MOST_MEMBERS:
-            raise InputError(f"{plan.count} members, wanted at most {MOST_MEMBERS}; vary less, or give fewer --samples")
+            raise InputError(f"{plan.count} members, expected at most {MOST_MEMBERS}; use fewer keys or --samples")
         return plan
 
     @property
@@ -217,18 +217,18 @@ class Plan:
         """Number of members."""
         if self.sampling != "grid":
             return self.samples
-        return math.prod(len(one.levels(1)) if isinstance(one, Choice) else self.samples for one in
-                         self.varied.values())  # fmt: skip
+        levels = (len(one.values) if isinstance(one, Choice) else self.samples for one in self.varied.values())
+        return math.prod(levels)
 
     def values(self):
-        """List of tuples: the values of the varied keys, a member each; the same for the same plan, to the last bit."""
+        """List of tuples: the values of the varied keys of each member; bitwise reproducible for the same plan."""
         varied = list(self.varied.values())
         if self.sampling == "grid":
             return list(itertools.product(*(one.levels(self.samples) for one in varied)))
         return [tuple(one.at(share) for one, share in zip(varied, row, strict=True)) for row in self._shares()]
 
     def _shares(self):
-        """float64[samples, keys]: places in the unit cube, by SciPy's qmc."""
+        """float64[samples, keys]: points in the unit cube, from SciPy's qmc."""
         from scipy.stats import qmc
 
         source, keys = np.random.default_rng(self.seed), len(self.varied)
@@ -237,23 +237,23 @@ class Plan:
         if self.sampling == "lhs":
             return qmc.LatinHypercube(keys, seed=source).random(self.samples)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # no power of two: told by `remark`
+            warnings.simplefilter("ignore", UserWarning)  # not a power of two: reported by `remark`
             return qmc.Sobol(keys, seed=source).random(self.samples)
 
     def remark(self):
-        """What should be known about the sampling, '' where nothing."""
+        """A warning about the sampling, or ''."""
         if self.sampling == "sobol" and self.samples & (self.samples - 1):
             more = 1 << self.samples.bit_length()
-            return f"Sobol's points are even where their number is a power of two: {self.samples} are not, {more} are"
+            return f"Sobol points are uniform if their number is a power of two: {self.samples} is not; use {more}"
         return ""
 
     def members(self, base, folder, name, own_laws):
-        """List of Member, each with a scene that has been checked.
+        """List of Member, each with a checked scene.
 
         Parameters
         ----------
         base : dict
-            The scene's own tables, as `Scene.as_tables` gives them.
+            The tables of the scene, from `Scene.as_tables`.
         folder, name : str
             Of the scene.
         own_laws : OwnLaws
@@ -261,7 +261,7 @@ class Plan:
         Raises
         ------
         SceneError
-            A key that the scene has no place for, or a value that its tables do not allow; names the member.
+            A key that the scene does not have, or a value that is not allowed; the message names the member.
         """
         for key in self.varied:
             require_place(base, key)
@@ -285,7 +285,7 @@ class Plan:
 
 
 def with_values(tables, values):
-    """A copy of a scene's `tables` with the `values` by key in their places."""
+    """A copy of a scene's `tables` with the `values` by key."""
     made = copy.deepcopy(tables)
     for key, value in values.items():
         holder, last = _place(made, key)
@@ -294,7 +294,7 @@ def with_values(tables, values):
 
 
 def require_place(tables, key):
-    """Refuse a `key` that is no place in the scene's `tables`.
+    """Reject a `key` that is not in the scene's `tables`.
 
     Raises
     ------
@@ -304,24 +304,24 @@ def require_place(tables, key):
 
 
 def _place(tables, key):
-    """(dictionary, its key) that `key` means in a scene's tables."""
+    """(dictionary, its key) of `key` in a scene's tables."""
     name, *path = re.split(r"\.", key)
     if name not in TABLES:
         known = ", ".join(tables)
-        raise SceneError(f"--vary {key}: there is no table [{name}]{meant(name, TABLES)}; the scene has {known}")
+        raise SceneError(f"--vary {key}: unknown table [{name}]{meant(name, TABLES)}; the scene has {known}")
     if name not in tables:
-        raise SceneError(f"--vary {key}: the scene has no [{name}]; write the table there, with all its values")
+        raise SceneError(f"--vary {key}: the scene has no [{name}]; add the table with all its values")
     holder = tables[name]
     if name in LISTED:
         number, *path = path or [""]
         if not (number.isdigit() and 1 <= int(number) <= len(holder)):
             raise SceneError(
-                f"--vary {key}: which [[{name}]]? The scene has {len(holder)}; wanted {name}.1.KEY for the first"
+                f"--vary {key}: the scene has {len(holder)} [[{name}]]; expected a number, {name}.1.KEY for the first"
             )
         holder = holder[int(number) - 1]
     if len(path) == 2 and isinstance(holder.get(path[0]), dict):  # until.time of a stage
         holder, path = holder[path[0]], path[1:]
     if len(path) != 1 or not path[0]:
         example = f"{name}.1.KEY" if name in LISTED else f"{name}.KEY"
-        raise SceneError(f"--vary {key}: wanted TABLE.KEY, for example {example}")
+        raise SceneError(f"--vary {key}: expected TABLE.KEY, for example {example}")
     return holder, path[0]

@@ -1,7 +1,7 @@
-"""What many runs say about each cell: probabilities, means, percentiles, envelopes of their peaks.
+"""Statistics of an ensemble per cell: probabilities, means, percentiles, envelopes of the peaks.
 
-A member that a cell is not reached in counts there with 0, and with an arrival that never comes. Cells that no member
-reaches have no value. Members count equally.
+In cells that a member does not reach it counts with 0, and with an infinite arrival time. Cells that no member
+reaches have no value. Members have equal weight.
 """
 
 import math
@@ -16,16 +16,20 @@ from ..fields import BAND, Quantity
 ARRIVAL = "t_arrival"
 PEAKS = {"h": "h_max", "Ut": "Ut_max", "p": "p_max"}  # quantity -> band of a member's maxima
 MEMBER_BANDS = (*PEAKS.values(), ARRIVAL)
-WORDS = {"h": "largest flow depth (normal)", "Ut": "largest speed along the slope", "p": "largest impact pressure",
-         ARRIVAL: "time of arrival"}  # fmt: skip
+WORDS = {
+    "h": "largest flow depth (normal)",
+    "Ut": "largest speed along the slope",
+    "p": "largest impact pressure",
+    ARRIVAL: "time of arrival",
+}
 PROBABILITY = "probability"
 DEFAULT_EXCEED = {"h": (0.5, 1.0, 2.0)}
 DEFAULT_PERCENTILES = (5.0, 50.0, 95.0)
-NEAR_MEMBER = 1e-9  # of the step between two members in their order: nearer to one it is that one
+NEAR_MEMBER = 1e-9  # tolerance of a rank at which a percentile is the value of one member
 
 
 class Band(NamedTuple):
-    """A band of a product: what it is, made of which `source` of the members, how, and with which `number`."""
+    """A band of a product: `quantity`, `source` band of the members, `kind` of statistic and its `number`."""
 
     quantity: Quantity
     source: str
@@ -35,7 +39,7 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True)
 class Products:
-    """What is asked of an ensemble.
+    """The requested statistics of an ensemble.
 
     Parameters
     ----------
@@ -50,16 +54,16 @@ class Products:
 
     @classmethod
     def of(cls, exceed=None, percentiles=None):
-        """Products with the defaults where nothing is said; raises InputError where they cannot be made."""
+        """Products with defaults for None; raises InputError for invalid values."""
         exceed = DEFAULT_EXCEED if exceed is None else exceed
         percentiles = DEFAULT_PERCENTILES if percentiles is None else percentiles
         for name, thresholds in exceed.items():
             if name not in PEAKS:
-                raise InputError(f"--exceed {name}: wanted one of {', '.join(PEAKS)}, for example h=0.5,1,2")
+                raise InputError(f"--exceed {name}: expected one of {', '.join(PEAKS)}, for example h=0.5,1,2")
             if not thresholds or not all(_is_number(value) and value > 0 for value in thresholds):
-                raise InputError(f"--exceed {name}={_listed(thresholds)}: wanted numbers above 0")
+                raise InputError(f"--exceed {name}={_listed(thresholds)}: expected numbers above 0")
         if not all(_is_number(value) and 0 <= value <= 100 for value in percentiles):
-            raise InputError(f"--percentiles {_listed(percentiles)}: wanted numbers from 0 to 100")
+            raise InputError(f"--percentiles {_listed(percentiles)}: expected numbers from 0 to 100")
         ordered = {name: tuple(sorted(set(map(float, exceed[name])))) for name in PEAKS if name in exceed}
         return cls(ordered, tuple(sorted(set(map(float, percentiles)))))
 
@@ -97,7 +101,7 @@ class Products:
 
 
 def statistics(bands, source, stack):
-    """Index in `bands` -> float32[rows, columns], of those made of `source`.
+    """Index in `bands` -> float32[rows, columns], for the bands of `source`.
 
     Parameters
     ----------
@@ -105,7 +109,7 @@ def statistics(bands, source, stack):
     source : str
         Of MEMBER_BANDS.
     stack : float32[members, rows, columns]
-        NaN where a member's flow never was; its memory is used up.
+        NaN without flow of a member; overwritten.
     """
     asked = {k: band for k, band in enumerate(bands) if band.source == source}
     missing = np.isnan(stack)
@@ -119,8 +123,9 @@ def statistics(bands, source, stack):
     ranked = {k: band.number for k, band in asked.items() if band.kind == "percentile"}
     if ranked:
         made |= dict(zip(ranked, _percentiles(stack, list(ranked.values())), strict=True))
-    return {k: np.where(nowhere | ~np.isfinite(values), np.nan, values).astype(np.float32)
-            for k, values in made.items()}  # fmt: skip
+    return {
+        k: np.where(nowhere | ~np.isfinite(values), np.nan, values).astype(np.float32) for k, values in made.items()
+    }
 
 
 def _value(band, stack):
@@ -134,8 +139,8 @@ def _value(band, stack):
 def _percentiles(stack, numbers):
     """Yield the percentile of `stack` along its first axis for each of the `numbers`, linear between two members.
 
-    NumPy's own, except that one which is a member's value is that value, whatever comes after it: NumPy makes NaN of an
-    arrival before one that never comes (0 times infinity). The stack is put in order as far as that takes.
+    As in NumPy, but a percentile at the rank of a member is exactly its value: NumPy returns NaN for an arrival before
+    an infinite one (0 times infinity). The stack is partially sorted in place.
     """
     places = [number / 100.0 * (len(stack) - 1) for number in numbers]
     below = [int(place + NEAR_MEMBER) for place in places]
@@ -145,12 +150,12 @@ def _percentiles(stack, numbers):
         if share <= NEAR_MEMBER:
             yield stack[k].copy()
         else:
-            with np.errstate(invalid="ignore"):  # between two arrivals that never come
+            with np.errstate(invalid="ignore"):  # between two infinite arrival times
                 yield stack[k] + share * (stack[k + 1].astype(float) - stack[k])
 
 
 def exceedances(texts):
-    """Thresholds by quantity out of texts like h=0.5,1,2; raises InputError."""
+    """Thresholds by quantity from texts like h=0.5,1,2; raises InputError."""
     made = {}
     for text in texts:
         name, equals, values = text.partition("=")
@@ -159,7 +164,7 @@ def exceedances(texts):
         except ValueError:
             thresholds = ()
         if not thresholds:
-            raise InputError(f"--exceed {text}: wanted QUANTITY=NUMBER,.. for example h=0.5,1,2")
+            raise InputError(f"--exceed {text}: expected QUANTITY=NUMBER,.. for example h=0.5,1,2")
         made[name.strip()] = (*made.get(name.strip(), ()), *thresholds)
     return made
 

@@ -1,8 +1,8 @@
-"""The one clock of a run in QGIS: simulated seconds told as whole QGIS seconds.
+"""The time scale of a run in QGIS: simulated seconds as whole QGIS seconds.
 
-QGIS saves time ranges in whole seconds, and a step of 0.2 s would be lost at the user's first save. So the clock
-is stretched: one simulated second becomes a minute, an hour or a day from a base date, the same for the stacks, the
-mesh, the outlines and the project. The true time stays in `t_s` columns, band names and the title of the map.
+QGIS saves time ranges in whole seconds, and steps of 0.2 s would be lost when the project is saved. So time is
+stretched: one simulated second becomes a minute, an hour or a day from a base date, for stacks, mesh, outlines and
+project alike. The simulated time is in `t_s` columns, band names and the map title.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from ..errors import InputError
 BASE = datetime(2000, 1, 1, tzinfo=UTC)
 BASE_TEXT = "2000-01-01T00:00:00Z"
 STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
-SHORTEST_STEP = 2  # QGIS seconds: a layer of its own shows from a second after its step to one before the next
-ROUNDING = 0.01  # share of the shortest step by which a time may miss a whole QGIS second: more makes frames uneven
+SHORTEST_STEP = 2  # QGIS seconds: a single layer is shown from 1 s after its step to 1 s before the next
+ROUNDING = 0.01  # largest rounding error of a time, as a share of the shortest step
 LONGEST_RUN = 1900 * 365 * 86_400  # QGIS seconds: dates stay between the years 100 and 3900
-MOST_FRAMES = 5000  # of the controller, where steps are very uneven
+MOST_FRAMES = 5000  # of the temporal controller, for very unequal steps
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Clock:
     stretch : int
         QGIS seconds per simulated second.
     begins : tuple of int [QGIS s]
-        Start of each step after the base date.
+        Start of each step, from the base date.
     """
 
     stretch: int
@@ -39,18 +39,18 @@ class Clock:
 
     @classmethod
     def of(cls, times):
-        """The clock for increasing `times` [s]: the smallest stretch whose steps are at least 2 and whole.
+        """The clock for increasing `times` [s]: the smallest stretch with whole steps of at least 2 QGIS seconds.
 
-        Whole within a hundredth of the shortest step; where no stretch makes them so, the finest that fits.
+        Rounding errors up to a hundredth of the shortest step are allowed; else the largest possible stretch is used.
 
         Raises
         ------
         InputError
-            Where there is no time, one is not finite, they do not increase, or they lie too close for any stretch.
+            No times, times not finite or not increasing, or steps too short for any stretch.
         """
         times = np.asarray(times, dtype=float)
         if times.size == 0 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-            raise InputError(f"times of the exported steps must be finite and increase; got {_sample(times)}")
+            raise InputError(f"times of the exported steps must be finite and increasing; got {_sample(times)}")
         fitting = [
             stretch
             for stretch in STRETCHES
@@ -59,16 +59,16 @@ class Clock:
         if not fitting:
             raise InputError(
                 f"exported steps are {np.diff(times).min():.3g} s apart over {times[-1]:.6g} s, "
-                "too close for a clock of whole seconds in QGIS; use a larger --dt-e, or --no-qgis"
+                "too close for whole seconds in QGIS; use a larger --dt-e, or --no-qgis"
             )
         stretch = next((stretch for stretch in fitting if _is_whole(times, stretch)), fitting[-1])
         return cls(stretch, tuple(int(second) for second in np.rint(times * stretch)))
 
     @cached_property
     def step(self):
-        """Length of a controller frame [QGIS s]: the shortest step, unless that makes thousands of frames.
+        """Length of a controller frame [QGIS s]: the shortest step, but at most MOST_FRAMES frames.
 
-        The last step does not count: a run that comes to rest ends anywhere between two frames.
+        The last step is ignored: a run that comes to rest can end at any time between two frames.
         """
         if len(self.begins) == 1:
             return self.stretch
@@ -78,17 +78,17 @@ class Clock:
 
     @property
     def ends(self):
-        """Tuple of int [QGIS s]: where each step gives way to the next; the last one lasts a controller frame."""
+        """Tuple of int [QGIS s]: end of each step; the last one lasts a controller frame."""
         return (*self.begins[1:], self.begins[-1] + self.step)
 
     @property
-    def says(self):
-        """What the clock shows, for people: for example "1 s = 1 min"."""
+    def label(self):
+        """The time scale as text, for example "1 s = 1 min"."""
         return STRETCHES[self.stretch]
 
     @property
     def decimals(self):
-        """Decimals of simulated seconds that tell neighbouring steps apart."""
+        """Decimals of simulated seconds that distinguish consecutive steps."""
         step = self.step / self.stretch
         enough = max(1, int(np.ceil(-np.log10(step))) + 1)
         return next((n for n in range(enough) if abs(step * 10**n - round(step * 10**n)) < 1e-6), enough)

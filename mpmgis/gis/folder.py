@@ -1,4 +1,4 @@
-"""All files that make an exported folder open in QGIS, in one call; the steps as time bands of one VRT."""
+"""All QGIS files of an exported folder in one call, and VRT stacks with the steps as bands."""
 
 from xml.etree import ElementTree
 
@@ -8,7 +8,7 @@ from .markup import node, reference_text
 
 
 def write_stacks(run):
-    """Write a VRT for each band of the steps; its band k + 1 is that band of step k, by relative path."""
+    """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path."""
     decimals = Clock.of(run.times).decimals
     for source_band, quantity in enumerate(run.step_bands, start=1):
         root = _dataset(run)
@@ -49,7 +49,7 @@ def _band(run, k, source_band, quantity, decimals):
 
 
 def load():
-    """Import the writers and the libraries behind them; half a second that need not be waited for."""
+    """Import the writers and their libraries in advance (0.5 s)."""
     import netCDF4  # noqa: F401
 
     from . import folder, mesh, outlines, project, styles
@@ -66,9 +66,9 @@ def write_qgis_files(run, release, steps, qgis_min, threads):
         With all of its rasters written.
     release : list of shapely polygons or None
     steps : StepSpool
-        What its steps held.
+        Data of its steps.
     qgis_min : str
-        Oldest QGIS that must show the project as it is meant.
+        Oldest QGIS version that must animate the project.
     threads : Executor
         Mesh and outlines are written at the same time.
     """

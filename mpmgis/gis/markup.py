@@ -1,4 +1,4 @@
-"""XML as QGIS and GDAL read it, written with the standard library."""
+"""XML elements for QGIS and GDAL files, with the standard library."""
 
 from xml.etree import ElementTree
 
@@ -6,7 +6,7 @@ QGIS_HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 
 
 def node(tag, attributes=None, *children, text=None):
-    """An element with `attributes` (any values, written by str), `text` and `children` (elements; None is left out)."""
+    """An element with `attributes` (values converted by str), `text` and `children` (elements; None is skipped)."""
     element = ElementTree.Element(tag, {key: str(value) for key, value in (attributes or {}).items()})
     element.text = None if text is None else str(text)
     element.extend(child for child in children if child is not None)
@@ -19,7 +19,7 @@ def qgis_document(root):
 
 
 def options(values):
-    """The settings of a symbol layer twice: as 3.44 writes them and as 3.22 also reads them."""
+    """The settings of a symbol layer in both forms: of QGIS 3.44 and of QGIS 3.22."""
     newer = node(
         "Option",
         {"type": "Map"},
@@ -41,7 +41,7 @@ def reference_system(crs):
 
 
 def reference_text(crs):
-    """WKT of a CRS; a local frame without place (None) is an engineering CRS in metres, which QGIS takes as one."""
+    """WKT of a CRS; a local frame (None) is an engineering CRS in metres."""
     return LOCAL_FRAME if crs is None else crs.to_wkt()
 
 

@@ -1,9 +1,9 @@
-"""The flow as a UGRID mesh in NetCDF: what QGIS draws as moving arrows, and what xarray opens.
+"""The flow as a UGRID mesh in NetCDF, for velocity arrows in QGIS and for xarray.
 
-Only the cells that the flow ever reached are faces, so that a thin flow on a wide terrain stays small.
-Conventions: UGRID 1.0 and CF-1.8, in the corner of them that QGIS (MDAL) reads: a face's corners run
-counter-clockwise, the CRS is ASCII WKT 1 in the variable that the node heights name, and the two components of a
-vector share a long name up to ", x-component" and ", y-component".
+Only cells that the flow ever reached are faces, so a narrow flow on a wide terrain gives a small file.
+Conventions: UGRID 1.0 and CF-1.8, in the subset that QGIS (MDAL) reads: the corners of a face run counter-clockwise,
+the CRS is ASCII WKT 1 in the variable named by `grid_mapping`, and the two components of a vector have the same long
+name up to ", x-component" and ", y-component".
 """
 
 import zlib
@@ -21,16 +21,16 @@ from .styles import look_of
 
 MESH_BANDS = ("h", "t", "Un", "Ut")
 VELOCITY = "velocity along the slope (m/s)"
-BED = "Bed Elevation"  # QGIS' own name for node heights
+BED = "Bed Elevation"  # name of node heights in QGIS
 COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
-LEAST_REPEATED = 0.25  # share of bytes like the one before, below which deflating costs more than it gains
+LEAST_REPEATED = 0.25  # share of repeated bytes, below which compression is not worthwhile
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
 def write_mesh(run, steps, threads=None):
-    """Write the mesh of a run: h, t, Un, Ut and the velocity vector on the ever-wet cells, step by step.
+    """Write the mesh of a run: h, t, Un, Ut and the velocity vector of each step, on cells that were ever wet.
 
-    A run in which no cell was ever wet has no mesh.
+    Without wet cells no mesh is written.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def write_mesh(run, steps, threads=None):
     steps : StepSpool
         Values of the steps; without `Ut_E` and `Ut_N` there are no arrows.
     threads : Executor, optional
-        Values are compressed there, a few steps at a time.
+        For the compression of values, a few steps at a time.
 
     Raises
     ------
     OutputError
-        Where NetCDF or HDF5 cannot write it.
+        NetCDF or HDF5 cannot write it.
     """
     (peak,) = run.read(run.maxima_file, ("h_max",))
     wet = np.isfinite(peak)
@@ -59,7 +59,7 @@ def write_mesh(run, steps, threads=None):
 
 
 def _names(run, steps):
-    """The variables that the mesh gets: those of the steps that it shows, arrows where their parts are known."""
+    """The variables of the mesh: scalars of the steps, and velocity components if known."""
     scalars = [quantity.name for quantity in run.step_bands if quantity.name in MESH_BANDS]
     return scalars + [name for name in COMPONENTS if steps.count and name in steps.bands(0)[1]]
 
@@ -71,14 +71,14 @@ def _title_and_unit(run, name):
 
 
 def _faces(run, wet):
-    """int64[faces]: flat index in the run's whole grid of the cells that are faces, ascending."""
+    """int64[faces]: flat index of the faces in the run's full grid, ascending."""
     rows, columns = run.flow_window
     row, column = np.nonzero(wet)
     return (row + rows.start) * run.grid.shape[1] + column + columns.start
 
 
 def _chunks(steps, faces, names, threads):
-    """Yield each step's values of each variable as `_packed` makes them; only a few steps are ever waiting."""
+    """Yield the packed values of each step and variable; only a few steps are in memory at a time."""
     waiting = deque()
     for step in range(steps.count):
         if threads is None:
@@ -92,10 +92,10 @@ def _chunks(steps, faces, names, threads):
 
 
 def step_chunks(steps, step, faces, names):
-    """List of bytes: a step's values of the variables `names` on `faces`, each packed as its chunk of the file."""
+    """List of bytes: a step's values of the variables `names` on `faces`, each packed as a chunk of the file."""
     index, values = steps.bands(step)
     place = np.searchsorted(faces, index)
-    on = faces[np.minimum(place, len(faces) - 1)] == index  # depth is not known everywhere
+    on = faces[np.minimum(place, len(faces) - 1)] == index  # some cells are not faces
     dry = _dry({name: values[name] for name in names if name in MESH_BANDS})
     chunks = []
     for name in names:
@@ -107,21 +107,20 @@ def step_chunks(steps, step, faces, names):
 
 
 def _dry(values):
-    """bool[faces]: nothing there at this step: no depth, no thickness, no velocity."""
+    """bool[k]: cells without depth, thickness and velocity at this step."""
     return np.logical_and.reduce(
         [~np.isfinite(band) if name in ("Un", "Ut") else ~(band > 0) for name, band in values.items()]
     )
 
 
 def _packed(values):
-    """float32[faces] as HDF5 stores a chunk of LIGHT: bytes of equal weight together, then deflated.
+    """float32[faces] as an HDF5 chunk with the filters LIGHT: bytes shuffled, then deflated.
 
-    Run lengths alone are looked for: the digits of a flow do not repeat, and looking for it costs twice the time and
-    makes the file larger (measured). Bytes that hardly ever repeat, the last digits of a flow, are stored as they are:
-    a deflated stream may be put together of parts.
+    Only run lengths are compressed (Z_RLE): a full search takes twice the time and gives a larger file (measured).
+    Bytes that rarely repeat (last digits) are stored uncompressed; a deflate stream can consist of several parts.
     """
     planes = np.ascontiguousarray(values.view(np.uint8).reshape(-1, 4).T)
-    parts = [b"\x78\x01"]  # zlib's header of a window of 32 kB
+    parts = [b"\x78\x01"]  # zlib header, window of 32 kB
     for k, plane in enumerate(planes):
         level = LIGHT["complevel"] if np.count_nonzero(plane[1:] == plane[:-1]) > LEAST_REPEATED * plane.size else 0
         packer = zlib.compressobj(level, zlib.DEFLATED, -15, 9, zlib.Z_RLE)
@@ -131,7 +130,7 @@ def _packed(values):
 
 
 def _write_values(path, names, steps):
-    """Put the chunks of each step, one a variable of `names`, straight into the file: they are packed already."""
+    """Write the packed chunks of each step directly into the file, one per variable of `names`."""
     import h5py
 
     try:
@@ -145,7 +144,7 @@ def _write_values(path, names, steps):
 
 
 def group_names(path):
-    """List of the dataset groups that QGIS shows of a mesh written here, in its order; empty where there is no file."""
+    """List of the dataset groups of a mesh written here, in the order of QGIS; [] without a file."""
     import netCDF4
 
     if not path.exists():
@@ -161,7 +160,7 @@ def group_names(path):
 
 @contextmanager
 def _open_new(path):
-    """A NetCDF file to write to; what the library says when a disk is full becomes an OutputError."""
+    """A new NetCDF file; library errors (for example a full disk) become an OutputError."""
     import netCDF4
 
     try:
@@ -208,10 +207,10 @@ def _write_node_variable(file, name, values, attributes):
 
 
 def _corners(wet, mirrored=False):
-    """The lattice nodes that wet cells use, bool[rows + 1, columns + 1], and each face's nodes, int32[faces, 4].
+    """The lattice nodes of wet cells, bool[rows + 1, columns + 1], and the nodes of each face, int32[faces, 4].
 
-    Nodes are numbered in the lattice's order; a face runs counter-clockwise from its south-western corner, also where
-    the grid is `mirrored`, so that its rows lie to the left of its columns.
+    Nodes are numbered in lattice order. Faces run counter-clockwise, also in a `mirrored` grid (positive determinant
+    of its matrix).
     """
     used = np.zeros((wet.shape[0] + 1, wet.shape[1] + 1), dtype=bool)
     row, column = np.nonzero(wet)
@@ -229,7 +228,7 @@ def _node_places(grid, used):
 
 
 def _node_heights(elevation):
-    """float64[rows + 1, columns + 1] [m]: mean of the up to four valid cells around each lattice node."""
+    """float64[rows + 1, columns + 1] [m]: mean of the valid cells (up to four) around each lattice node."""
     padded = np.pad(elevation.astype(float), 1, constant_values=np.nan)
     around = [padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]]
     count = sum(np.isfinite(part) for part in around)
@@ -238,7 +237,7 @@ def _node_heights(elevation):
 
 
 def _write_reference_system(file, crs):
-    """The CRS in plain ASCII: with any other sign netCDF4 writes a kind of text that QGIS does not see."""
+    """The CRS in ASCII: with other characters netCDF4 writes a string type that QGIS does not read."""
     variable = file.createVariable("projected_coordinate_system", "i4")
     try:
         text = LOCAL_FRAME if crs is None else crs.to_wkt("WKT1_GDAL")
@@ -251,14 +250,14 @@ def _write_reference_system(file, crs):
 
 
 def _write_times(file, run):
-    """The stretched time that QGIS plays, and the true one beside it."""
+    """The stretched time for QGIS, and the simulated time."""
     clock = Clock.of(run.times)
     file.createDimension("time", None)
     time = file.createVariable("time", "f8", ("time",))
     time.setncatts(
         {
             "standard_name": "time",
-            "long_name": f"time as QGIS plays it ({clock.says})",
+            "long_name": f"time as QGIS plays it ({clock.label})",
             "units": "seconds since 2000-01-01 00:00:00",
             "calendar": "standard",
         }
@@ -270,7 +269,7 @@ def _write_times(file, run):
 
 
 def _add_face_variable(file, name, title, units):
-    """Declare a variable of which every step is one chunk (`_write_values` counts on it)."""
+    """Declare a variable with one chunk per step (required by `_write_values`)."""
     faces = len(file.dimensions["face"])
     variable = file.createVariable(
         name, "f4", ("time", "face"), chunksizes=(1, faces), fill_value=np.float32(NODATA), endian="little", **LIGHT

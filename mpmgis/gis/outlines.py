@@ -1,7 +1,6 @@
-"""Outlines, release and thinned particles in one GeoPackage, from step data that is spooled to disk.
+"""Outlines, release and thinned particles in one GeoPackage, from step data spooled to disk.
 
-Both can be written only when all steps are known. Kept like this, memory is that of one step however many there are,
-and no raster is packed out again.
+The GeoPackage and the mesh need all steps. With the spool, memory is that of one step, and rasters are not read again.
 """
 
 import os
@@ -34,7 +33,7 @@ SHOWN = ("ids", "place", "velocity")
 
 
 class StepOutline(NamedTuple):
-    """Outline of the flow at one step: its WKB, its number of `cells`, largest `depth` [m] and `speed` [m s-1]."""
+    """Outline of the flow at one step: WKB, number of `cells`, largest `depth` [m] and `speed` [m s-1]."""
 
     wkb: bytes
     cells: int
@@ -43,12 +42,12 @@ class StepOutline(NamedTuple):
 
 
 class StepSpool:
-    """Steps one after the other into a folder, and from there one at a time.
+    """Temporary storage of steps in a folder.
 
     Parameters
     ----------
     folder : path
-        Is made; whoever made the spool removes it.
+        Is created here and must be removed by the caller.
     """
 
     def __init__(self, folder):
@@ -56,7 +55,7 @@ class StepSpool:
         self._folder.mkdir()
 
     def add(self, index, bands, outline=None, shown=None):
-        """Keep one step.
+        """Store one step.
 
         Parameters
         ----------
@@ -66,7 +65,7 @@ class StepSpool:
             Of BANDS; without `Ut_E` and `Ut_N` the mesh has no arrows.
         outline : StepOutline or None
         shown : dict or None
-            The particles to show: `ids` uint64[m], `place` float64[m, 3] [m], `velocity` float64[m, 3] [m s-1].
+            The displayed particles: `ids` uint64[m], `place` float64[m, 3] [m], `velocity` float64[m, 3] [m s-1].
         """
         kept = {name: np.asarray(bands[name], np.float32) for name in BANDS if name in bands}
         with open(self._cells(self.count), "wb") as file:
@@ -85,7 +84,7 @@ class StepSpool:
             return index, {str(name): np.load(file) for name in names}
 
     def outline(self, step):
-        """The StepOutline of a step, None where it has none."""
+        """The StepOutline of a step, or None."""
         with np.load(self._shapes(step)) as kept:
             if "wkb" not in kept:
                 return None
@@ -93,7 +92,7 @@ class StepSpool:
             return StepOutline(kept["wkb"].tobytes(), int(cells), depth, speed)
 
     def shown(self, step):
-        """The particles to show of a step as `add` got them, None where it has none."""
+        """The displayed particles of a step as in `add`, or None."""
         with np.load(self._shapes(step)) as kept:
             return {name: kept[name] for name in SHOWN} if "ids" in kept else None
 
@@ -105,31 +104,31 @@ class StepSpool:
 
 
 PARTICLES_SHOWN = 300  # per step, about
-BATCH = 32_000_000  # bytes of geometry that are in memory at a time
-UTC = 100  # GDAL's mark of a time in UTC
-POINTS, POLYGONS = 0, 2  # QGIS' numbers of geometry types
+BATCH = 32_000_000  # [bytes] of geometry in memory
+UTC = 100  # GDAL's code for UTC
+POINTS, POLYGONS = 0, 2  # geometry type numbers of QGIS
 
 
 def write_outlines(run, steps, release=None):
     """Write the GeoPackage of a run.
 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
-    (of all steps together), `release`, `particles` (about 300 a step, the same ones throughout) and `layer_styles`.
-    A layer with nothing in it is left out. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
+    (of all steps together), `release`, `particles` (about 300 per step, the same in all steps) and `layer_styles`.
+    Empty layers are omitted. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
     (stretched, see `clock`).
 
     Parameters
     ----------
     run : ExportedRun
     steps : StepSpool
-        Its outlines and the particles to show.
+        Its outlines and displayed particles.
     release : sequence of shapely polygons, optional
-        In the run's CRS. Without it the outline of a first step at time 0 is taken.
+        In the run's CRS. Default: the outline of a first step at time 0.
 
     Raises
     ------
     OutputError
-        Where GDAL cannot write it.
+        GDAL cannot write it.
     """
     clock = Clock.of(run.times)
     path = run.folder / run.outlines_file
@@ -147,7 +146,7 @@ def write_outlines(run, steps, release=None):
 
 
 def layer_names(path):
-    """Tuple of str: the spatial layers of a GeoPackage, empty where there is none."""
+    """Tuple of str: the spatial layers of a GeoPackage; () without a file."""
     if not os.path.exists(path):
         return ()
     with closing(sqlite3.connect(path)) as database:
@@ -156,19 +155,19 @@ def layer_names(path):
 
 
 def vector_renderer(layer, run):
-    """`renderer-v2` of one of the GeoPackage's layers."""
+    """`renderer-v2` of a layer of the GeoPackage."""
     if layer == "particles":
         return speed_renderer(run)
     return outline_renderer({"outline": OUTLINE, "envelope": ENVELOPE, "release": RELEASE}[layer])
 
 
 def geometry_type(layer):
-    """QGIS' number and word for the geometry of one of the GeoPackage's layers."""
+    """QGIS number and name of the geometry type of a layer of the GeoPackage."""
     return (POINTS, "Point") if layer == "particles" else (POLYGONS, "Polygon")
 
 
 def mask_outline(mask, transform):
-    """Valid MultiPolygon around the True cells of bool[rows, columns], holes kept; None where no cell is True."""
+    """Valid MultiPolygon around the True cells of bool[rows, columns], with holes; None without True cells."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
         return None
@@ -178,7 +177,7 @@ def mask_outline(mask, transform):
 
 
 def cells_outline(index, grid):
-    """As `mask_outline` for the cells of `grid` with the flat `index` int64[k], in memory that follows the flow."""
+    """As `mask_outline`, for the cells of `grid` with the flat `index` int64[k]; memory follows the flow extent."""
     if not len(index):
         return None
     row, column = np.divmod(index, grid.shape[1])
@@ -198,19 +197,19 @@ def _outline(part, transform):
     t = transform
     places = np.stack([t.c + t.a * column + t.b * row, t.f + t.d * column + t.e * row], axis=1)
     lines = shapely.linearrings(places, indices=np.repeat(np.arange(count), np.diff(ends[:count], prepend=0)))
-    order = np.lexsort((area[:count] < 0, parts[:count]))  # each part's shell, then its holes
+    order = np.lexsort((area[:count] < 0, parts[:count]))  # shell of each part, then its holes
     return shapely.multipolygons(shapely.polygons(lines[order], indices=parts[order] - 1))
 
 
 def step_outline(index, depth, speed, grid, min_depth):
-    """The StepOutline of one step; None where it is nowhere `min_depth` [m] deep.
+    """The StepOutline of one step; None without cells at least `min_depth` [m] deep.
 
     Parameters
     ----------
     index : int64[k]
         Flat index of its cells in `grid`, ascending.
     depth, speed : float[k] [m], [m s-1]
-        NaN where unknown.
+        NaN if unknown.
     grid : Grid
     min_depth : float [m]
     """
@@ -222,17 +221,17 @@ def step_outline(index, depth, speed, grid, min_depth):
 
 
 def is_deep(depth, min_depth):
-    """Bool: the cells that outlines enclose."""
+    """bool[k]: cells inside the outline."""
     return (depth >= np.float32(min_depth)) & (depth > 0)
 
 
 def _largest(values):
-    """Largest finite value; NaN where there is none."""
+    """Largest finite value, or NaN."""
     return float(np.fmax.reduce(values, initial=np.nan))
 
 
 def shown_particles(frame, total):
-    """The particles of `frame` to show, as `StepSpool.add` takes them, thinned as if from `total`."""
+    """The displayed particles of `frame`, for `StepSpool.add`, thinned from a `total` number."""
     particles = frame.particles
     ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
     chosen = np.flatnonzero(thin(ids, total))
@@ -241,9 +240,9 @@ def shown_particles(frame, total):
 
 
 def thin(ids, total, wanted=PARTICLES_SHOWN):
-    """bool[n]: about `wanted` of `total` particles, chosen by their ids alone, so that a choice holds for all steps.
+    """bool[n]: about `wanted` of `total` particles, selected by id, so the selection is the same for all steps.
 
-    Ids are scrambled first (Knuth's multiplicative hash), since neighbours on the seeding lattice have nearby ids.
+    Ids are hashed first (Knuth's multiplicative hash), because neighbours on the seeding lattice have nearby ids.
     """
     if total <= wanted:
         return np.ones(len(ids), dtype=bool)
@@ -252,7 +251,7 @@ def thin(ids, total, wanted=PARTICLES_SHOWN):
 
 
 def _outline_batches(run, clock, steps):
-    """Yield (WKB, columns) of the outlines of some steps at a time, a few megabytes each."""
+    """Yield (WKB, columns) of outlines, in batches of BATCH bytes."""
     kept, size = [], 0
     for step in range(steps.count):
         outline = steps.outline(step)
@@ -293,7 +292,7 @@ def _envelope_layer(run):
 
 
 def _release_layer(run, steps, release):
-    """[(WKB, columns)] of the release: as given, else the outline of a first step at time 0."""
+    """[(WKB, columns)] of the given release, else of the outline of a first step at time 0."""
     source = "release area"
     if release is None and run.times[0] == 0:
         outline = steps.outline(0)
@@ -311,13 +310,13 @@ def _release_layer(run, steps, release):
 
 
 def _polygons(geometry):
-    """List of the polygons in a valid form of any geometry."""
+    """List of the polygons of any geometry, made valid."""
     pieces = shapely.get_parts(shapely.make_valid(geometry))
     return [polygon for piece in pieces for polygon in shapely.get_parts(piece) if polygon.geom_type == "Polygon"]
 
 
 def _particle_layer(run, clock, steps):
-    """[(WKB, columns)] of the particles to show at the exported steps."""
+    """[(WKB, columns)] of the displayed particles of all exported steps."""
     kept = {step: shown for step in range(steps.count) if (shown := steps.shown(step)) is not None}
     if not sum(len(shown["ids"]) for shown in kept.values()):
         return []
@@ -340,16 +339,16 @@ def _particle_layer(run, clock, steps):
 
 
 def _spans(clock, step):
-    """Columns of when steps show on the stretched clock, datetime64[ms]; `t_qgis_end` is a second before the next."""
+    """Columns of the display times on the stretched clock, datetime64[ms]; `t_qgis_end` is 1 s before the next step."""
     base = np.datetime64(BASE.replace(tzinfo=None), "ms")
     seconds = {"t_qgis": np.array(clock.begins), "t_qgis_end": np.array(clock.ends) - 1}
     return {name: base + value.astype(np.int64)[step] * np.timedelta64(1000, "ms") for name, value in seconds.items()}
 
 
 def _write_layer(path, name, batches, crs):
-    """Write one layer, batch by batch, with pyogrio, which makes the file with the first; answers whether any came."""
+    """Write one layer in batches with pyogrio; returns True if there was at least one batch."""
     library = pyogrio()
-    if library.get_gdal_config_option("CPL_LOG") is None:  # what fails is raised; on stderr it is another's words
+    if library.get_gdal_config_option("CPL_LOG") is None:  # errors are raised; no GDAL text on stderr
         library.set_gdal_config_options({"CPL_LOG": os.devnull})
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyogrio.raw import write

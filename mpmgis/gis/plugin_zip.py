@@ -1,4 +1,4 @@
-"""The QGIS toolbox as the zip that QGIS installs and its plugin repository takes."""
+"""The QGIS toolbox as a zip for installation in QGIS or for its plugin repository."""
 
 import zipfile
 from pathlib import Path
@@ -9,27 +9,27 @@ from ..io.atomic import refuse_existing, whole_file
 
 FOLDER = Path(__file__).parents[1] / "qgis_plugin" / "mpmgis_qgis"
 SUFFIXES = (".py", ".txt", ".svg", "")  # no binaries; LICENSE has none
-_TIME = (2000, 1, 1, 0, 0, 0)  # of every file: the same sources are the same bytes
+_TIME = (2000, 1, 1, 0, 0, 0)  # time of all files, for reproducible bytes
 
 
 def write_plugin_zip(path, homepage=None, email=None, overwrite=False):
-    """Write the plugin to `path` (.zip), whole or not at all.
+    """Write the plugin to `path` (.zip), atomically.
 
     Parameters
     ----------
     homepage, email : str or None
-        Of whoever publishes it: what the plugin repository asks for, and QGIS itself does not.
+        Of the publisher; required by the plugin repository, not by QGIS.
 
     Raises
     ------
     OutputError
-        `path` exists, cannot be written, or is no .zip.
+        `path` exists, cannot be written, or is not a .zip.
     InputError
-        `homepage` is no web address, or `email` none of mail.
+        `homepage` is not a web address, or `email` is not an e-mail address.
     """
     path = Path(path)
     if path.suffix.lower() != ".zip":
-        raise OutputError(f"{path}: QGIS installs plugins from a .zip; give -o a name that ends so")
+        raise OutputError(f"{path}: QGIS installs plugins from a .zip; use -o with a name that ends in .zip")
     metadata = _metadata(homepage, email)
     refuse_existing(path, overwrite)
     with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -46,15 +46,15 @@ def plugin_files():
 
 
 def _metadata(homepage, email):
-    """The plugin's metadata with what depends on the release and on who publishes it."""
+    """The plugin's metadata, with version and publisher."""
     lines = [f"version={__version__}"]
     if email is not None:
         if "@" not in email or any(letter.isspace() for letter in email):
-            raise InputError(f"--email got {email!r}, wanted an address, for example name@institute.org")
+            raise InputError(f"--email got {email!r}, expected an address, for example name@institute.org")
         lines.append(f"email={email}")
     if homepage is not None:
         if not homepage.startswith("https://") or any(letter.isspace() for letter in homepage):
-            raise InputError(f"--homepage got {homepage!r}, wanted an address that begins with https://")
+            raise InputError(f"--homepage got {homepage!r}, expected an address that begins with https://")
         address = homepage.rstrip("/")
         lines += [f"homepage={address}", f"repository={address}", f"tracker={address}/issues"]
     return (FOLDER / "metadata.txt").read_text(encoding="utf-8") + "\n".join(lines) + "\n"

@@ -1,8 +1,8 @@
-"""The QGIS project of an exported run: double-click it, press play.
+"""The QGIS project of an exported run.
 
-Written with the standard library alone. What QGIS needs and does not say, found by trial: every layer its own CRS,
-layer ids of more than 10 characters, `ProjectionsEnabled` for the project's CRS, times in whole seconds, and the list
-of a mesh's groups before it heeds how the mesh is to be drawn. All paths are relative, so that the folder can move.
+Written with the standard library. Undocumented requirements of QGIS (found by tests): a CRS in every layer, layer ids
+of more than 10 characters, `ProjectionsEnabled` for the project CRS, times in whole seconds, and the list of a mesh's
+groups before its renderer settings. All paths are relative, so the folder can be moved.
 """
 
 import re
@@ -20,7 +20,7 @@ from .outlines import geometry_type, layer_names, vector_renderer
 from .styles import bands_over_time, contour_interval, contour_pipe, hillshade_pipe, look_of, one_step, value_pipe
 from .symbols import feature_times
 
-TIME_BY_BAND = (3, 38)  # first QGIS that animates the bands of one layer
+TIME_BY_BAND = (3, 38)  # first QGIS version that animates the bands of one layer
 FRAME_RATE = 8  # frames per second in the temporal controller
 ARROW_GRID = 18  # pixels between velocity arrows on the screen
 VECTOR_TITLES = {
@@ -33,7 +33,7 @@ MOVING = ("outline", "particles")
 
 
 class Layer(NamedTuple):
-    """One row of the layer list: its `maplayer` element and whether it is shown at first."""
+    """One row of the layer list: its `maplayer` element and its initial visibility."""
 
     title: str
     maplayer: Element
@@ -42,7 +42,7 @@ class Layer(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group of rows (Layer or Group); `exclusive`: one at a time is shown."""
+    """A group of rows (Layer or Group); `exclusive`: only one row is visible at a time."""
 
     title: str
     rows: list
@@ -57,15 +57,15 @@ def write_project(run, qgis_min="3.38"):
     Parameters
     ----------
     run : ExportedRun
-        Its rasters, stacks, mesh and outlines are written already; a mesh or outline that is not there is left out.
+        With its rasters, stacks, mesh and outlines written; a missing mesh or outline is skipped.
     qgis_min : str
-        Oldest QGIS that must animate it. From 3.38 on a variable is one layer with time by band; below, one layer
-        for each step and variable.
+        Oldest QGIS version that must animate it. From 3.38 on a variable is one layer with time by band; below, one
+        layer per step and variable.
 
     Raises
     ------
     InputError
-        Where `qgis_min` is no version, or older than 3.22.
+        `qgis_min` is not a version, or older than 3.22.
     """
     by_band = parse_version(qgis_min) >= TIME_BY_BAND
     clock = Clock.of(run.times)
@@ -80,16 +80,16 @@ def write_project(run, qgis_min="3.38"):
 
 
 def write_archive(run, project):
-    """The project's element as .qgz in the run's folder."""
+    """Write the project element as .qgz into the run's folder."""
     with zipfile.ZipFile(run.folder / run.project_file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(f"{run.name}.qgs", qgis_document(project))
 
 
 def parse_version(text):
-    """(major, minor) of a QGIS version; InputError where it is none or older than 3.22."""
+    """(major, minor) of a QGIS version; InputError if it is invalid or older than 3.22."""
     match = re.fullmatch(r"(\d+)\.(\d+)(\.\d+)?", str(text).strip())
     if match is None or (int(match[1]), int(match[2])) < (3, 22):
-        raise InputError(f"--qgis-min {text}: wanted a QGIS version from 3.22 on, for example 3.22 or 3.38")
+        raise InputError(f"--qgis-min {text}: expected a QGIS version from 3.22 on, for example 3.22 or 3.38")
     return int(match[1]), int(match[2])
 
 
@@ -103,7 +103,7 @@ def _animation(run, clock, by_band):
         (_stacked_layer if by_band else _steps_group)(run, clock, quantity, band, shown=band == 1)
         for band, quantity in enumerate(run.step_bands, start=1)
     ]
-    return Group(f"{run.name}: animation ({clock.says})", [*_arrows(run, clock), *vectors, *fields])
+    return Group(f"{run.name}: animation ({clock.label})", [*_arrows(run, clock), *vectors, *fields])
 
 
 def _outlines(run):
@@ -157,7 +157,7 @@ def _stacked_layer(run, clock, quantity, band, shown):
 
 
 def _steps_group(run, clock, quantity, band, shown):
-    """A group of one layer for each step, which every QGIS since 3.14 animates."""
+    """A group with one layer per step, animated by every QGIS since 3.14."""
     rows = []
     for k, file in enumerate(run.step_files):
         title = f"{quantity.name} at t = {run.times[k]:.{clock.decimals}f} s"
@@ -192,7 +192,7 @@ def _vector_layer(run, name, shown):
 
 
 def _arrows(run, clock):
-    """The mesh as arrows alone, over whichever field is shown; no layer where there is no mesh or no vector in it."""
+    """The mesh as arrows only; no layer without a mesh or a velocity vector."""
     names = group_names(run.folder / run.mesh_file)
     if VELOCITY not in names:
         return []
@@ -237,7 +237,7 @@ def _arrows(run, clock):
 
 
 def map_layer(run, kind, part, source, title, provider, temporal, drawing):
-    """`maplayer` element; `part` makes its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
+    """`maplayer` element; `part` is used in its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
     return node(
         "maplayer",
         {"type": kind, "styleCategories": "AllStyleCategories"},
@@ -253,7 +253,7 @@ def map_layer(run, kind, part, source, title, provider, temporal, drawing):
 
 
 def _layer_id(run, part):
-    """An id that QGIS accepts (more than 10 characters) and that tells two runs in one project apart."""
+    """A layer id for QGIS (more than 10 characters), unique for several runs in one project."""
     return "mpmgis_" + re.sub(r"\W+", "_", f"{run.name}_{part}", flags=re.ASCII)
 
 
@@ -263,7 +263,7 @@ def _project(run, clock, groups):
     settings = node(
         "ProjectTimeSettings", times, node("TemporalRange", None, node("start", text=start), node("end", text=end))
     )
-    return project_document(run, groups, _view(run), _moving_settings(run, clock, start, end), settings)
+    return project_document(run, groups, _view(run), _animation_settings(run, clock, start, end), settings)
 
 
 def project_document(run, groups, view, settings, times=None):
@@ -275,9 +275,9 @@ def project_document(run, groups, view, settings, times=None):
         With a name and a grid.
     groups : list of Group
     view : (float, float, float, float) [m]
-        West, south, east, north of what is shown at first.
+        West, south, east, north of the initial view.
     settings : dict
-        Besides those that every project of ours has, as `_properties` takes them.
+        Additional settings for `_properties`.
     times : Element, optional
         `ProjectTimeSettings`.
     """
@@ -309,7 +309,7 @@ def project_document(run, groups, view, settings, times=None):
 
 
 def _view(run, margin=0.08):
-    """(west, south, east, north) [m] around the cells that the flow reached; the whole grid where it reached none."""
+    """(west, south, east, north) [m] around the cells with flow; the whole grid without flow."""
     (peak,) = run.read(run.maxima_file, ("h_max",))
     row, column = np.nonzero(peak >= run.min_depth)
     if row.size == 0:
@@ -337,8 +337,8 @@ def _tree(row):
     return node("layer-tree-group", {"name": row.title} | shown | choice, *(_tree(child) for child in row.rows))
 
 
-def _moving_settings(run, clock, start, end):
-    """Settings of a project that moves: the controller set to animated, the true time in the map's title."""
+def _animation_settings(run, clock, start, end):
+    """Settings of an animated project: temporal controller, and simulated time in the map title."""
     elapsed = "(epoch(@map_start_time) - epoch(make_datetime(2000,1,1,0,0,0)))"
     label = f"{run.name}   t = [% format_number({elapsed} / 1000.0 / {clock.stretch}, {clock.decimals}) %] s"
     return title_settings(label) | {
@@ -351,7 +351,7 @@ def _moving_settings(run, clock, start, end):
 
 
 def title_settings(label):
-    """Settings of a title on the map."""
+    """Settings of a map title."""
     return {
         "TitleLabel": {
             "Enabled": ("bool", "true"),

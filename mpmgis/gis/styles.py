@@ -1,8 +1,8 @@
-"""How rasters look in QGIS: classes, colours and renderers, and the .qml file beside every raster.
+"""Raster styles for QGIS: classes, colours and renderers, and a .qml file for every raster.
 
-Class limits are the same for all steps of a run, so that frames can be compared. Colours are written as hex because
-the same map is light to dark in one release and dark to light in another (Crameri 2018, doi:10.5281/zenodo.1243862,
-MIT licence). Limits and maps are AvaFrame's, so that results can be laid side by side.
+Class limits are the same for all steps of a run, so that frames can be compared. Colours are hex values, because the
+direction of a colour map differs between its releases (Crameri 2018, doi:10.5281/zenodo.1243862, MIT licence). Limits
+and colour maps are those of AvaFrame, for comparison of results.
 """
 
 import math
@@ -27,11 +27,11 @@ OPACITY = 0.8  # of a flow over the hillshade
 
 
 class Look(NamedTuple):
-    """How one band is shown.
+    """Display style of one band.
 
-    `words` name it in the layer list, in `unit`, which is `factor` times the band's own; `ramp` runs from low to high;
-    `limits` are hazard classes in `unit` (empty: the run's own); `shown` is "depth" (hidden below the least depth),
-    "size" (hidden at zero), "rate" (shown from zero) or "signed" (symmetric about zero).
+    `words`: name in the layer list; `unit`: displayed unit, with values `factor` times the band's; `ramp`: colours from
+    low to high; `limits`: hazard classes in `unit` (empty: classes of the run); `shown`: "depth" (hidden below the
+    smallest depth), "size" (hidden at zero), "rate" (shown from zero) or "signed" (symmetric about zero).
     """
 
     words: str
@@ -42,7 +42,7 @@ class Look(NamedTuple):
     factor: float = 1.0
 
     def title(self, name):
-        """Name of a layer: words, symbol and unit."""
+        """Layer name: words, symbol and unit."""
         return f"{self.words} {name}" + (f" ({self.unit})" if self.unit else "")
 
 
@@ -69,13 +69,13 @@ LOOKS = {
 }
 
 
-PROBABILITY = "P_"  # how names of probabilities begin
+PROBABILITY = "P_"  # prefix of probability bands
 
 
 def look_of(quantity):
-    """The Look of a band; one that the table does not know is shown from its least to its largest size.
+    """The Look of a band; a band outside the table is shown by size.
 
-    A probability has classes of its own; a statistic of many runs (`h_mean`, `p_p95`) looks like its quantity.
+    Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
     """
     if quantity.name.startswith(PROBABILITY):
         return Look(quantity.long_name, "", HAWAII_REVERSED, "size", PROBABILITY_LIMITS)
@@ -85,10 +85,10 @@ def look_of(quantity):
 
 
 def class_limits(look, typical):
-    """Upper limits of all classes but the last, in the look's unit, for values that reach `typical` (the band's unit).
+    """Upper limits of all classes except the last, in the look's unit, for values up to `typical` (the band's unit).
 
-    The hazard classes where the run reaches the third of them and stays below twice the last; else six even classes
-    up to the next 1, 2 or 5.
+    The hazard classes if the run reaches the third limit and stays below twice the last; else six classes up to the
+    next 1, 2 or 5 times a power of ten.
     """
     reached = typical * look.factor
     hazard = look.limits
@@ -99,7 +99,7 @@ def class_limits(look, typical):
 
 
 def round_up(value):
-    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 where that is not positive, or no number."""
+    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 if `value` is not positive or not finite."""
     if not 1e-300 < value < 1e300:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -115,7 +115,7 @@ def ramp_colours(ramp, count):
 
 
 class ColourClass(NamedTuple):
-    """One class of a legend: values up to `upper` [the band's unit] in `colour`, None being transparent."""
+    """One legend class: values up to `upper` [the band's unit] in `colour` (None: transparent)."""
 
     upper: float
     colour: str | None
@@ -123,7 +123,7 @@ class ColourClass(NamedTuple):
 
 
 def colour_classes(look, typical, min_depth=0.0):
-    """List of ColourClass that covers all values of a band, from a transparent one (where it has one) to "> limit"."""
+    """List of ColourClass for all values of a band, from a transparent class (if any) to "> limit"."""
     limits = class_limits(look, typical)
     floor = min_depth if look.shown == "depth" and min_depth < limits[0] else 0.0
     classes = [] if look.shown == "rate" else [ColourClass(floor, None, f"up to {floor:g} (not drawn)")]
@@ -162,7 +162,7 @@ def value_renderer(look, typical, min_depth, band):
 
 
 def _class_shader(look, typical, min_depth):
-    """`colorrampshader` of classes: each item is an upper bound, the last is infinite."""
+    """`colorrampshader` of classes: each item is an upper bound, the last one infinite."""
     classes = colour_classes(look, typical, min_depth)
     shader = node(
         "colorrampshader",
@@ -223,7 +223,7 @@ def _signed_shader(look, typical):
 
 
 def gradient(ramp):
-    """`colorramp` from which the user can edit the colours."""
+    """`colorramp` with which the user can edit the colours."""
     rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in ramp]
     stops = ":".join(f"{k / (len(ramp) - 1):.6g};{rgb[k]}" for k in range(1, len(ramp) - 1))
     values = {"color1": rgb[0], "color2": rgb[-1], "discrete": "0", "rampType": "gradient", "stops": stops}
@@ -237,7 +237,7 @@ def value_pipe(quantity, run, band):
 
 
 def hillshade_pipe():
-    """`pipe` of a terrain as a light hillshade from all around, so that colours over it stay readable."""
+    """`pipe` of a terrain as a light multidirectional hillshade, so that colours on top stay readable."""
     return node(
         "pipe",
         None,
@@ -262,12 +262,12 @@ def hillshade_pipe():
 
 
 def contour_interval(relief):
-    """Contour interval [m], a 1, 2 or 5, that makes 15 to 40 lines over `relief` [m]."""
+    """Contour interval [m] (1, 2 or 5 times a power of ten) with 15 to 40 lines over `relief` [m]."""
     return round_up(relief / 40.0)
 
 
 def contour_pipe(interval):
-    """`pipe` of a terrain as contour lines every `interval` [m], each fifth heavier."""
+    """`pipe` of a terrain as contour lines every `interval` [m], every fifth one thicker."""
     return node(
         "pipe",
         None,
@@ -291,7 +291,7 @@ def contour_pipe(interval):
 
 
 def _smooth_heights():
-    """`provider` part of a pipe that interpolates heights between cells: without it a near view is a staircase."""
+    """`provider` part of a pipe that interpolates heights between cells, for smooth display when zoomed in."""
     methods = {"zoomedInResamplingMethod": "cubic", "zoomedOutResamplingMethod": "bilinear"}
     return node("provider", None, node("resampling", {"enabled": "true", "maxOversampling": 2} | methods))
 
@@ -303,7 +303,7 @@ def _contour_symbol(name, width):
 
 
 def bands_over_time(clock):
-    """`temporal` of a stack: band k + 1 is shown from step k to the next (QGIS 3.38 and later)."""
+    """`temporal` of a stack: band k + 1 is visible from step k to the next (QGIS 3.38 and later)."""
     ranges = [
         node(
             "range",
@@ -315,7 +315,7 @@ def bands_over_time(clock):
 
 
 def one_step(clock, k):
-    """`temporal` of a layer that shows during step k only, a second clear of its neighbours (every QGIS)."""
+    """`temporal` of a layer that is visible during step k only, 1 s apart from other steps (all QGIS versions)."""
     start, end = clock.begins[k], clock.ends[k]
     fixed = node("fixedRange", None, node("start", text=stamp(start + 1)), node("end", text=stamp(end - 1)))
     return node("temporal", {"enabled": 1, "mode": 0, "fetchMode": 0}, fixed)
@@ -329,10 +329,10 @@ def style_document(pipe, temporal=None):
 
 
 def write_styles(run):
-    """Write a .qml beside each raster of `run`: steps, maxima, deposit, stacks and terrain.
+    """Write a .qml next to each raster of `run`: steps, maxima, deposit, stacks and terrain.
 
-    A step shows its first band, the maxima and the deposit theirs; all bands of a kind share the run's limits. QGIS
-    forgets the times in a style that it loads by itself; they are there for its Load Style.
+    Each raster shows its first band; all bands of a kind have the limits of the run. QGIS ignores times in a style
+    that it loads automatically; they are for Load Style.
     """
     clock = Clock.of(run.times)
     step = style_document(value_pipe(run.step_bands[0], run, 1))
@@ -347,5 +347,5 @@ def write_styles(run):
 
 
 def write_sidecar(run, file, text):
-    """A style beside one of the run's files."""
+    """Write a style next to one of the run's files."""
     (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8", newline="\n")

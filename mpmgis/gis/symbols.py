@@ -14,7 +14,7 @@ RELEASE = ("0,70,200,255", 0.6, "solid")
 
 
 def outline_renderer(pen):
-    """`renderer-v2` of a hollow polygon: `pen` is its colour, width [mm] and line style."""
+    """`renderer-v2` of a polygon without fill; `pen`: colour, width [mm] and line style."""
     symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
     return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
 
@@ -22,7 +22,7 @@ def outline_renderer(pen):
 def speed_renderer(run):
     """`renderer-v2` of points by their attribute `speed`, in the classes and colours of the speed rasters.
 
-    By rules, because the checker that people run over projects takes each `range` element for one of time.
+    With rules, because a common project checker treats every `range` element as a time range.
     """
     classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
     lower, rules = None, []
@@ -35,7 +35,7 @@ def speed_renderer(run):
 
 
 def class_renderer(attribute, classes):
-    """`renderer-v2` of polygons by the whole numbers in `attribute`: `classes` are (number, label, colour #rrggbb)."""
+    """`renderer-v2` of polygons by the integers in `attribute`; `classes` are (number, label, colour #rrggbb)."""
     return _rule_renderer(
         attribute,
         [(f'"{attribute}" = {number}', label, _filled(k, colour)) for k, (number, label, colour) in enumerate(classes)],
@@ -43,7 +43,7 @@ def class_renderer(attribute, classes):
 
 
 def _rule_renderer(key, rules):
-    """A renderer of (filter, label, symbol) rules; symbols are named by their number."""
+    """A renderer of rules (filter, label, symbol); symbols are named by number."""
     entries = [
         node("rule", {"key": f"{key}_{k}", "filter": condition, "symbol": k, "label": label})
         for k, (condition, label, _) in enumerate(rules)
@@ -57,7 +57,7 @@ def _rule_renderer(key, rules):
 
 
 def feature_times():
-    """`temporal` of a vector layer whose features each show from `t_qgis` to `t_qgis_end`."""
+    """`temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
     return node(
         "temporal",
         {
@@ -75,7 +75,7 @@ def feature_times():
 
 
 def vector_style_document(renderer, geometry):
-    """Text of a style for a vector layer; `geometry` is QGIS' number of its type: 0 points, 2 polygons."""
+    """Text of a style for a vector layer; `geometry` is the QGIS type number: 0 points, 2 polygons."""
     return qgis_document(
         node(
             "qgis",
@@ -97,8 +97,8 @@ def _line(colour, width, style):
 
 
 def _filled(name, colour):
-    fill = {"color": f"{_rgb(colour)},255", "style": "solid", "outline_style": "solid", "outline_color": "40,40,40,255",
-            "outline_width": 0.15, "outline_width_unit": "MM", "joinstyle": "round"}  # fmt: skip
+    fill = {"color": f"{_rgb(colour)},255", "style": "solid", "outline_style": "solid"}
+    fill |= {"outline_color": "40,40,40,255", "outline_width": 0.15, "outline_width_unit": "MM", "joinstyle": "round"}
     layer = node("layer", {"class": "SimpleFill", "enabled": 1, "pass": 0, "locked": 0}, *options(fill))
     return node("symbol", {"type": "fill", "name": name, "alpha": 0.8}, layer)
 
@@ -123,12 +123,12 @@ def _dot(name, colour):
 
 
 def write_layer_styles(path, styles):
-    """Add the table from which QGIS takes a layer's default style: `styles` has a style's text for each layer.
+    """Add the table of default layer styles for QGIS; `styles` has the style text of each layer.
 
     Raises
     ------
     OutputError
-        It cannot be written.
+        The table cannot be written.
     """
     if not styles:
         return

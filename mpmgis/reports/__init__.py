@@ -1,1 +1,1 @@
-"""Plots, maps, tables and pages for people to read; facts about any file."""
+"""Plots, maps, tables and HTML pages; facts about files for `mpmgis info`."""

@@ -1,4 +1,4 @@
-"""One band of a result as a map over the hillshade, as PNG."""
+"""PNG map of one band of a result over a hillshade."""
 
 import numpy as np
 
@@ -20,19 +20,19 @@ DOTS_PER_INCH = 100
 
 
 def write_band_map(path, terrain, grid, values, band, title="", release=None, min_depth=0.05):
-    """Write a PNG map of a band in the classes that QGIS shows it in.
+    """Write a PNG map of a band, with the same classes as in QGIS.
 
     Parameters
     ----------
     path : Path
     terrain : Terrain
-        Shaded, and the frame of what is shown.
+        For the hillshade; its extent limits the map.
     grid : Grid
         North-up, of `values`.
     values : float[rows, columns]
-        NaN where the flow never was.
+        NaN without flow.
     band : str or Look
-        Key of LOOKS, or how it looks.
+        Key of LOOKS, or a Look.
     title : str
     release : sequence of shapely polygons, optional
     min_depth : float [m]

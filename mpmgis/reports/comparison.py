@@ -1,4 +1,4 @@
-"""A comparison as table, GeoTIFF and map."""
+"""Table, GeoTIFF and map of a comparison."""
 
 import math
 import textwrap
@@ -30,7 +30,7 @@ CLASSES = {1: "only A", 2: "only B", 3: "both"}
 
 
 def write_table(path, found):
-    """Write the numbers of a Comparison as CSV in SI units, an empty cell where there is no number."""
+    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty."""
     names = ("name", "", *(side.name for side in found.sides), "", "")
     rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
     common = [(quantity, unit, "", "", "", value) for quantity, unit, value in found.common_rows()]
@@ -38,23 +38,23 @@ def write_table(path, found):
 
 
 def class_numbers(first, second):
-    """uint8[rows, columns]: 1 only the first mask, 2 only the second, 3 both, 0 none."""
+    """uint8[rows, columns]: 1 first mask only, 2 second only, 3 both, 0 none."""
     return first.astype(np.uint8) + 2 * second.astype(np.uint8)
 
 
 def write_classes(path, grid, first, second, values, band):
-    """Write a GeoTIFF of who flowed where, with both sides' values and their difference where both are known.
+    """Write a GeoTIFF of footprint classes, values of both sides and their difference where both are known.
 
     Parameters
     ----------
     path : Path
     grid : Grid
-        Of all arrays; one that is not north-up is written as the nearest cells of one that is.
+        Grid of all arrays; if not north-up it is resampled (nearest cell) to a north-up grid.
     first, second : bool[rows, columns]
     values : (float[rows, columns], float[rows, columns])
-        Each side's own, NaN where there is none; an outline's is None.
+        Values of each side, NaN if missing; None for an outline.
     band : Quantity
-        What the values are.
+        Quantity of the values.
     """
     flat = upright(grid)
     numbers = class_numbers(first, second).astype(float)
@@ -69,18 +69,18 @@ def write_classes(path, grid, first, second, values, band):
     write_geotiff(path, flat, on_flat, {"class": meaning})
 
 
-ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # told apart by colour-blind eyes and in grey
+ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
 OPACITY = 0.8
 LINE_COLOUR = "#101010"
 SQUARE_METRES_PER_HECTARE = 1e4
-LEGEND_LETTERS = 30  # of a name before it is broken
+LEGEND_LETTERS = 30  # per line
 
 
 class MapSide(NamedTuple):
-    """One side of the map: its `name`, `mask` bool[rows, columns], the area [m2] that it covers `alone`, its runout.
+    """One side of the map: `name`, `mask` bool[rows, columns], area [m2] that it covers `alone`, runout.
 
-    `farthest` is the farthest place along the line, `runout` [m] the distance to it from the highest place of the flow
-    (NaN: not known).
+    `farthest` is the farthest point along the line, `runout` [m] its distance from the highest point of the flow
+    (NaN: unknown).
     """
 
     name: str
@@ -91,19 +91,19 @@ class MapSide(NamedTuple):
 
 
 def write_comparison_map(path, terrain, grid, sides, both_area, line=None, title=""):
-    """Write the PNG; it appears whole or not at all.
+    """Write the PNG (atomically).
 
     Parameters
     ----------
     path : Path
     terrain : Terrain or None
-        Shaded under the footprints, in their CRS; None: plain ground.
+        Hillshade below the footprints, in their CRS; None: no hillshade.
     grid : Grid
-        Of the masks.
+        Grid of the masks.
     sides : (MapSide, MapSide)
     both_area : float [m2]
     line : float[n, 2] [m], optional
-        Along which runout was read.
+        Line along which the runout is measured.
     title : str
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -131,7 +131,7 @@ def write_comparison_map(path, terrain, grid, sides, both_area, line=None, title
 
 
 def _as_far_as_reached(line, sides):
-    """The line to where the farther side came, cut or continued straight; None where there is no runout."""
+    """The line up to the larger runout of both sides, cut or extended straight; None without a runout."""
     reached = [side.farthest.distance for side in sides if side.farthest is not None]
     return None if line is None or max(reached, default=0.0) <= 0 else up_to(line, max(reached))
 
@@ -175,13 +175,11 @@ def _draw_legend(axes, sides, both_area, has_line, interval):
         )
     ]
     if has_line:
-        entries.append(
-            Line2D([], [], color=LINE_COLOUR, linestyle=(0, (5, 2)), linewidth=1.2, label="line of the runout")
-        )
+        entries.append(Line2D([], [], color=LINE_COLOUR, linestyle=(0, (5, 2)), linewidth=1.2, label="runout line"))
     for side, colour, marker in zip(sides, (ONLY_FIRST, ONLY_SECOND), ("^", "v"), strict=True):
         if side.farthest is not None:
             known = math.isfinite(side.runout)
-            label = f"runout of {side.name}" if known else f"farthest place of {side.name} along the line"
+            label = f"runout of {side.name}" if known else f"farthest point of {side.name} along the line"
             text = f"{_wrapped(label)}\n{side.runout if known else side.farthest.distance:.0f} m"
             entries.append(Line2D([], [], color=colour, marker=marker, linestyle="", markersize=7, label=text))
     if interval:

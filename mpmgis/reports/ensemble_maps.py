@@ -1,4 +1,4 @@
-"""What many runs say, as a folder for GIS: rasters of statistics with styles, a QGIS project, a picture."""
+"""Maps of an ensemble for GIS: rasters of statistics with styles, a QGIS project, a picture."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -18,24 +18,24 @@ from .band_map import write_band_map
 
 TERRAIN_FILE = "dtm.tif"
 TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
-MARGIN = 0.08  # around what was reached, of its longer side
+MARGIN = 0.08  # around the flow, as a share of its longer side
 
 
 @dataclass(frozen=True)
 class EnsembleMaps:
-    """The rasters of an ensemble, as they lie in `folder`, which is in the making.
+    """The rasters of an ensemble in `folder` while it is written.
 
     Parameters
     ----------
     folder : Path
     name : str
-        With which its files begin.
+        Prefix of its files.
     grid : Grid
     extent : (int, int, int, int) or None
         First and one past the last row, first and one past the last column that any member reached.
     min_depth : float [m]
-    bands : dict of str to list of studies.statistics.Band
-        By name of a raster.
+    bands : dict of str to list of experiments.statistics.Band
+        By raster name.
     """
 
     folder: Path
@@ -61,7 +61,7 @@ class EnsembleMaps:
         return f"rasters/{self.name}_{raster}.tif"
 
     def read(self, raster, number):
-        """float32[rows, columns] of band `number`, from 0, within `window`; NaN where there is no data."""
+        """float32[rows, columns] of band `number`, from 0, within `window`; NaN for nodata."""
         return self._read(self.file(raster), number)
 
     def read_terrain(self):
@@ -77,7 +77,7 @@ class EnsembleMaps:
 
     @property
     def window(self):
-        """The extent, or the whole grid where no member reached any cell."""
+        """The extent, or the whole grid without flow."""
         return self.extent or (0, self.grid.shape[0], 0, self.grid.shape[1])
 
     @cached_property
@@ -88,7 +88,7 @@ class EnsembleMaps:
 
     @cached_property
     def typical(self):
-        """Size that the values of each band reach, by name: all statistics of a quantity share their colours."""
+        """Typical size of the values by band name; all statistics of a quantity have the same colours."""
         made = {band.quantity.name: 1.0 for band in self.bands[PROBABILITY]}
         for name in (*PEAKS, ARRIVAL):
             widest = "smallest" if name == ARRIVAL else "largest"
@@ -112,17 +112,17 @@ def write_maps(maps, stack, terrain, tags, release, title):
     release : list of shapely polygons
         May be empty.
     title : str
-        Of the picture.
+        Title of the picture.
     """
     (maps.folder / "rasters").mkdir()
     for raster, bands in maps.bands.items():
         sources = list(dict.fromkeys(band.source for band in bands))
         compute = partial(statistics, bands)
         quantities = [band.quantity for band in bands]
-        write_rows(maps.folder / maps.file(raster), maps.grid, quantities, tags | {"product": raster},
-                   stack.rows_of(len(bands), sources, compute))  # fmt: skip
-    write_rows(maps.folder / TERRAIN_FILE, maps.grid, [TERRAIN_BAND], {}, lambda _, first, last: terrain.rows_on(
-        maps.grid, first, last))  # fmt: skip
+        rows = stack.rows_of(len(bands), sources, compute)
+        write_rows(maps.folder / maps.file(raster), maps.grid, quantities, tags | {"product": raster}, rows)
+    heights = lambda _, first, last: terrain.rows_on(maps.grid, first, last)  # noqa: E731
+    write_rows(maps.folder / TERRAIN_FILE, maps.grid, [TERRAIN_BAND], {}, heights)
     for raster, bands in maps.bands.items():
         write_sidecar(maps, maps.file(raster), style_document(value_pipe(bands[0].quantity, maps, 1)))
     write_sidecar(maps, TERRAIN_FILE, style_document(hillshade_pipe()))
@@ -150,7 +150,7 @@ def _view(maps):
 
 
 def _write_picture(maps, terrain, release, title):
-    """A PNG of the first threshold's probability, or where there is none of the arrival's, over a hillshade."""
+    """A PNG of the probability of the first threshold, or of arrival without thresholds, over a hillshade."""
     values, quantity = maps.read(PROBABILITY, 0), maps.bands[PROBABILITY][0].quantity
     look = look_of(quantity)
     look = look._replace(words=look.words.replace(" that the ", "\nthat the ").replace(" is at ", "\nis at "))

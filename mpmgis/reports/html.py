@@ -8,7 +8,7 @@ from ..io.atomic import whole_file
 
 
 class Table(NamedTuple):
-    """Rows of texts under `headings`; the first column says what a row is of."""
+    """Rows of texts under `headings`; the first column is the row label."""
 
     headings: tuple
     rows: tuple
@@ -22,13 +22,13 @@ class Picture(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Lines of text, each a point of its own."""
+    """Lines of text, as a bullet list."""
 
     texts: tuple
 
 
 class Source(NamedTuple):
-    """Text that is shown as it is, as in a file."""
+    """Preformatted text."""
 
     text: str
 
@@ -41,12 +41,12 @@ class Section(NamedTuple):
 
 
 def section(title, *blocks):
-    """A Section of the blocks that hold anything."""
+    """A Section of the blocks that are not empty."""
     return Section(title, tuple(block for block in blocks if block is not None and any(block)))
 
 
 def figure_rows(facts):
-    """Table rows of (what, value, unit) with numbers in five digits; those without a number are left out."""
+    """Table rows of (name, value, unit) with numbers in five digits; rows without a value are omitted."""
     return tuple((what, _text(value), unit) for what, value, unit in facts if value == value and value is not None)
 
 
@@ -72,7 +72,7 @@ td, li { overflow-wrap: anywhere; }
 
 
 def write_report(path, title, under, sections, language="en"):
-    """Write the report; it appears whole or not at all.
+    """Write the report (atomically).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Facts about any file or folder of the processing chain, for `mpmgis info`.
 
-Facts are a dictionary of numbers, strings, lists and dictionaries, SI throughout; `kind` says which of the functions
-here made them. A file is known by what is in it; its suffix only decides whom to ask first.
+Facts are a dictionary of numbers, strings, lists and dictionaries, in SI units; `kind` names the type of file. The
+type is detected from the contents; the suffix only decides which reader is tried first.
 """
 
 import json
@@ -32,17 +32,17 @@ from .inspect_maps import project_facts, raster_facts, vector_facts
 from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
 
 README = "README.txt"
-CLOSE = 1e-6  # of the mass that README.txt tells
+CLOSE = 1e-6  # relative tolerance of the mass in README.txt
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
 
 
 def start_facts(folder):
-    """Facts about what a solver starts from in `folder`; None where it is no such folder.
+    """Facts about the start files of a solver in `folder`; None if it is not such a folder.
 
     Raises
     ------
     FormatError
-        Its files are damaged, or not as README.txt tells.
+        Its files are damaged, or differ from README.txt.
     """
     folder = Path(folder)
     written = _WRITTEN.match(_first_line(folder / README))
@@ -51,12 +51,12 @@ def start_facts(folder):
         return None
     terms = read_sidecar(folder / SUFFIX)
     facts = _of_series(folder) if solver.finish is not None else _read_back(folder, solver, terms)
-    told = int(written[1]), float(written[2])
+    expected = int(written[1]), float(written[2])
     found = facts.pop("first_n", facts["n"]), facts.pop("first_mass", facts["mass"])
-    if found[0] != told[0] or not np.isclose(found[1], told[1], rtol=CLOSE, atol=0):
+    if found[0] != expected[0] or not np.isclose(found[1], expected[1], rtol=CLOSE, atol=0):
         raise FormatError(
-            f"{folder} holds {found[0]} points of {found[1]:.9g} kg, but its {README} tells of {told[0]} of "
-            f"{told[1]:.9g} kg; it was changed, write it anew"
+            f"{folder} has {found[0]} points with {found[1]:.9g} kg, expected {expected[0]} with {expected[1]:.9g} kg "
+            f"({README}); it was changed, write it again"
         )
     return {
         "kind": f"start of {solver.title}",
@@ -82,10 +82,10 @@ def _first_line(path):
 
 
 def _of_series(folder):
-    """Number, mass and place of the frames of points in a folder."""
+    """Number, mass and bounds of the frames of points in a folder."""
     reader, files = foreign_files(folder)
     if not files:
-        raise FormatError(f"{folder} holds no points any more; write it anew")
+        raise FormatError(f"{folder} has no points; write it again")
     facts = foreign_facts(files, reader, ForeignTerms())
     names = ("frames", "first_time", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed", "series", "lost")
     first = (facts.get("series") or [facts])[0]
@@ -94,7 +94,7 @@ def _of_series(folder):
 
 
 def _read_back(folder, solver, terms):
-    """Number, mass and place of the points that a solver's files hold."""
+    """Number, mass and bounds of the points in a solver's files."""
     try:
         place, volume = solver.read_back(folder, 0)
         low, high = place.min(axis=0) + terms.origin, place.max(axis=0) + terms.origin
@@ -111,11 +111,11 @@ def _read_back(folder, solver, terms):
     }
 
 
-LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read through to see whether they were changed
+LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
 def inspect(path, terms=None):
-    """Facts about the file or folder at `path`; `terms` (ForeignTerms) is what is said about another code's files.
+    """Facts about the file or folder at `path`; `terms` (ForeignTerms): user declarations for files of other codes.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def inspect(path, terms=None):
     Raises
     ------
     FormatError
-        Missing, empty, damaged, or nothing of this chain.
+        Missing, empty, damaged, or of an unknown type.
     """
     path, terms = Path(path), terms or ForeignTerms()
     return _plain(_facts(path, terms))
@@ -142,13 +142,13 @@ def _facts(path, terms):
     foreign = reader_of(path, terms.reader, lenient=bool(terms.columns) or find_sidecar(path) is not None)
     if foreign != OWN:
         return {"file": str(path), "bytes": path.stat().st_size, **foreign_facts([path], foreign, terms)}
-    _refuse_idle(path, terms)
+    _reject_unused(path, terms)
     known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
     return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
 
 
 def _plain(value):
-    """`value` in what JSON can hold: no arrays, no bytes, and words for numbers that are not finite."""
+    """`value` for JSON: without arrays and bytes, and non-finite numbers as text."""
     if isinstance(value, dict):
         return {str(name): _plain(entry) for name, entry in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -160,44 +160,44 @@ def _plain(value):
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _refuse_idle(path, terms):
-    idle = terms.only_for_foreign()
-    if idle:
-        raise InputError(f"{path} is no particle file of another code, which {', '.join(idle)} is about; leave it out")
+def _reject_unused(path, terms):
+    unused = terms.only_for_foreign()
+    if unused:
+        raise InputError(f"{path} is not a particle file of another code; {', '.join(unused)} requires one; omit it")
 
 
 def _folder_facts(path, terms):
-    """A folder of frames, ours or another code's, or one that `export-raster`, `ensemble` or `--for` wrote."""
+    """Facts about a folder: frames of any code, or written by `export-raster`, `ensemble` or `--for`."""
     ensemble = read_ensemble_record(path)
     if ensemble is not None:
-        _refuse_idle(path, terms)
+        _reject_unused(path, terms)
         return _ensemble_facts(path, ensemble)
     start = start_facts(path)
     if start is not None:
-        _refuse_idle(path, terms)
+        _reject_unused(path, terms)
         return start
     frames = sorted(path.glob(FRAME_PATTERN)) or sorted(path.glob("*.h5"))
     if any(reader_of(frame) == OWN for frame in frames):
-        _refuse_idle(path, terms)
+        _reject_unused(path, terms)
         return _results_facts(path, frames)
     reader, files = foreign_files(path, terms.reader)
     if files:
         return foreign_facts(files, reader, terms)
-    _refuse_idle(path, terms)
+    _reject_unused(path, terms)
     projects = sorted([*path.glob("*.qgz"), *path.glob("*.qgs")])
     rasters = sorted((path / "rasters").glob("*.tif")) + sorted((path / "rasters").glob("*.vrt"))
     if projects or rasters:
         return _export_facts(path, projects, rasters)
-    raise FormatError(f"{path} holds neither frames (*.h5) nor an export (rasters/, *.qgz); name a file in it")
+    raise FormatError(f"{path} has neither frames (*.h5) nor an export (rasters/, *.qgz); name a file in it")
 
 
 def _ensemble_facts(path, record):
-    """What varies in an ensemble, how far it is, and where its maps are."""
-    asked = record.get("plan") if isinstance(record.get("plan"), dict) else {}
-    told = {key: asked.get(key) for key in ("sampling", "samples", "seed", "vary", "exceed", "percentiles")}
+    """Plan, state and maps of an ensemble."""
+    plan = record.get("plan") if isinstance(record.get("plan"), dict) else {}
+    facts = {key: plan.get(key) for key in ("sampling", "samples", "seed", "vary", "exceed", "percentiles")}
     maps = sorted(file.name for file in (path / MAPS).glob("rasters/*.tif"))
-    told |= {"members": record.get("members"), "maps": maps, "plan_digest": record.get("digest")}
-    known = {key: value for key, value in told.items() if value not in (None, [], {})}
+    facts |= {"members": record.get("members"), "maps": maps, "plan_digest": record.get("digest")}
+    known = {key: value for key, value in facts.items() if value not in (None, [], {})}
     return {"kind": "ensemble", "state": str(record.get("state", "unknown")), **known}
 
 
@@ -222,7 +222,7 @@ def _results_facts(path, frames):
 
 
 def _digest_facts(frames, record):
-    """The digest of a run's result and whether its frames still have it; nothing where it has none."""
+    """The digest of a run's result and its check against the frames; {} without a digest."""
     recorded, size = record.get("result_digest") or "", sum(frame.stat().st_size for frame in frames)
     if size > LARGEST_CHECKED_RESULT:
         found = f"not checked, {size / 1e9:.0f} GB"
@@ -255,16 +255,16 @@ def _read_json(path):
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is no valid JSON ({one_line(error)[:80]})") from error
+        raise FormatError(f"{path} is not valid JSON ({one_line(error)[:80]})") from error
 
 
 def _json_facts(path):
-    """`run.json`, particles, or GeoJSON."""
+    """Facts about `run.json`, particles, or GeoJSON."""
     content = _read_json(path)
     if isinstance(content, dict) and content.get("format") == "mpmgis-run":
         version = content.get("format_version")
         if not isinstance(version, int) or version > 1:
-            raise FormatError(f"{path}: format version {version!r}, this mpmgis reads up to 1; update mpmgis")
+            raise FormatError(f"{path}: format version {version!r}, expected at most 1; update mpmgis")
         return {"kind": "run record", **{name: value for name, value in content.items() if name != "scene"}}
     if isinstance(content, dict) and content.get("format") == SIDECAR_FORMAT:
         return _sidecar_facts(path)
@@ -274,30 +274,30 @@ def _json_facts(path):
 
 
 def _sidecar_facts(path):
-    """What is told about another code's files beside it."""
-    said = vars(read_sidecar(path))
-    told = {name: value for name, value in said.items() if value not in (None, ()) and name not in ("crs", "columns")}
-    crs, columns = said["crs"], dict(said["columns"])
-    return {"kind": "georeference", "crs": name_of(crs) if crs is not None else None, **told, "columns": columns}
+    """Facts about a sidecar with declarations for files of other codes."""
+    terms = vars(read_sidecar(path))
+    set_terms = {k: v for k, v in terms.items() if v not in (None, ()) and k not in ("crs", "columns")}
+    crs, columns = terms["crs"], dict(terms["columns"])
+    return {"kind": "georeference", "crs": name_of(crs) if crs is not None else None, **set_terms, "columns": columns}
 
 
 def _toml_facts(path):
-    """A scene, with whether the files that it names are there."""
+    """Facts about a scene, and whether its files exist."""
     scene = read_scene(path)
     there = {name: scene.path(name.split("|")[0]).exists() for name in scene.files()}
     return {"kind": "scene", **scene.as_tables(), "files": there}
 
 
 def _style_facts(path):
-    """A QGIS style: of a raster or vector layer, how it draws, and its classes."""
+    """Facts about a QGIS style: layer type, renderer and classes."""
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
-        raise FormatError(f"{path} is no readable QGIS style ({one_line(error)[:80]})") from error
+        raise FormatError(f"{path} is not a readable QGIS style ({one_line(error)[:80]})") from error
     renderers = {"raster": root.find("pipe/rasterrenderer"), "vector": root.find("renderer-v2")}
     layer = next((name for name, renderer in renderers.items() if renderer is not None), None)
     if root.tag != "qgis" or (layer is None and not root.get("styleCategories")):
-        raise FormatError(f"{path} is no QGIS style: it holds <{root.tag}> without a renderer")
+        raise FormatError(f"{path} is not a QGIS style: it has <{root.tag}> without a renderer")
     renderer = renderers.get(layer)
     facts = {"kind": "QGIS style", "qgis": root.get("version", ""), "layer": layer}
     if renderer is not None:
@@ -307,11 +307,11 @@ def _style_facts(path):
 
 
 def _mesh_facts(path):
-    """A NetCDF file: its dimensions, variables and, for a mesh, its times."""
+    """Facts about a NetCDF file: dimensions, variables and times."""
     try:
         _require_own_values(path)
         with netCDF4.Dataset(path) as data:
-            time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated, beside the clock of QGIS
+            time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated; time: stretched for QGIS
             times = [float(time[0]), float(time[-1])] if time is not None and time.size else []
             return {
                 "kind": "mesh",
@@ -321,11 +321,11 @@ def _mesh_facts(path):
                 "variables": {name: str(getattr(values, "units", "")) for name, values in data.variables.items()},
             }
     except (OSError, RuntimeError) as error:
-        raise FormatError(f"{path} is no readable NetCDF file ({one_line(error)[:80]})") from error
+        raise FormatError(f"{path} is not a readable NetCDF file ({one_line(error)[:80]})") from error
 
 
 def _require_own_values(path):
-    """Refuse a NetCDF file in HDF5 whose values lie in other files, or whose times are in pieces beyond memory."""
+    """Reject a NetCDF-4 file with external data, or with time chunks larger than memory."""
     if head_of(path).startswith(MAGIC):
         with opened_whole(path) as file:
             for name in ("t_s", "time"):
@@ -334,7 +334,7 @@ def _require_own_values(path):
 
 
 def _map_facts(path):
-    """A vector file or a raster; where neither opens, the error says so."""
+    """Facts about a vector file or a raster."""
     try:
         return vector_facts(path)
     except FormatError as no_vector:
@@ -342,7 +342,7 @@ def _map_facts(path):
             return raster_facts(path)
         except MpmgisError:
             raise FormatError(
-                f"{path} is no file of this chain: neither particles nor a scene nor a map that GDAL reads"
+                f"{path}: unknown file type: neither particles nor a scene nor a map that GDAL reads"
             ) from no_vector
 
 

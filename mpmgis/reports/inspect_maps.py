@@ -32,19 +32,19 @@ def project_facts(path):
     Raises
     ------
     FormatError
-        No project, damaged, larger than any project.
+        Not a project, damaged, or too large.
     """
     path, found = Path(path), _Project()
     try:
         for part in _xml(path):
             found.parser.feed(part)
             if len(found.layers) > MOST_LAYERS:
-                raise FormatError(f"{path} has more than {MOST_LAYERS} layers; it is no project that QGIS opens")
+                raise FormatError(f"{path} has more than {MOST_LAYERS} layers; it is not a project that QGIS opens")
         found.parser.close()
     except ElementTree.ParseError as error:
-        raise FormatError(f"{path} is no readable QGIS project ({one_line(error)[:80]})") from error
+        raise FormatError(f"{path} is not a readable QGIS project ({one_line(error)[:80]})") from error
     if found.root != "qgis":
-        raise FormatError(f"{path} is no QGIS project: its root is <{one_line(found.root)[:40]}>, wanted <qgis>")
+        raise FormatError(f"{path} is not a QGIS project: its root is <{one_line(found.root)[:40]}>, expected <qgis>")
     return {"kind": "QGIS project", "qgis": found.version, "crs": found.crs or None, "layers": found.layers}
 
 
@@ -59,14 +59,14 @@ def _xml(path):
     with opened_zip(path, "QGIS project") as archive:
         inner = next((member for member in archive.infolist() if member.filename.endswith(".qgs")), None)
         if inner is None:
-            raise FormatError(f"{path} holds no .qgs, it is no QGIS project")
+            raise FormatError(f"{path} has no .qgs, it is not a QGIS project")
         require_unpacked(f"{path}: {one_line(inner.filename)[:80]}", inner.file_size, LARGEST_PROJECT)
         with archive.open(inner) as file:
             yield from iter(lambda: file.read(_AT_ONCE), b"")
 
 
 class _Project:
-    """What is wanted of a project, filled by the parser as it comes by; nothing else is kept."""
+    """Parser target that keeps only the facts of a project."""
 
     def __init__(self):
         self.root = self.version = self.crs = ""
@@ -100,10 +100,10 @@ class _Project:
         self._path.pop()
 
     def close(self):
-        """The end of the file; what was found is in the attributes."""
+        """End of the file."""
 
 
-LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger ones are described without being read as a DTM
+LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a DTM
 TAG_NAMESPACE = "mpmgis"
 
 
@@ -121,7 +121,7 @@ def raster_facts(path, values=True):
         with np.errstate(over="ignore", invalid="ignore"):
             on_a_map = np.isfinite(grid.corners()).all()
         if not on_a_map:
-            raise FormatError(f"{path}: its corners lie at no finite coordinates; georeference it anew")
+            raise FormatError(f"{path}: invalid georeference (corners are not finite); set it again")
         facts = {
             "kind": "raster",
             "driver": source.driver,
@@ -145,7 +145,7 @@ def _orientation(transform):
 
 
 def _crs_facts(given):
-    """Short name of a CRS and the unit of its coordinates; both None where there is none or PROJ cannot read it."""
+    """Short name of a CRS and the unit of its coordinates; both None without a CRS or if PROJ cannot read it."""
     try:
         crs = pyproj.CRS.from_user_input(given) if given else None
     except pyproj.exceptions.CRSError:
@@ -175,7 +175,7 @@ def _band_facts(path, source, band, values):
             block = block[np.isfinite(block)]
             if block.size:
                 low, high, valid = min(low, block.min()), max(high, block.max()), valid + block.size
-    except Exception as error:  # rasterio, GDAL and NumPy each have their own kinds for a damaged block
+    except Exception as error:  # rasterio, GDAL and NumPy raise different types for a damaged block
         raise FormatError(f"{path} is damaged: band {band} cannot be read ({one_line(error)[:100]})") from error
     return facts | {
         "min": float(low) if valid else None,
@@ -185,7 +185,7 @@ def _band_facts(path, source, band, values):
 
 
 def _as_terrain(path):
-    """'usable', or why not and what to do, in the words of the commands that would refuse it."""
+    """'usable', or the error message of the commands that would reject it."""
     try:
         read_terrain(path)
     except MpmgisError as error:
@@ -194,7 +194,7 @@ def _as_terrain(path):
 
 
 def vector_facts(path):
-    """Facts about a vector file, or about particles where that is what its points are.
+    """Facts about a vector file, or about particles if its points are particles.
 
     Raises
     ------
@@ -208,9 +208,9 @@ def vector_facts(path):
             layers = list(_layers(path))
         except MpmgisError:
             raise
-        except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
+        except Exception as error:  # GDAL, Arrow and pandas raise different types
             reason = one_line(error).replace(str(path), path.name).split(";")[0][:120]
-            raise FormatError(f"{path} is no vector file that GDAL reads ({reason})") from error
+            raise FormatError(f"{path} is not a vector file that GDAL reads ({reason})") from error
     if len(layers) == 1 and is_particle_layer(layers[0][1]):
         return particle_table_facts(path)
     return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
@@ -228,7 +228,7 @@ def _layers(path):
 
 
 def _layer_facts(name, frame):
-    """Geometry, columns, place and, for polygons, area and thickness of one layer."""
+    """Geometry, columns, bounds and, for polygons, area and thickness of one layer."""
     facts = {"name": name, "features": len(frame), "columns": [str(c) for c in frame.columns]}
     if not isinstance(frame, geopandas.GeoDataFrame):
         return facts | {"geometry": None}

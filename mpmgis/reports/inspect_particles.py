@@ -1,4 +1,4 @@
-"""Facts about particle files: how many, when, where, how heavy, how fast."""
+"""Facts about particle files: number, time, bounds, mass, speed."""
 
 import json
 import re
@@ -22,10 +22,10 @@ from ..io.hdf5 import opened_whole
 from ..peaks import largest_peaks
 from ..terrain.georeference import name_of
 
-PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # of the solver's maxima: the name of the fact
-NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # columns of a table of particles
-LONGEST_HEAD = 100_000  # [bytes] of the line of names in a .csv
-MOST_FRAMES_READ = 12  # of another code's; of a longer series the first and the last
+PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # solver maxima: name of the fact
+NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # required columns of a particle table
+LONGEST_HEAD = 100_000  # [bytes] of the header line of a .csv
+MOST_FRAMES_READ = 12  # of another code; of longer series only the first and the last
 
 
 def frame_facts(path):
@@ -59,9 +59,9 @@ def frame_facts(path):
 
 
 def foreign_facts(paths, reader, terms):
-    """Facts about another code's files, with what `terms` (ForeignTerms) says besides; what nobody says is None.
+    """Facts about files of another code, with the user declarations `terms` (ForeignTerms); unknown facts are None.
 
-    Of several frames, in a file or in several: those of the last, and number and mass of each.
+    For several frames: facts of the last one, and number and mass of each.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def foreign_facts(paths, reader, terms):
     try:
         times = times_of(frames, terms)
     except InputError:
-        times = [None] * len(frames)  # --times of another number than there are frames here
+        times = [None] * len(frames)  # the number of --times differs from that of the frames
     series = sorted(zip(frames, times, strict=True), key=lambda entry: series_place(entry[0]))
     if len(series) == 1:
         return {"kind": "particles", **_foreign_frame_facts(*series[0], reader, terms)}
@@ -83,7 +83,7 @@ def foreign_facts(paths, reader, terms):
         for (frame, _), some in zip(shown, read, strict=True)
     ]
     lost = max(some["n"] for some in read) - read[-1]["n"]
-    return facts | ({"lost": f"{lost} particles, between the fullest of these frames and the last"} if lost else {})
+    return facts | ({"lost": f"{lost} particles, between the largest of these frames and the last"} if lost else {})
 
 
 def _foreign_frame_facts(frame, time, reader, terms):
@@ -115,7 +115,7 @@ def _foreign_frame_facts(frame, time, reader, terms):
 
 
 def particle_facts(position, velocity, mass, volume):
-    """What any set of particles has: number, mass, volume, density, place and largest speed.
+    """Number, mass, volume, density, bounds and largest speed of particles.
 
     Parameters
     ----------
@@ -137,30 +137,27 @@ def particle_facts(position, velocity, mass, volume):
     }
 
 
-# ---------------------------------------------------------------------------- the tables of io/particle_files
-
-
 def is_particle_layer(table):
-    """True where a table of features holds particles: a place, a velocity, a mass."""
+    """True if a table of features has particles (position, velocity, mass)."""
     return set(NEEDED) <= set(table.columns)
 
 
 def particle_table_facts(path):
-    """Facts about a seed in a table: .csv, .json, .gpkg, .parquet or .vtp.
+    """Facts about a seed file: .csv, .json, .gpkg, .parquet or .vtp.
 
     Raises
     ------
     FormatError
-        Not readable, a column missing, or values that are not finite.
+        Not readable, missing columns, or non-finite values.
     """
     path = Path(path)
     try:
         columns, record = _TABLES[path.suffix.lower()](path)
     except MpmgisError:
         raise
-    except Exception as error:  # Arrow, GDAL, pandas and the XML parser each have their own kinds
+    except Exception as error:  # Arrow, GDAL, pandas and the XML parser raise different types
         reason = one_line(error).replace(str(path), path.name)[:100]
-        raise FormatError(f"{path} is no readable table of particles ({reason})") from error
+        raise FormatError(f"{path} is not a readable particle table ({reason})") from error
     values = {name: _numbers(path, columns, name) for name in NEEDED}
     facts = {
         "kind": "particles",
@@ -186,18 +183,18 @@ def particle_table_facts(path):
 
 
 def _numbers(path, columns, name):
-    """float64[n] of one column that must be there and finite."""
+    """float64[n] of one required, finite column."""
     if name not in columns:
-        raise FormatError(f"{path} is no table of particles: it has no column {name!r} (wanted {', '.join(NEEDED)})")
+        raise FormatError(f"{path} is not a particle table: it has no column {name!r} (expected {', '.join(NEEDED)})")
     try:
         values = np.asarray(columns[name], float)
     except (TypeError, ValueError) as error:
-        raise FormatError(f"{path}: column {name!r} holds {one_line(error)[:60]}, wanted numbers") from error
+        raise FormatError(f"{path}: column {name!r} has {one_line(error)[:60]}, expected numbers") from error
     if values.ndim != 1 or values.size == 0:
-        raise FormatError(f"{path}: column {name!r} holds no numbers, wanted one a particle")
+        raise FormatError(f"{path}: column {name!r} has no numbers, expected one per particle")
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise FormatError(f"{path}: column {name!r} holds {bad.size} NaN or infinite values, the first in row {bad[0]}")
+        raise FormatError(f"{path}: column {name!r} has {bad.size} NaN or infinite values, the first in row {bad[0]}")
     return values
 
 
@@ -213,11 +210,11 @@ def _csv_table(path):
         wrong = [name for name in numbers if not _is_read(read, name)]
         if len(wrong) == len(numbers):
             raise
-        raise FormatError(f"{path}: column {wrong[0]!r} holds something else than numbers") from None
+        raise FormatError(f"{path}: column {wrong[0]!r} has values that are not numbers") from None
 
 
 def _is_read(read, name):
-    """Whether a column alone can be read."""
+    """True if this column can be read."""
     try:
         read([name])
     except FormatError:
@@ -229,7 +226,7 @@ def _json_table(path):
     content = json.loads(path.read_text(encoding="utf-8"))
     columns = content.get("particles") if isinstance(content, dict) else None
     if not isinstance(columns, dict):
-        raise FormatError(f"{path} is no JSON of this chain: neither a run record nor particles nor GeoJSON")
+        raise FormatError(f"{path}: unknown JSON file: neither a run record nor particles nor GeoJSON")
     return columns, content.get("header", {})
 
 
@@ -245,7 +242,7 @@ def _parquet_table(path):
 
 @contextmanager
 def no_side_files():
-    """GDAL otherwise writes `.aux.xml` beside a GeoPackage with metadata that it only reads."""
+    """Prevents that GDAL writes `.aux.xml` next to a GeoPackage that is only read."""
     before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
     pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})
     try:
@@ -262,10 +259,10 @@ def _gpkg_table(path):
 
 
 def _vtp_table(path):
-    """Arrays of a VTK PolyData whose data are appended raw, as io/particle_files writes it."""
+    """Arrays of a VTK PolyData file with raw appended data, as written by mpmgis."""
     head, appended, data = path.read_bytes().partition(b'<AppendedData encoding="raw">')
     if not appended:
-        raise FormatError(f"{path} holds no raw appended data, wanted a .vtp that mpmgis wrote")
+        raise FormatError(f"{path} has no raw appended data, expected a .vtp written by mpmgis")
     root = ElementTree.fromstring(head + b"</VTKFile>")
     data = memoryview(data)[bytes(data[:100]).index(b"_") + 1 :]
     columns = {}

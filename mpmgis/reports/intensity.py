@@ -1,4 +1,4 @@
-"""Intensity classes of a guideline: its table, and the map, polygons and table of a result."""
+"""Guideline files, and the map, polygons and table of intensity classes."""
 
 import tomllib
 import warnings
@@ -23,12 +23,12 @@ SHIPPED = Path(__file__).with_name("guidelines.toml")
 
 
 def read_guidelines(own=None):
-    """Guideline by name: those of the shipped table, and of the file `own`, which replace them.
+    """Guidelines by name: of the shipped table, and of the file `own`, which have priority.
 
     Raises
     ------
     FormatError, InputError
-        The file is not there, no TOML, or no table of guidelines.
+        The file is missing, not TOML, or not a table of guidelines.
     """
     guidelines = parse_guidelines(_tables(SHIPPED), SHIPPED.name)
     return guidelines if own is None else guidelines | parse_guidelines(_tables(own), own)
@@ -41,7 +41,7 @@ def _tables(path):
     except FileNotFoundError:
         raise FormatError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
-        raise FormatError(f"{path} is no TOML that can be read ({one_line(error)[:100]})") from error
+        raise FormatError(f"{path} is not a readable TOML file ({one_line(error)[:100]})") from error
 
 
 def choose_guideline(name, own=None):
@@ -50,11 +50,11 @@ def choose_guideline(name, own=None):
     Raises
     ------
     FormatError, InputError
-        There is none; those that there are are named.
+        Unknown name; the message lists the known ones.
     """
     guidelines = read_guidelines(own)
     if name not in guidelines:
-        raise InputError(f"--guideline {name!r} is not known; there are {', '.join(guidelines)}")
+        raise InputError(f"--guideline {name!r} is unknown; choose from {', '.join(guidelines)}")
     return guidelines[name]
 
 
@@ -78,12 +78,12 @@ def write_class_raster(path, grid, numbers, guideline, tags):
         target.write_colormap(1, colours)
         target.colorinterp = [ColorInterp.palette]
         target.set_band_description(1, "intensity [1]")
-        told = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
-        target.update_tags(ns=NAMESPACE, **told, **meaning, **tags)
+        source = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
+        target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
 
 
 def write_class_style(path, guideline):
-    """Write the .qml with which QGIS shows the raster: a colour and a name for each class."""
+    """Write the .qml of the raster for QGIS: colour and name of each class."""
     entries = [
         node(
             "paletteEntry", {"value": k, "color": entry.colour, "alpha": 255, "label": f"{entry.name}: {entry.words()}"}
@@ -100,7 +100,7 @@ def write_class_style(path, guideline):
 
 
 def write_class_polygons(path, grid, numbers, guideline, areas):
-    """Write a GeoPackage with one multipolygon for each class that occurs, with its area [m2] in plan."""
+    """Write a GeoPackage with one multipolygon for each class that occurs, with its plan area [m2]."""
     rows = []
     for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1):
         outline = mask_outline(numbers == number, grid.transform)
@@ -114,7 +114,7 @@ def write_class_polygons(path, grid, numbers, guideline, areas):
     ]
     style = vector_style_document(class_renderer("class", classes), POLYGONS)
     with whole_file(path) as part, warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a local CRS is meant
+        warnings.simplefilter("ignore", UserWarning)  # a missing CRS is allowed
         table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
         write_layer_styles(part, {"intensity": style})
 

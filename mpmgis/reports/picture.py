@@ -1,4 +1,4 @@
-"""One picture of a run for people without a GIS at hand: a map with hillshade, largest speed, release and deposit."""
+"""Picture of a run for readers without a GIS: map with hillshade, largest speed, release and deposit."""
 
 import math
 
@@ -10,16 +10,16 @@ from ..gis.styles import LOOKS, colour_classes, contour_interval, round_up
 from ..io.atomic import whole_file
 from ..io.exported import TYPICAL_PERCENTILE
 
-PIXELS = 1100  # of the terrain's longer side
+PIXELS = 1100  # along the longer side of the terrain
 DOTS_PER_INCH = 150
 MAP_LONG_SIDE = 7.5  # [inch]
-ROOM_OF_A_LABEL = 0.7  # inches along its axis
+LABEL_WIDTH = 0.7  # [inch] along the axis
 LEGEND_WIDTH = 2.6  # [inch]
-MARGIN = 0.12  # around what is shown, as a share of its longer side
-SLIMMEST = 0.62  # shorter over longer side of the map
+MARGIN = 0.12  # around the flow, as a share of its longer side
+SLIMMEST = 0.62  # smallest ratio of the map sides
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
-GREYS = (0.58, 1.0)  # of the hillshade from its darkest to its lightest 2 %: light, so that colours over it stay clear
+GREYS = (0.58, 1.0)  # of the darkest and lightest 2 % of the hillshade; light, so that colours stay readable
 OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
@@ -30,20 +30,20 @@ def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, t
     Parameters
     ----------
     path : Path
-        The .png file; it appears whole or not at all.
+        The .png file, written atomically.
     terrain : Terrain
-        On any grid in the same CRS; it is sampled at the picture's own resolution.
+        On any grid in the same CRS; sampled at the resolution of the picture.
     grid : Grid
         North-up grid of the two rasters.
     speed_max : float[rows, columns] [m s-1]
-        Largest speed over the run, NaN where the flow never was.
+        Largest speed over the run, NaN without flow.
     deposit_depth : float[rows, columns] [m]
         Depth at the end.
     release : sequence of shapely polygons, optional
     title, credit : str
-        Above the map, and small print below it.
+        Above and below the map.
     min_depth : float [m]
-        Depth from which cells count as deposit.
+        Smallest depth of a deposit.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -70,9 +70,9 @@ def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, t
 
 
 def map_view(terrain, grid, flow, release=()):
-    """(west, south, east, north) [m] of the map: the flow and the release with a margin, within the terrain.
+    """(west, south, east, north) [m] of the map: flow and release with a margin, within the terrain.
 
-    `flow` is bool[rows, columns] on `grid`. A slim view is widened as far as the terrain goes.
+    `flow` is bool[rows, columns] on `grid`. A narrow view is widened within the terrain.
     """
     row, column = np.nonzero(flow)
     x, y = grid.xy(np.concatenate([row - 0.5, row + 0.5]), np.concatenate([column - 0.5, column + 0.5]))
@@ -91,7 +91,7 @@ def map_view(terrain, grid, flow, release=()):
 
 
 def shaded_relief(elevation, spacing):
-    """float[rows, columns] in 0..1: hillshade of north-up heights [m] `spacing` [m] apart, lit from four sides."""
+    """float[rows, columns] in 0..1: hillshade of north-up heights [m], `spacing` [m] apart, with four light sources."""
     down, right = np.gradient(elevation, spacing)
     east, north = -right, down
     length = np.sqrt(east**2 + north**2 + 1.0)
@@ -105,7 +105,7 @@ def shaded_relief(elevation, spacing):
 
 
 def map_axes(figure, view):
-    """Axes of the map in a figure just large enough for it and a legend at its right."""
+    """Axes of the map, in a figure sized for the map and a legend at its right."""
     west, south, east, north = view
     inch = MAP_LONG_SIDE / max(east - west, north - south)
     width, height = (east - west) * inch, (north - south) * inch
@@ -121,11 +121,11 @@ def map_axes(figure, view):
 
 
 def _label_axes(axes, size):
-    """Coordinates in kilometres with as many decimals as their spacing needs, as many as fit on `size` [inches]."""
+    """Coordinates in kilometres; number of labels from `size` [inch], decimals from their spacing."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
-        most = int(np.clip(length / ROOM_OF_A_LABEL, 1, 5))
+        most = int(np.clip(length / LABEL_WIDTH, 1, 5))
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         ticks = axis.get_majorticklocs()
         decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
@@ -139,12 +139,12 @@ def _label_axes(axes, size):
 
 
 def draw_terrain(axes, terrain, view):
-    """Hillshade and contour lines; returns the contour interval [m], or 0 where heights do not differ."""
+    """Draw hillshade and contour lines; returns the contour interval [m], or 0 for a level terrain."""
     west, south, east, north = view
     spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
     x = np.arange(west - 1.5 * spacing, east + 2 * spacing, spacing)
     y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
-    limits = terrain.grid.bounds  # the rim of the picture beyond them repeats the outermost heights
+    limits = terrain.grid.bounds  # outside, the outermost heights are repeated
     heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
     shade = shaded_relief(heights, spacing)
     if np.isfinite(shade).any():
@@ -169,9 +169,9 @@ def draw_terrain(axes, terrain, view):
 
 
 def draw_values(axes, grid, values, look, min_depth=0.0):
-    """A band's classes as colours over the hillshade; returns those that occur.
+    """Draw the classes of a band over the hillshade; returns the classes that occur.
 
-    `values` float[rows, columns] are NaN where the flow never was; depths up to `min_depth` [m] are not drawn.
+    `values` float[rows, columns] are NaN without flow; depths up to `min_depth` [m] are not drawn.
     """
     from matplotlib.colors import to_rgba
 
@@ -187,7 +187,7 @@ def draw_values(axes, grid, values, look, min_depth=0.0):
 
 
 def draw_image(axes, grid, image):
-    """Colours float[rows, columns, 4] on the cells of `grid`, rotated or not, within what the axes show."""
+    """Draw colours float[rows, columns, 4] on the cells of `grid` (may be rotated); keeps the limits of the axes."""
     from matplotlib.transforms import Affine2D
 
     t, (rows, columns) = grid.transform, grid.shape
@@ -198,7 +198,7 @@ def draw_image(axes, grid, image):
 
 
 def draw_outline(axes, shapes, colour):
-    """Outlines with a white rim, so that they show on any ground."""
+    """Draw outlines with a white border, visible on any background."""
     from matplotlib.patheffects import withStroke
 
     for polygon in shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object))):
@@ -215,7 +215,7 @@ def draw_outline(axes, shapes, colour):
 
 
 def draw_scale_bar(axes, view):
-    """A bar of a round length in the lower left corner, half black, half white."""
+    """Draw a scale bar of a round length in the lower left corner."""
     from matplotlib.patches import Rectangle
 
     west, south, east, north = view
@@ -233,7 +233,7 @@ def draw_scale_bar(axes, view):
 
 
 def draw_north_arrow(axes):
-    """An arrow in the upper right corner; the map is north-up by its making."""
+    """Draw an arrow in the upper right corner; the map is always north-up."""
     axes.annotate(
         "N",
         xy=(0.955, 0.885),
@@ -250,7 +250,7 @@ def draw_north_arrow(axes):
 
 
 def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):
-    """Colours and lines in words, to the right of the map."""
+    """Draw the legend of colours and lines, to the right of the map."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

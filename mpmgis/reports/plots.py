@@ -1,20 +1,22 @@
-"""Plots in the house's style: one look for every figure that is not a map."""
+"""Common style of all figures except maps."""
 
 from contextlib import contextmanager
+
+import numpy as np
 
 from ..io.atomic import whole_file
 from .picture import INK
 
 DOTS_PER_INCH = 110
-COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # one a curve
+COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
 GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
 
 
 @contextmanager
 def plot_file(path, size, rows=1, heights=None, columns=1, share="x"):
-    """Gives the axes [rows, columns] of a figure of `size` [inch]; a PNG when all is drawn, whole or not at all.
+    """Axes [rows, columns] of a figure of `size` [inch]; the PNG is written (atomically) on exit.
 
-    `share` "x": all axes share what is across; "row": those of a row share what is up.
+    `share` "x": common horizontal axis; "row": common vertical axis in each row.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -29,7 +31,7 @@ def plot_file(path, size, rows=1, heights=None, columns=1, share="x"):
 
 
 def dress(axes, up, across="", title=""):
-    """Labels, a light grid and thin lines around."""
+    """Set labels, title, grid and frame."""
     axes.set_ylabel(up, fontsize=9, color=INK)
     if across:
         axes.set_xlabel(across, fontsize=9, color=INK)
@@ -43,18 +45,16 @@ def dress(axes, up, across="", title=""):
 
 
 def draw_ground(axes, along, elevation):
-    """The terrain along a line, filled down to the bottom of the axes."""
-    import numpy as np
-
+    """Draw the terrain along a line, filled below."""
     known = np.asarray(elevation)[np.isfinite(elevation)]
     if known.size:
-        room = 0.04 * max(float(known.max() - known.min()), 1.0)
-        axes.fill_between(along, elevation, known.min() - room, color=GROUND, linewidth=0, zorder=1)
+        margin = 0.04 * max(float(known.max() - known.min()), 1.0)
+        axes.fill_between(along, elevation, known.min() - margin, color=GROUND, linewidth=0, zorder=1)
         axes.plot(along, elevation, color=GROUND_LINE, linewidth=1.0, zorder=3, label="terrain")
 
 
 def legend(axes, **place):
-    """A legend without a frame, where there is something to tell."""
+    """Draw a legend without a frame, if there are entries."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(fontsize=8, frameon=False, **place)

@@ -11,22 +11,17 @@ from .plots import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot_file
 
 
 def write_hydrograph_table(path, found):
-    """The rows of a HydrographFound as CSV."""
+    """Write the rows of a HydrographFound as CSV."""
     write_records(path, [column_name(*column) for column in COLUMNS], found.rows())
 
 
 def write_hydrograph_plot(path, found):
-    """Discharge as steps between the frames, with the cells' flux at them, above the volume so far."""
+    """Plot mean discharge between frames, flux of the cells at frames, and cumulative volume."""
     with plot_file(path, (9.0, 6.0), rows=2, heights=(1.4, 1)) as axes:
         rate, total = axes[:, 0]
         steps = found.volume / np.diff(found.times)
-        word = (
-            "particles"
-            if found.by_particles.all()
-            else "particles, else cells"
-            if found.by_particles.any()
-            else "cells"
-        )
+        partly = "particles, else cells" if found.by_particles.any() else "cells"
+        word = "particles" if found.by_particles.all() else partly
         rate.stairs(
             steps, found.times, color=COLOURS[0], linewidth=1.5, fill=False, label=f"mean between frames, by {word}"
         )
@@ -41,21 +36,21 @@ def write_hydrograph_plot(path, found):
         total.plot(
             found.times, found.cells_totals()[:, 0], "--", color=COLOURS[1], linewidth=1.2, label="flux of the cells"
         )
-        dress(total, "volume so far [m³]", "time [s]")
+        dress(total, "cumulative volume [m³]", "time [s]")
         legend(total, loc="best")
 
 
-MOST_CURVES = 24  # of points in the plot; the table has all
-LATE = 0.85  # of the ramp that times are coloured with: its end is too pale for lines
+MOST_CURVES = 24  # points in the plot; the table has all
+LATE = 0.85  # used part of the colour ramp; its end is too pale for lines
 
 
 def write_rows(path, found):
-    """The rows of a ProfileFound or SeriesFound as CSV."""
+    """Write the rows of a ProfileFound or SeriesFound as CSV."""
     write_records(path, [column_name(*column) for column in found.columns()], found.rows())
 
 
 def write_profile_plot(path, found):
-    """Terrain with the free surface, depth and thickness, velocities: three panels, a colour for each time."""
+    """Plot terrain and free surface, depth and thickness, velocities; one colour per time."""
     with plot_file(path, (9.0, 8.0), rows=3, heights=(1.3, 1, 1)) as axes:
         ground, depths, speeds = axes[:, 0]
         draw_ground(ground, found.along, found.terrain)
@@ -69,8 +64,8 @@ def write_profile_plot(path, found):
             _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
         dress(ground, "elevation [m]", title=f"{found.name}: profile")
         legend(ground, loc="best")
-        dress(depths, "h (full), t (dashed), normal [m]")
-        dress(speeds, "Ut (full), Un (dashed) [m/s]", "distance along the line [m]")
+        dress(depths, "h (solid), t (dashed), normal [m]")
+        dress(speeds, "Ut (solid), Un (dashed) [m/s]", "distance along the line [m]")
         speeds.axhline(0, color="#999999", linewidth=0.6)
         speeds.set_xlim(found.along[0], found.along[-1])
 
@@ -82,7 +77,7 @@ def _draw_pair(axes, found, k, names, colour):
 
 
 def write_series_plot(path, found):
-    """A panel a product, a curve a point, of the first MOST_CURVES."""
+    """Plot one panel per product and one curve per point, for the first MOST_CURVES points."""
     names = found.names[:MOST_CURVES]
     of_all = f", {MOST_CURVES} of {len(found.names)} points" * (len(found.names) > MOST_CURVES)
     with plot_file(path, (9.0, 2.1 * len(found.values) + 0.5), rows=len(found.values)) as axes:
@@ -92,9 +87,7 @@ def write_series_plot(path, found):
                 colour = COLOURS[point % len(COLOURS)]
                 axes[row, 0].plot(found.times, values[:, point] * look.factor, color=colour, linewidth=1.3, label=label)
             if not np.isfinite(values[:, : len(names)]).any() or not np.nan_to_num(found.values["h"]).any():
-                axes[row, 0].text(
-                    0.5, 0.5, "the flow never came here", transform=axes[row, 0].transAxes, ha="center", va="center"
-                )
+                axes[row, 0].text(0.5, 0.5, "no flow here", transform=axes[row, 0].transAxes, ha="center", va="center")
             unit = look.unit.partition(";")[0]
             last = row == len(found.values) - 1
             title = f"{found.name}: series{of_all}" if row == 0 else ""
@@ -102,8 +95,8 @@ def write_series_plot(path, found):
         legend(axes[0, 0], loc="best", ncols=2)
 
 
-MOST_ROWS = 10  # of points in the plot; the tables have all
-# of a VerticalProfile: what is shown, its label, its factor, whether it stands on zero
+MOST_ROWS = 10  # points in the plot; the tables have all
+# attribute of a VerticalProfile, label, factor, whether the axis starts at zero
 PANELS = (
     ("density", "density [kg/m³]", 1.0, True),
     ("parallel", "Ut [m/s]", 1.0, False),
@@ -113,17 +106,17 @@ PANELS = (
 
 
 def write_profiles(path, found):
-    """The layers of a VerticalFound as CSV."""
+    """Write the layers of a VerticalFound as CSV."""
     write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
 
 
 def write_loads(path, found):
-    """Its loads as CSV."""
+    """Write the loads of a VerticalFound as CSV."""
     write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
 
 
 def write_vertical_plot(path, found):
-    """A row a point, of the first MOST_ROWS: density, velocities and pressure over the height, a colour a time."""
+    """Plot density, velocities and pressure over height: one row per point (first MOST_ROWS), one colour per time."""
     names = found.names[:MOST_ROWS]
     rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
     with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:
@@ -154,22 +147,22 @@ FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], 
 
 
 def write_figures(path, found):
-    """The figures of a RunoutFound as CSV, a row each."""
+    """Write the results of a RunoutFound as CSV."""
     write_records(path, ("quantity", "unit", "value"), found.rows())
 
 
 def write_over_time(path, found):
-    """Where the mass is, a row a frame."""
+    """Write the position of the mass as CSV, one row per frame."""
     write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
 
 
 def write_profile(path, found):
-    """The line's profile, a row a place."""
+    """Write the profile along the line as CSV, one row per point."""
     write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
 
 
 def write_runout_plot(path, found):
-    """Longitudinal profile: terrain, reach of flow and deposit, energy line, way of the centre of mass."""
+    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass."""
     along, _, _, _, elevation, _, depth, deposit = found.profile
     with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
         upper, lower = axes[:, 0]

@@ -1,4 +1,4 @@
-"""A study's work-precision plot as PNG, and tables of what other codes found, to be shown in it."""
+"""Work-precision plot of a study as PNG, and tables with results of other codes for the plot."""
 
 import csv
 import math
@@ -17,14 +17,14 @@ COLOURS = {
     "scene": "#111111", "cell_size": "#1b6ca8", "particles_per_cell": "#d17a00", "points_per_cell": "#d17a00",
     "cfl": "#2e8b57", "precision": "#8e44ad", "stiffness": "#b03a48", "several": "#8a8a8a",
 }  # fmt: skip
-STAGE_COLOURS = ("#4aa3df", "#17becf", "#9edae5")  # cells of one stage alone
+STAGE_COLOURS = ("#4aa3df", "#17becf", "#9edae5")  # cell size of one stage
 OTHERS = (("s", "#7a1f5c"), ("D", "#0f6b5f"), ("^", "#8a5a00"), ("v", "#37477d"))  # marker and colour of other codes
-FADED = 0.35  # opacity of what others beat
+FADED = 0.35  # opacity of settings that are not on the front
 _LARGEST = 10_000_000  # [bytes] of a table of results
 
 
-class BesideRow(NamedTuple):
-    """A row of such a table: seconds (typical, least, most); `thickness` is the path of a raster, or None."""
+class OtherRow(NamedTuple):
+    """A row of a table of other codes: seconds (typical, min, max); `thickness`: path of a raster, or None."""
 
     code: str
     setting: str
@@ -33,64 +33,64 @@ class BesideRow(NamedTuple):
     thickness: Path | None
 
 
-def read_beside(path, measure):
-    """The BesideRows of the CSV at `path`, whose `measure` is told by a column error_..., or by a raster of thickness.
+def read_other_results(path, measure):
+    """The OtherRows of the CSV at `path`, with `measure` from a column error_..., or from a raster of thickness.
 
-    Columns: setting and seconds; error_thickness, error_momentum, error_area, error_reach_m, or thickness (a raster of
-    the vertical thickness at the end [m], beside the table); code, seconds_min and seconds_max may be there. Others
-    are left alone, so that the table of another study is one of these.
+    Columns: setting and seconds; error_thickness, error_momentum, error_area, error_reach_m, or thickness (path,
+    relative to the table, of a raster of the vertical thickness at the end [m]); optional code, seconds_min and
+    seconds_max. Other columns are ignored, so the table of another study is valid.
 
     Raises
     ------
     FormatError
-        In one line, with the row that is wrong.
+        With the invalid row.
     """
     path = Path(path)
     rows, column = _table(path), ERROR_COLUMNS[measure]
     names = set(rows[0]) if rows else set()
     for wanted in ("setting", "seconds"):
         if wanted not in names:
-            raise FormatError(f"{path} has no column {wanted!r}, wanted setting, seconds, and {column} or thickness")
+            raise FormatError(f"{path} has no column {wanted!r}, expected setting, seconds, and {column} or thickness")
     if column not in names and not (measure == "thickness" and "thickness" in names):
         also = ", or thickness with rasters" if measure == "thickness" else ""
         raise FormatError(f"{path} has no column {column!r}; add it{also}")
-    return [_beside_row(path, k, row, measure) for k, row in enumerate(rows, 2) if row.get("knob") != BESIDE]
+    return [_other_row(path, k, row, measure) for k, row in enumerate(rows, 2) if row.get("knob") != BESIDE]
 
 
 def _table(path):
     try:
         if path.stat().st_size > _LARGEST:
-            raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, wanted a table of results below 10 MB")
+            raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, expected a table of results below 10 MB")
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except FileNotFoundError as error:
-        raise FormatError(f"{path}: no such file, wanted a CSV with the columns setting and seconds") from error
+        raise FormatError(f"{path}: no such file, expected a CSV with the columns setting and seconds") from error
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path} is no readable text, wanted a CSV; save it as CSV UTF-8") from error
+        raise FormatError(f"{path} is not readable text, expected a CSV; save it as CSV UTF-8") from error
     if not rows:
-        raise FormatError(f"{path} has no rows, wanted a header and a row for each result")
+        raise FormatError(f"{path} has no rows, expected a header and one row per result")
     return [{(name or "").strip(): (cell or "").strip() for name, cell in row.items() if name} for row in rows]
 
 
-def _beside_row(path, line, row, measure):
+def _other_row(path, line, row, measure):
     where = f"{path} line {line}"
     if not row["setting"]:
-        raise FormatError(f"{where}: setting is empty, wanted words for this result")
+        raise FormatError(f"{where}: setting is empty, expected a name of this result")
     raster = path.parent / row["thickness"] if row.get("thickness") else None
     errors = Errors(*(_number(row, ERROR_COLUMNS[name], where, least=0.0) for name in NAMES))
     if raster is None and math.isnan(getattr(errors, measure)):
-        raise FormatError(f"{where}: {ERROR_COLUMNS[measure]} is empty, wanted a number")
+        raise FormatError(f"{where}: {ERROR_COLUMNS[measure]} is empty, expected a number")
     seconds = [_number(row, name, where, above=0.0) for name in ("seconds", "seconds_min", "seconds_max")]
     if math.isnan(seconds[0]):
-        raise FormatError(f"{where}: seconds is empty, wanted the wall time of its steps")
+        raise FormatError(f"{where}: seconds is empty, expected the wall time of the time integration")
     seconds = (seconds[0], *(seconds[0] if math.isnan(value) else value for value in seconds[1:]))
     if not seconds[1] <= seconds[0] <= seconds[2]:
         raise FormatError(f"{where}: seconds = {seconds[0]:g} is not between seconds_min and seconds_max")
-    return BesideRow(row.get("code") or path.stem, row["setting"], seconds, errors, raster)
+    return OtherRow(row.get("code") or path.stem, row["setting"], seconds, errors, raster)
 
 
 def _number(row, name, where, least=-math.inf, above=-math.inf):
-    """The number in a column, NaN where there is none."""
+    """The number in a column, or NaN."""
     text = row.get(name, "")
     if not text:
         return math.nan
@@ -99,13 +99,13 @@ def _number(row, name, where, least=-math.inf, above=-math.inf):
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= least and value > above):
-        wanted = f"above {above:g}" if math.isfinite(above) else f"of at least {least:g}"
-        raise FormatError(f"{where}: {name} = {text[:40]!r}, wanted a number {wanted}")
+        expected = f"above {above:g}" if math.isfinite(above) else f"of at least {least:g}"
+        raise FormatError(f"{where}: {name} = {text[:40]!r}, expected a number {expected}")
     return value
 
 
 def write_plot(path, study, title=""):
-    """Plot error over wall time, the front and what it beats, and beside it the error over the cell size."""
+    """Plot error over wall time with the Pareto front, and error over cell size."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -126,32 +126,34 @@ def write_plot(path, study, title=""):
 def _plot_work(axes, study):
     named = set()
     for k, row in enumerate(study.rows):
-        knob, outcome = row.outcome.setting.knob, row.outcome
+        parameter, outcome = row.outcome.setting.parameter, row.outcome
         spread = [[study.seconds[k] - min(outcome.seconds)], [max(outcome.seconds) - study.seconds[k]]]
+        is_scene = parameter == "scene"
         axes.errorbar(
-            study.seconds[k], study.errors[k], xerr=spread, color=_colour(knob), alpha=1.0 if study.front[k] else FADED,
-            marker="*" if knob == "scene" else "o", markersize=13 if knob == "scene" else 6, linestyle="none",
-            label=None if knob in named else _words(knob), zorder=3,
+            study.seconds[k], study.errors[k], xerr=spread, color=_colour(parameter),
+            alpha=1.0 if study.front[k] else FADED, marker="*" if is_scene else "o",
+            markersize=13 if is_scene else 6, linestyle="none",
+            label=None if parameter in named else _words(parameter), zorder=3,
         )  # fmt: skip
-        named.add(knob)
-    _plot_beside(axes, study)
+        named.add(parameter)
+    _plot_others(axes, study)
     order = np.flatnonzero(study.front)[np.argsort(study.seconds[study.front])]
-    axes.plot(study.seconds[order], study.errors[order], color="#555555", linewidth=1.0, zorder=1, label="front")
+    axes.plot(study.seconds[order], study.errors[order], color="#555555", linewidth=1.0, zorder=1, label="Pareto front")
     if study.reference_error > 0.0:
-        axes.axhline(study.reference_error, color="#bbbbbb", linestyle=":", label="the reference's own")
-    _finish(axes, "wall time of the steps [s]", _error_label(study))
+        axes.axhline(study.reference_error, color="#bbbbbb", linestyle=":", label="error of the reference")
+    _finish(axes, "wall time of the time integration [s]", _error_label(study))
     axes.margins(x=0.1, y=0.1)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13))
 
 
-def _colour(knob):
-    if knob in COLOURS:
-        return COLOURS[knob]
-    return STAGE_COLOURS[int(knob.removeprefix("stage").partition(".")[0]) % len(STAGE_COLOURS)]
+def _colour(parameter):
+    if parameter in COLOURS:
+        return COLOURS[parameter]
+    return STAGE_COLOURS[int(parameter.removeprefix("stage").partition(".")[0]) % len(STAGE_COLOURS)]
 
 
-def _plot_beside(axes, study):
-    """Results of others: hollow marks, one kind for each code, each with its settings beside it."""
+def _plot_others(axes, study):
+    """Results of other codes: hollow markers, one kind per code, labelled with their settings."""
     codes = list(dict.fromkeys(other.code for other in study.beside))
     for k, (other, error) in enumerate(zip(study.beside, study.beside_errors(), strict=True)):
         marker, colour = OTHERS[codes.index(other.code) % len(OTHERS)]
@@ -167,8 +169,8 @@ def _plot_beside(axes, study):
         )  # fmt: skip
 
 
-def _words(knob):
-    return {"scene": "the scene as it is", "several": "several at once"}.get(knob, knob)
+def _words(parameter):
+    return {"scene": "unchanged scene", "several": "several at once"}.get(parameter, parameter)
 
 
 def _plot_order(axes, study):
@@ -195,7 +197,7 @@ def _finish(axes, across, up):
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(xscale="log", yscale="log", xlabel=across, ylabel=up)
-    for axis in (axes.xaxis, axes.yaxis):  # 1, 2 and 5 of each decade are told, as plain numbers
+    for axis in (axes.xaxis, axes.yaxis):  # labels at 1, 2 and 5 of each decade
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())

@@ -21,13 +21,13 @@ from ..experiments.measures import (
     errors_of,
     outcomes,
 )
-from ..experiments.numerical_parameters import crossed, knobs_of, one_at_a_time, reference
-from ..experiments.report import Beside, Row, Study
+from ..experiments.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
+from ..experiments.report import OtherResult, Row, Study
 from ..io.atomic import whole_folder
 from ..io.links import within
 from ..io.spatial_inputs import read_placed_raster
 from ..io.tables import write_records
-from ..reports.study_files import read_beside, write_plot
+from ..reports.study_files import read_other_results, write_plot
 from ..terrain.grid import Grid
 from .run import use_threads
 from .run_setup.cost_prediction import predicted_cost, tried
@@ -115,7 +115,7 @@ def _study(request, output, confirm, say, watch):
     given = within(output, input_files(request.scene, base.scene, request.law))
     if given is not None:
         raise OutputError(f"{output} holds {given}, which this is made from, and would be replaced; give another -o")
-    scene, knobs = base.scene, knobs_of(base.scene, request.knobs, request.cell_sizes)
+    scene, knobs = base.scene, parameters_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None
     if request.exact is None:
@@ -203,14 +203,14 @@ def _thickness(path, terrain, grid):
 
 
 def _beside(path, request, exact, terrain, grid):
-    """Tuple of Beside: what the table at `path` holds, errors of rasters taken as those of the study's own runs.
+    """Tuple of OtherResult: what the table at `path` holds, errors of rasters taken as those of the study's own runs.
 
     Raises
     ------
     FormatError, InputError
     """
     found = []
-    for row in read_beside(path, request.measure):
+    for row in read_other_results(path, request.measure):
         errors = row.errors
         if row.thickness is not None:
             if exact is None:
@@ -219,7 +219,7 @@ def _beside(path, request, exact, terrain, grid):
                     f"tell the error of; give --exact, or its error in a column error_{request.measure}"
                 )
             errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
-        found.append(Beside(row.code, row.setting, row.seconds, errors))
+        found.append(OtherResult(row.code, row.setting, row.seconds, errors))
     return tuple(found)
 
 

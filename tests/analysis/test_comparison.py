@@ -133,7 +133,7 @@ def test_two_empty_footprints_have_no_overlap_number():
 
 
 def test_places_too_far_apart_are_refused():
-    with pytest.raises(InputError, match=r"wanted at most 1e\+08 cells"):
+    with pytest.raises(InputError, match=r"expected at most 1e\+08 cells"):
         joint_grid([grid_of(1.0)], [[0, 0], [1e6, 1e6]])
 
 
@@ -164,9 +164,9 @@ def test_a_single_band_of_unknown_name_is_compared_with_peak_thickness():
 @pytest.mark.parametrize(
     "first, second, asked, words",
     [
-        (("h_max", "Ut_max"), ("h_max",), "Ut_max", "--band 'Ut_max' is not in both results; give --band one of h_max"),
+        (("h_max", "Ut_max"), ("h_max",), "Ut_max", "'Ut_max' is not in both results; use --band with one of h_max"),
         (("Ut_max", "p_max"), ("h_max", "t_max"), None, "the first has Ut_max, p_max; the second has h_max, t_max"),
-        (("h_max",), ("h_max",), "nonsense", "give --band one of h_max"),
+        (("h_max",), ("h_max",), "nonsense", "use --band with one of h_max"),
     ],
 )
 def test_bands_that_do_not_match_are_named(first, second, asked, words):

@@ -90,15 +90,15 @@ GOOD = {"source": "s", "class": [{"name": "a", "colour": "#000000", "when": [{"h
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"source": 3}, "wanted text"),
+        ({"source": 3}, "expected text"),
         ({"klass": []}, "no key 'klass'"),
         ({"class": []}, "one or more"),
-        ({"class": [{"name": "a", "colour": "red", "when": [{}]}]}, "wanted #rrggbb"),
+        ({"class": [{"name": "a", "colour": "red", "when": [{}]}]}, "expected #rrggbb"),
         ({"class": [{"name": "a", "colour": "#000000"}]}, "when is missing"),
         ({"class": [{"name": "a", "colour": "#000000", "when": {"h": 1}}]}, "list of conditions"),
         ({"class": [{"name": "a", "colour": "#000000", "when": [{"depth": 1}]}]}, "no quantity 'depth'"),
-        ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": True}]}]}, "wanted a number above 0"),
-        ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": float("nan")}]}]}, "wanted a number above 0"),
+        ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": True}]}]}, "expected a number above 0"),
+        ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": float("nan")}]}]}, "expected a number above 0"),
         ({"class": ["a"]}, "wanted a table"),
     ],
 )

@@ -89,7 +89,7 @@ def test_points_without_ground_are_left_out():
 def test_what_is_not_kept_is_said_with_the_cure():
     frame, height = layer(1.0)
     words = volume_words(found(frame, height + 3.0).as_numbers())
-    assert "hangs off the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
+    assert "hangs above the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
     assert volume_words(found(frame, height).as_numbers()).endswith(": kept")
 
 

@@ -24,7 +24,7 @@ def test_energy_of_points_is_told_by_what_took_it_and_the_rest_is_left_over():
         energy_lost=100.0, energy_lost_to_ground=60.0, energy_lost_to_yielding=30.0, energy_lost_to_mixing=10.0
     )
     (line,) = (line for line in account(lost, "points") if line.startswith("energy"))
-    assert line == "energy: 100 J lost: 60 J to the bed, 30 J to yielding, 10 J to blows, viscosity and the grid"
+    assert line == "energy: 100 J lost: 60 J to the bed, 30 J to yielding, 10 J to impacts, viscosity and the grid"
 
 
 def test_the_percentile_of_speed_is_reported():
@@ -34,7 +34,7 @@ def test_the_percentile_of_speed_is_reported():
 
 def test_what_left_and_what_came_in_later_are_shares_of_all_that_was_released():
     lines = account(balances(mass_start=150.0, mass_out=1.0), "columns")
-    assert lines[0].startswith("mass: 150 kg at the start, 50 kg came in later, 0.50 % left the terrain")
+    assert lines[0].startswith("mass: 150 kg at the start, 50 kg entered later, 0.50 % left the terrain")
     assert not any("larger DTM" in line for line in lines)
     assert any("larger DTM" in line for line in account(balances(mass_out=10.0), "columns"))
 
@@ -47,8 +47,8 @@ def test_energy_of_columns_is_told_by_what_brought_it_and_what_took_it():
     )  # fmt: skip
     (line,) = (line for line in account(told, "columns") if "energy" in line)
     assert line == (
-        "energy: 900 J at the start, 50 J came in later, 50 J with eroded mass; 100 J lost: 60 J to friction on the "
-        "bed, 45 J to eroded mass that was at rest, -5 J to bends of the bed; kinetic now 3 J; the balance closes to "
+        "energy: 900 J at the start, 50 J entered later, 50 J with eroded mass; 100 J lost: 60 J to friction on the "
+        "bed, 45 J to acceleration of eroded mass, -5 J to bends of the bed; kinetic now 3 J; the balance closes to "
         "0.0002 of what was put in"
     )
     told["energy_error_relative"] = -2e-3
@@ -69,7 +69,7 @@ def test_places_where_mass_left_are_told_with_what_to_do():
         assert any(line.startswith(hole) for line in lines)
         assert "  10 % (20 kg) over the west edge of the DTM at E 0.0 N 7.0" in lines
         assert any(line.startswith("  2 % (4 kg) flowed into the nodata around the DTM at E 3.0") for line in lines)
-        assert "  1 % (2 kg) at 2 more places" in lines
+        assert "  1 % (2 kg) at 2 more locations" in lines
 
 
 def test_what_was_taken_up_is_told_beside_the_release():
@@ -80,8 +80,8 @@ def test_what_was_taken_up_is_told_beside_the_release():
 def test_what_is_beyond_the_model_is_told_from_its_thresholds_on():
     lines = account(balances(airborne_share_max=0.06, speed_limited_share_max=0.004), "columns")
     assert any("6 % of the mass would have left the ground" in line for line in lines)
-    assert any("0.4 % of the mass was held to the speed" in line for line in lines)
-    assert not any("beyond the model" in line for line in account(balances(airborne_share_max=0.05), "columns"))
+    assert any("0.4 % of the mass was limited to the speed" in line for line in lines)
+    assert not any("outside the model" in line for line in account(balances(airborne_share_max=0.05), "columns"))
 
 
 @pytest.mark.parametrize("solver", ["columns", "points"])
@@ -99,7 +99,7 @@ def test_largest_thickness_and_speed_have_their_place_and_time(solver):
 @pytest.mark.parametrize(("share", "flagged"), [(0.45, False), (1.0, False), (1.1, True)])
 def test_a_speed_beyond_what_a_fall_gives_is_flagged(solver, share, flagged):
     lines = account(balances(speed_bound_ratio=share), solver)
-    assert any("beyond the model" in line and "110 %" in line for line in lines) == flagged
+    assert any("outside the model" in line and "110 %" in line for line in lines) == flagged
     assert any("45 % of" in line for line in lines) == (share == 0.45)
 
 

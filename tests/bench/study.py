@@ -286,8 +286,8 @@ def row(case, folder):
     settings = f"{float(scene['cell_size_m']):g} m, {scene['particles_per_cell']} a cell, cfl {float(scene['cfl']):g}"
     return (
         case.words, settings, f"{100 * float(scene['error_with_reference']):.2g} %", f"{float(scene['seconds']):.2g} s",
-        f"{float(scene['time_over_front']):.2g}", found["order"], found["pays most next"],
-        found["smaller cells stop paying at"],
+        f"{float(scene['time_over_front']):.2g}", found["order"], found["best next refinement"],
+        found["refinement worthwhile down to"],
     )  # fmt: skip
 
 

@@ -223,7 +223,7 @@ def test_the_deposit_has_one_name_and_the_old_one_is_refused_with_it(export, cap
     grid = grid_of()
     plain = write_plain(tmp_path / "plain.tif", disc(grid, 180, 200, radius=30.0), grid)
     assert main(["compare", str(export), str(plain), "--band", "deposit_h"]) == 2
-    assert "is named 'h_deposit' now" in capsys.readouterr().err
+    assert "is now named 'h_deposit'" in capsys.readouterr().err
     found, said = compared(capsys, export / "rasters" / "run_deposit.tif", plain, "--band", "h_deposit")
     assert found["a"]["band"] == "h_deposit" and found["iou"] == 1.0 and "no DTM" not in said
 
@@ -452,7 +452,7 @@ def bad_cases(tmp_path, first, second):
         "bands without names": ((first, nameless), "2 bands without names"),
         "a raster cut short": ((cut, first), "truncated"),
         "no flow at all": ((dry, dry), "no cell of either is above --threshold 0.1"),
-        "a band that is not there": ((first, second, "--band", "pft"), "give --band one of h_max"),
+        "a band that is not there": ((first, second, "--band", "pft"), "use --band with one of h_max"),
         "one frame": ((first, tmp_path / "frame.h5"), "is one frame; give the folder of the run"),
         "a DTM in another CRS": ((first, second, "--dem", other_crs), "the results in EPSG:32632; reproject it"),
         "a DTM that is not there": ((first, second, "--dem", tmp_path / "no.tif"), "no such file"),

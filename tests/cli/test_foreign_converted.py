@@ -102,7 +102,7 @@ def test_a_start_folder_that_was_changed_is_told(tmp_path, table, capsys):
     readme.write_text(readme.read_text().replace("1600 points", "1601 points"))
     assert run("info", folder) == 2
     message = capsys.readouterr().err
-    assert "holds 1600 points" in message and "tells of 1601" in message and len(message.splitlines()) == 1
+    assert "holds 1600 points" in message and "expected 1601" in message and len(message.splitlines()) == 1
     next(folder.glob("*_Body.mdpa")).write_text("damaged")
     assert run("info", folder) == 2
     message = capsys.readouterr().err

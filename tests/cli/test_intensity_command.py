@@ -85,7 +85,7 @@ def test_refusals_are_one_line(tmp_path, run, capsys):
     broken.write_text("[mine\n")
     for arguments, words in (
         (("--guideline", "swiss"), "there are swiss-debris-flow"),
-        (("--guideline", "mine", "--guidelines", broken), "no TOML"),
+        (("--guideline", "mine", "--guidelines", broken), "not a readable TOML"),
         (("--guideline", "mine", "--guidelines", tmp_path / "none.toml"), "no such file"),
         (("--guideline", "swiss-flood", "--min-depth", 9), "smaller --min-depth"),
         (("--guideline", "swiss-flood", "-o", tmp_path / "x.shp"), "wanted .tif"),

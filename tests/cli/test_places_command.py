@@ -82,7 +82,7 @@ def test_a_high_barrier_holds_everything_and_books_its_load(site, capsys):
     dam = SCENE + '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 50\n'
     assert run(site, dam) == 0
     err = capsys.readouterr().err
-    assert "screening only; loads need 3D" in err and "thinner than a cell" in err
+    assert "estimates; loads need a 3D run" in err and "thinner than a cell" in err
     frame = read_frame(sorted((site / "results").glob("frame_*.h5"))[-1])
     assert frame.map_xy()[0].max() < WEST + 450
     taken = record(site)["balances"]["barriers"]["dam"]

@@ -75,7 +75,7 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     coarse = dropped(tmp_path / "coarse", 1.0)
     err = capsys.readouterr().err
     assert coarse["volume"]["hanging_share"] < 0.02
-    assert coarse["resolution"]["coarse"] and "too coarse, a 3D run wants 3" in err
+    assert coarse["resolution"]["coarse"] and "too coarse, a 3D run needs 3" in err
     frames = map(str, (tmp_path / "coarse" / "results").glob("*.h5"))
     assert main(["report", *frames, "-q", "-o", str(tmp_path / "r")]) == 0
     report = (tmp_path / "r" / "report.html").read_text()
@@ -103,7 +103,7 @@ def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, cap
     assert fine["volume"]["packed_share"] < 0.02 and fine["volume"]["hanging_share"] < 0.02
     assert not fine["resolution"]["coarse"] and fine["resolution"]["cells_over_depth"] == pytest.approx(4.0, rel=0.05)
     err = capsys.readouterr().err
-    assert "4 cells of 0.5 m over its depth" in err and err.count(": kept") == 1
+    assert "4 cells of 0.5 m over its depth" in err and err.count(": conserved") == 1
 
 
 @pytest.mark.parametrize(("cell_size", "height", "state"), [(4.0, 6, "off"), (2.0, 7, "on")])

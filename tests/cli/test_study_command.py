@@ -69,7 +69,7 @@ def test_table_words_and_settings_for_an_error_are_printed(site, studied, capsys
     assert main([*arguments, "--target-error", str(1.0001 * least)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert sum(line.startswith("*") for line in lines) >= 2
-    assert any("to the power" in line for line in lines) or any("follows no power" in line for line in lines)
+    assert any("is of order" in line for line in lines) or any("follows no power" in line for line in lines)
     at = lines.index("[numerics]")
     assert lines[at + 1] == "cell_size = 7.07107" and f"at most {1.0001 * least:g}" in lines[at - 1]
     assert lines[-1] == f"{out}/study.png" and not (tmp_path / "out" / "export.csv").exists()
@@ -117,7 +117,7 @@ def test_results_of_others_are_in_the_table_and_decide_nothing(beside, studied):
     own, others = found[:3], found[3:]
     assert {row["knob"] for row in others} == {"beside"} and "beside" not in {row["knob"] for row in own}
     assert [row["setting"] for row in others[:2]] == ["Other 1.0: fine", "Other 1.0: coarse"]
-    assert others[2]["setting"] == "study: as the scene has it" and len(others) == 2 + len(rows(studied / "study.csv"))
+    assert others[2]["setting"] == "study: unchanged scene" and len(others) == 2 + len(rows(studied / "study.csv"))
     fine, coarse = others[:2]
     assert (fine["seconds"], fine["seconds_min"], fine["seconds_max"]) == ("50", "40", "70")
     assert fine["time_over_front"] == "" and fine["error_momentum"] == "" and fine["on_front"] == ""
@@ -150,7 +150,7 @@ def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site
     assert float(half["error_thickness"]) == 0.5 and float(whole["error_thickness"]) == 0.0
     printed = capsys.readouterr().out.splitlines()
     assert any(line.startswith("+ other: half") and line.endswith("50 %") for line in printed)
-    assert any("other: all: no setting here is as right" in line for line in printed)
+    assert any("other: all: no setting of this study is as accurate" in line for line in printed)
 
 
 @pytest.mark.parametrize(
@@ -159,9 +159,9 @@ def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site
         ("", "has no rows"),
         ("setting,seconds\na,1\n", "has no column 'error_thickness'"),
         ("name,seconds,error_thickness\na,1,0.1\n", "has no column 'setting'"),
-        ("setting,seconds,error_thickness\na,0,0.1\n", "line 2: seconds = '0', wanted a number above 0"),
+        ("setting,seconds,error_thickness\na,0,0.1\n", "line 2: seconds = '0', expected a number above 0"),
         ("setting,seconds,error_thickness\na,1,0.1\nb,1,bad\n", "line 3: error_thickness = 'bad'"),
-        ("setting,seconds,error_thickness\na,1,-0.1\n", "wanted a number of at least 0"),
+        ("setting,seconds,error_thickness\na,1,-0.1\n", "expected a number of at least 0"),
         ("setting,seconds,error_thickness\na,1,\n", "error_thickness is empty"),
         ("setting,seconds,error_thickness\na,,0.1\n", "seconds is empty"),
         ("setting,seconds,error_thickness\n,1,0.1\n", "setting is empty"),
@@ -210,12 +210,12 @@ def test_settings_for_an_error_say_which_table_they_belong_to():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--knobs", "cell"], "no such knob"),
+        (["--knobs", "cell"], "unknown parameter"),
         (["--beside", "none.csv"], "none.csv: no such file"),
         (["--measure", "depth"], "wanted one of thickness, momentum, area, reach"),
         (["--exact", "none.tif"], "none.tif: no such file"),
         (["--exact", "dtm.tif", "--measure", "area"], "tells of thickness only"),
-        (["--refinement", "1"], "give a larger one"),
+        (["--refinement", "1"], "use a larger --refinement"),
         (["--repeats", "0"], "wanted a whole number above 0"),
         (["--target-error", "-1"], "above 0"),
     ],

@@ -116,7 +116,7 @@ def test_no_crs_is_proposed_that_cannot_be_the_dtms(site, capsys, crs, east):
 
 
 def test_a_flow_that_leaves_the_terrain_says_what_that_means(site, capsys):
-    words = "take a larger DTM or [terrain] window"
+    words = "use a larger DTM or [terrain] window"
     small = SCENE.replace('"dtm.tif"', f'"dtm.tif"\nwindow = [{WEST}, {SOUTH}, {WEST + 200}, {NORTH}]')
     assert run(site, small) == 0
     assert words in capsys.readouterr().err

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mpmgis.errors import InputError
 from mpmgis.experiments import convergence, measures, numerical_parameters
 from mpmgis.experiments.measures import State, errors_against_exact, errors_of
-from mpmgis.experiments.report import quickest_as_right
+from mpmgis.experiments.report import fastest_as_accurate
 from mpmgis.scene import scene_from_tables
 
 SIZES = np.array([8.0, 4.0, 2.0, 1.0])
@@ -101,7 +101,7 @@ def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
         ("d", 4, 2.0, (2.0, 2.0), 0.5), ("e", 5, 0.5, (0.5, 0.5), 0.39),
     ]  # fmt: skip
     found = convergence.gains((1.0, (1.0, 1.0), 0.4), others)
-    assert [gain.knob for gain in found] == ["c", "a", "b"]
+    assert [gain.parameter for gain in found] == ["c", "a", "b"]
     assert convergence.alike(found) == found[:1]
     assert math.isinf(found[0].pays) and found[1].pays == pytest.approx(1.0)
     assert found[2].pays == pytest.approx(math.log(4) / math.log(8))
@@ -110,7 +110,7 @@ def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
 def test_knobs_whose_times_do_not_tell_them_apart_pay_alike():
     base = (1.0, (0.95, 1.05), 0.4)
     a, b, c = ("a", 1, 2.0, (1.8, 2.3), 0.2), ("b", 2, 2.2, (1.9, 2.4), 0.2), ("c", 3, 8.0, (7.9, 8.1), 0.2)
-    assert [gain.knob for gain in convergence.alike(convergence.gains(base, [c, b, a]))] == ["a", "b"]
+    assert [gain.parameter for gain in convergence.alike(convergence.gains(base, [c, b, a]))] == ["a", "b"]
 
 
 def test_runs_of_a_study_are_interleaved_and_every_second_turn_goes_backwards():
@@ -139,24 +139,24 @@ def test_runs_of_a_study_are_interleaved_and_every_second_turn_goes_backwards():
 
 def test_each_knob_is_turned_alone_and_the_scene_comes_first():
     own = scene()
-    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.knobs_of(own))
-    assert settings[0].scene == own and settings[0].name == "as the scene has it"
+    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
+    assert settings[0].scene == own and settings[0].name == "unchanged scene"
     for setting in settings[1:]:
         ((key, value),) = setting.changes
         assert getattr(setting.scene.numerics, key) == value != getattr(own.numerics, key)
         assert replace(setting.scene, numerics=own.numerics) == own
-    assert {setting.knob for setting in settings} == {"scene", "cell_size", "particles_per_cell", "cfl"}
+    assert {setting.parameter for setting in settings} == {"scene", "cell_size", "particles_per_cell", "cfl"}
     assert max(setting.scene.numerics.cfl for setting in settings) <= 0.9
 
 
 def test_a_3d_scene_has_other_knobs():
-    names = {knob.name for knob in numerical_parameters.knobs_of(scene("points"))}
+    names = {knob.name for knob in numerical_parameters.parameters_of(scene("points"))}
     assert {"cell_size", "points_per_cell", "cfl", "stiffness"} <= names and "particles_per_cell" not in names
 
 
 def test_combinations_differ_in_several_knobs():
     own = scene()
-    crossed = numerical_parameters.crossed(own, numerical_parameters.knobs_of(own))
+    crossed = numerical_parameters.crossed(own, numerical_parameters.parameters_of(own))
     assert all(len(setting.changes) > 1 for setting in crossed)
     assert len(crossed) == 3 * 3 * 3 - 1 - 3 * 2
     assert len({setting.changes for setting in crossed}) == len(crossed)
@@ -178,7 +178,7 @@ def staged(**numerics):
 
 def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversion():
     own = staged()
-    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.knobs_of(own))
+    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
     found = {setting.changes: setting.scene for setting in settings}
     assert found[("points_per_cell", 27),].numerics.points_per_cell == 27
     both = found[("stage1.cell_size", 8.0), ("stage2.cell_size", 2.0)]
@@ -190,7 +190,7 @@ def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversi
     assert sizes == {("stage1.cell_size", 8.0), ("stage1.cell_size", 2.82843), *(
         ("stage2.cell_size", size) for size in (2.0, 1.41421))}  # fmt: skip
     assert found[("cfl", 0.8),].numerics.cfl == 0.8 and found[("particles_per_cell", 4),]
-    assert {setting.knob for setting in settings} == {
+    assert {setting.parameter for setting in settings} == {
         "scene", "cell_size", "stage1.cell_size", "stage2.cell_size", "particles_per_cell", "points_per_cell", "cfl",
         "precision", "stiffness",
     }  # fmt: skip
@@ -198,21 +198,20 @@ def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversi
 
 def test_the_reference_of_a_scene_in_stages_is_finer_than_any_setting_in_each():
     own = staged()
-    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.knobs_of(own))
+    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
     finer = numerical_parameters.reference(own, settings)
     for n, stage in enumerate(finer.scene.stage):
         least = min(setting.scene.stage[n].cell_size for setting in settings)
         assert stage.cell_size < 0.8 * least
     assert finer.scene.numerics.cfl == 0.2 and finer.cell_size == finer.scene.stage[0].cell_size
-    with pytest.raises(InputError, match="give a larger one"):
+    with pytest.raises(InputError, match="use a larger --refinement"):
         numerical_parameters.reference(own, settings, 1.0)
 
 
 def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter_steps():
     own = staged()
-    turned = {
-        s.changes: s.work_over(own) for s in numerical_parameters.one_at_a_time(own, numerical_parameters.knobs_of(own))
-    }
+    settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
+    turned = {s.changes: s.work_over(own) for s in settings}
     assert turned[()] == 1.0
     assert turned[("points_per_cell", 27),] == 27 / 8 and turned[("cfl", 0.2),] == 2.0
     assert turned[("stage1.cell_size", 8.0), ("stage2.cell_size", 2.0)] == 1 / 8
@@ -220,21 +219,23 @@ def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter
     assert numerical_parameters.setting(scene(), "cell_size", (("cell_size", 2.0),)).work_over(scene()) == 8.0
 
 
-@pytest.mark.parametrize(("name", "words"), [("stage3.cell_size", "no such knob"), ("stage2.cfl", "no such knob")])
+@pytest.mark.parametrize(
+    ("name", "words"), [("stage3.cell_size", "unknown parameter"), ("stage2.cfl", "unknown parameter")]
+)
 def test_a_knob_of_a_stage_that_is_not_there_is_refused(name, words):
     with pytest.raises(InputError, match=words):
-        numerical_parameters.knobs_of(staged(), (name,))
+        numerical_parameters.parameters_of(staged(), (name,))
 
 
 def test_who_is_as_right_in_less_time():
     seconds, errors = [1.0, 2.0, 4.0], [0.3, 0.2, 0.2]
-    assert [quickest_as_right(seconds, errors, error) for error in (0.3, 0.25, 0.1, math.nan)] == [0, 1, None, None]
+    assert [fastest_as_accurate(seconds, errors, error) for error in (0.3, 0.25, 0.1, math.nan)] == [0, 1, None, None]
 
 
-@pytest.mark.parametrize(("name", "words"), [("cel_size", "no such knob"), ("points_per_cell", "has no such knob")])
+@pytest.mark.parametrize(("name", "words"), [("cel_size", "unknown parameter"), ("points_per_cell", "not for columns")])
 def test_a_knob_that_is_not_there_is_refused(name, words):
     with pytest.raises(InputError, match=words):
-        numerical_parameters.knobs_of(scene(), (name,))
+        numerical_parameters.parameters_of(scene(), (name,))
 
 
 def state(thickness, speed=1.0, reach=10.0):

@@ -7,7 +7,7 @@ import pytest
 
 from mpmgis.experiments.measures import Errors, Outcome
 from mpmgis.experiments.numerical_parameters import cells_times, setting
-from mpmgis.experiments.report import RECORD_NAMES, Beside, Row, Study
+from mpmgis.experiments.report import RECORD_NAMES, OtherResult, Row, Study
 from mpmgis.scene import scene_from_tables
 
 SIZES = (8.0, 4.0, 2.0 * 2**0.5, 2.0)
@@ -31,7 +31,7 @@ def study(error_of, sizes=SIZES, reference=FINEST, beside=()):
         changes = () if size == 4.0 else cells_times(scene, size / 4.0)
         made = setting(scene, "scene" if size == 4.0 else "cell_size", changes)
         rows.append(Row(outcome(made, seconds), Errors(error_of(size), np.nan, np.nan, np.nan)))
-    rows.sort(key=lambda row: row.outcome.setting.knob != "scene")
+    rows.sort(key=lambda row: row.outcome.setting.parameter != "scene")
     return Study(tuple(rows), "thickness", reference, beside=beside)
 
 
@@ -69,13 +69,11 @@ def test_the_choice_is_the_quickest_that_is_right_enough_else_the_law_continued(
 
 
 def test_results_of_others_stand_beside_the_quickest_that_is_as_right():
-    other = Beside("other", "as it is", (24.0, 23.0, 26.0), Errors(0.17, np.nan, np.nan, np.nan))
-    wrong = Beside("third", "at its best", (1.0, 1.0, 1.0), Errors(0.001, np.nan, np.nan, np.nan))
+    other = OtherResult("other", "as it is", (24.0, 23.0, 26.0), Errors(0.17, np.nan, np.nan, np.nan))
+    wrong = OtherResult("third", "at its best", (1.0, 1.0, 1.0), Errors(0.001, np.nan, np.nan, np.nan))
     found = study(lambda dx: 0.01 * dx**2, reference=0.0, beside=(other, wrong))
-    assert (
-        "other: as it is: 3 times the time of the quickest here that is as right (as the scene has it)" in found.lines()
-    )
-    assert "third: at its best: no setting here is as right" in found.lines()
+    assert "other: as it is: 3 times the time of the fastest setting as accurate (unchanged scene)" in found.lines()
+    assert "third: at its best: no setting of this study is as accurate" in found.lines()
     names, rows = found.records()
     records = [dict(zip(names, row, strict=True)) for row in rows]
     assert names == RECORD_NAMES and [record["knob"] for record in records[-2:]] == ["beside", "beside"]

@@ -140,4 +140,4 @@ def test_differences_of_any_size_are_told():
 def test_a_raster_at_infinity_is_refused(site, capfd):
     """Pixels so wide that the corners overflow: NumPy warned, and the extent was infinite."""
     write_dtm(site / "far.tif", pixel=1e308)
-    assert "no finite coordinates" in line_of(capfd, "info", site / "far.tif")
+    assert "corners are not finite" in line_of(capfd, "info", site / "far.tif")

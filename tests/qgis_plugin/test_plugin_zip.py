@@ -108,8 +108,8 @@ def test_the_verb_tells_how_to_install_it(tmp_path, monkeypatch, capsys):
     ("words", "line"),
     [
         (["-o", "a.tgz"], "installs plugins from a .zip"),
-        (["--homepage", "example.org"], "--homepage got 'example.org', wanted an address that begins with https://"),
-        (["--email", "me"], "--email got 'me', wanted an address"),
+        (["--homepage", "example.org"], "--homepage got 'example.org', expected an address that begins with https://"),
+        (["--email", "me"], "--email got 'me', expected an address"),
         (["--email", "me@x.org\nicon=evil"], "--email got"),
     ],
 )

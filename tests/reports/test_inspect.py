@@ -109,7 +109,7 @@ def test_a_truncated_table_is_one_line(seeds, tmp_path, suffix):
     ("row", "says"),
     [
         ("1,2,3,4,5,6,7", "has no column 'w'"),
-        ("1,2,3,4,5,6,7,nan", "column 'w' holds 1 NaN or infinite values, the first in row 0"),
+        ("1,2,3,4,5,6,7,nan", "column 'w' has 1 NaN or infinite values, the first in row 0"),
         ("1,2,3,4,5,6,7,fast", "column 'w' holds"),
     ],
 )
