@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ..kernels import binning
+from ..particles import Frame
+from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .node_fields import SPLINE_REACH, Lattice, column_sums
 
@@ -37,7 +39,7 @@ class Bed:
     clamped: bool = False
 
     @classmethod
-    def of(cls, terrain, kind="bilinear", standoff=0.0, clamped=False):
+    def of(cls, terrain: Terrain, kind: str = "bilinear", standoff: float = 0.0, clamped: bool = False) -> "Bed":
         """The bed of `terrain`; the other parameters as in the class."""
         gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
         return cls(
@@ -50,7 +52,7 @@ class Bed:
         )
 
     @cached_property
-    def gradient_by_pixel(self):
+    def gradient_by_pixel(self) -> np.ndarray:
         """float64[pixels, 2]: `gradient` by flat index."""
         return self.gradient.reshape(-1, 2)
 
@@ -67,12 +69,12 @@ class Placed:
     moved: int = 0
 
     @cached_property
-    def inside(self):
+    def inside(self) -> np.ndarray:
         """bool[n]: particles on the DTM."""
         return self.pixel >= 0
 
 
-def place(frame, bed):
+def place(frame: Frame, bed: Bed) -> Placed:
     """Find the DTM pixel under every particle of `frame` and its distance d_p from the bed (Eqs 2, 5, 6)."""
     n = len(frame.particles)
     pixel, distance = np.empty(n, np.int64), np.empty(n)
@@ -132,17 +134,19 @@ class Cells:
     mass_outside: float
     without_slope: int
 
-    def mean(self, column):
+    def mean(self, column: int) -> np.ndarray:
         """Mass-weighted mean of a column of `sums`; NaN where the bed slope is unknown under all particles."""
         weight = self.sums[:, binning.SLOPED]
         return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
 
-    def mean_vector(self, column):
+    def mean_vector(self, column: int) -> np.ndarray:
         """float64[k, 3]: `mean` of the three columns from `column`."""
         return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
 
 
-def bin_frame(frame, placed, bed, grid, density, percentile=100.0, spread=True):
+def bin_frame(
+    frame: Frame, placed: Placed, bed: Bed, grid: Grid, density: float, percentile: float = 100.0, spread: bool = True
+) -> Cells:
     """Sum the particles of `frame` into the cells of the export `grid`.
 
     Parameters
@@ -237,7 +241,7 @@ def _work_array(name, shape):
     return kept[name][:size].reshape(shape)
 
 
-def lower_percentile(distance, mass, percentile):
+def lower_percentile(distance: np.ndarray, mass: np.ndarray, percentile: float) -> float:
     """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without particles."""
     top = np.zeros(1)
     _take_percentile(top, np.zeros(len(distance), np.int64), distance, np.asarray(mass, float), percentile)
@@ -250,7 +254,7 @@ def _take_percentile(top, slot, distance, mass, percentile):
     binning.cell_quantiles(start, order, distance, mass, percentile / 100.0, top)
 
 
-def column_spacing(frame):
+def column_spacing(frame: Frame) -> float | None:
     """Node spacing [m] of the depth-averaged run that made the columns of `frame`; None for all other particles.
 
     Columns of a run sample the flow, and its solver spreads them over nodes. Columns of a seed, of a conversion or
@@ -260,7 +264,7 @@ def column_spacing(frame):
     return None if spacing is None else float(spacing)
 
 
-def column_side(frame):
+def column_side(frame: Frame) -> float:
     """Resolution [m] of the columns of `frame`: node spacing of the run, else the side of the mean column's square.
 
     0 for points.
@@ -271,7 +275,7 @@ def column_side(frame):
     return float(np.sqrt(frame.particles.area.mean())) if spacing is None else spacing
 
 
-def column_reach(frame):
+def column_reach(frame: Frame) -> np.ndarray:
     """float64[n] [m]: distance from its position up to which each column of `frame` contributes to cells."""
     spacing = column_spacing(frame)
     if spacing is None:
@@ -317,7 +321,7 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     return Cells(cells, top, lowest, count, sums, spacing=0.0, **totals)
 
 
-def grid_spacing(frame):
+def grid_spacing(frame: Frame) -> float:
     """Grid spacing [m] of the solver that made `frame`: from its header, else estimated from the particles.
 
     The estimate assumes 8 points or 4 x 4 columns per cell, and is rounded to two digits.

@@ -1,6 +1,7 @@
 """Comparison of two results: matching bands, footprints, overlap, differences, distance between outlines."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,12 +33,12 @@ class Overlap(NamedTuple):
     only_second: float
 
     @property
-    def either(self):
+    def either(self) -> float:
         """Area [m2] of the union."""
         return self.both + self.only_first + self.only_second
 
     @property
-    def iou(self):
+    def iou(self) -> float:
         """Intersection over union, 0 to 1; NaN where both footprints are empty."""
         return self.both / self.either if self.either > 0 else math.nan
 
@@ -52,7 +53,7 @@ class Difference(NamedTuple):
 # ------------------------------------------------------------------------------------------------------------- bands
 
 
-def matched_bands(first, second):
+def matched_bands(first: Sequence, second: Sequence) -> list[tuple]:
     """Pairs of band names of the same quantity, in the order of `first`; None for a missing partner.
 
     An identical name has priority over an equivalent one (`SAME_QUANTITY`).
@@ -72,7 +73,7 @@ def _twins(name):
     return [other for group in SAME_QUANTITY if name in group for other in group if other != name]
 
 
-def kind_of_raster(values):
+def kind_of_raster(values: np.ndarray) -> str:
     """Most likely content of a raster without metadata: MASK, DIFFERENCE, ELEVATION or THICKNESS.
 
     A mask has one value (1 or 255) and 0 or nodata; a difference of DEMs has both signs; elevations exceed
@@ -89,7 +90,7 @@ def kind_of_raster(values):
     return ELEVATION if known.min() > _NO_THICKNESS else THICKNESS
 
 
-def require_present_name(asked):
+def require_present_name(asked: str | None) -> None:
     """Reject a band name of earlier versions; the error gives the present name.
 
     Raises
@@ -101,7 +102,7 @@ def require_present_name(asked):
         raise InputError(f"--band {asked!r} is now named {now!r}; use that name")
 
 
-def footprint_bands(pairs, asked=None, complete=True):
+def footprint_bands(pairs: list, asked: str | None = None, complete: bool = True) -> tuple:
     """The pair of bands whose footprints are compared: the one named `asked`, else peak thickness.
 
     With `complete` both results must have it. The only band of a result is compared whatever its name.
@@ -157,7 +158,7 @@ def _choices(pairs, whole):
     return f"the first has {first}; the second has {second}"
 
 
-def peak(values, name=""):
+def peak(values: np.ndarray, name: str = "") -> float:
     """Largest finite value of a band (smallest for `SMALLEST_COUNTS`); NaN without finite values."""
     finite = values[np.isfinite(values)]
     if finite.size == 0:
@@ -165,7 +166,7 @@ def peak(values, name=""):
     return float(finite.min() if name in SMALLEST_COUNTS else finite.max())
 
 
-def high_percentile(values, name=""):
+def high_percentile(values: np.ndarray, name: str = "") -> float:
     """99th percentile of the cells with flow (finite and not 0): a peak that does not depend on a single cell."""
     flowing = values[np.isfinite(values) & (values != 0)]
     if flowing.size == 0:
@@ -173,7 +174,7 @@ def high_percentile(values, name=""):
     return float(np.percentile(flowing, 100 - PERCENTILE if name in SMALLEST_COUNTS else PERCENTILE))
 
 
-def difference(first, second, where):
+def difference(first: np.ndarray, second: np.ndarray, where: np.ndarray) -> Difference:
     """Difference of two bands [their unit] on the same grid in the cells of bool[rows, columns] `where`."""
     gap = (first - second)[where]
     gap = gap[np.isfinite(gap)]
@@ -186,13 +187,13 @@ def difference(first, second, where):
 # -------------------------------------------------------------------------------------------------------- footprints
 
 
-def footprint(values, threshold):
+def footprint(values: np.ndarray, threshold: float) -> np.ndarray:
     """bool[rows, columns]: cells above `threshold`; nodata (NaN) is no flow."""
     with np.errstate(invalid="ignore"):
         return values > threshold
 
 
-def mask_corners(mask, grid):
+def mask_corners(mask: np.ndarray, grid: Grid) -> np.ndarray:
     """float64[4, 2] [m]: corners of the bounding window of the True cells; empty [0, 2] without True cells."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
@@ -202,7 +203,7 @@ def mask_corners(mask, grid):
     return np.stack(grid.xy(row, column), axis=-1)
 
 
-def joint_grid(grids, points):
+def joint_grid(grids: Sequence, points: np.ndarray) -> Grid:
     """Common grid of a comparison: the finest of `grids`, cropped or extended to contain all `points`.
 
     Parameters
@@ -230,7 +231,7 @@ def joint_grid(grids, points):
     return Grid(finest.crs, finest.transform * Affine.translation(left, top), shape)
 
 
-def nearest(values, grid, onto, outside=np.nan):
+def nearest(values: np.ndarray, grid: Grid, onto: Grid, outside: float = np.nan) -> np.ndarray:
     """`values` [rows, columns] of `grid` at the cell centres of the grid `onto`; `outside` beyond the raster.
 
     Nearest-neighbour resampling: with target cells that are not larger, peaks are kept and borders move by half a
@@ -248,7 +249,7 @@ def nearest(values, grid, onto, outside=np.nan):
     return result
 
 
-def upright(grid):
+def upright(grid: Grid) -> Grid:
     """A north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up."""
     if grid.is_north_up:
         return grid
@@ -258,7 +259,7 @@ def upright(grid):
     return Grid.north_up(grid.crs, west, north, size, shape)
 
 
-def overlap(first, second, cell_area):
+def overlap(first: np.ndarray, second: np.ndarray, cell_area: float) -> Overlap:
     """Overlap of two footprints, bool[rows, columns] on the same grid with cells of `cell_area` [m2]."""
     counts = (np.count_nonzero(first & second), np.count_nonzero(first & ~second), np.count_nonzero(second & ~first))
     return Overlap(*(count * cell_area for count in counts))
@@ -282,7 +283,7 @@ class OutlineDistances(NamedTuple):
     largest: float
 
 
-def outline_distances(first, second, spacing):
+def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing: float) -> OutlineDistances | None:
     """The OutlineDistances of two polygonal geometries; None if one is empty.
 
     Parameters

@@ -25,16 +25,16 @@ class Side:
     top: float = math.nan
 
     @property
-    def farthest_along(self):
+    def farthest_along(self) -> float:
         """Distance [m] along the line from its start to the farthest point; NaN without one."""
         return math.nan if self.farthest is None else self.farthest.distance
 
     @property
-    def runout(self):
+    def runout(self) -> float:
         """Distance [m] along the line from the highest to the farthest point of the flow; NaN if unknown."""
         return self.farthest_along - self.top
 
-    def facts(self):
+    def facts(self) -> dict:
         """The same as plain numbers and strings."""
         place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
         return {
@@ -59,11 +59,11 @@ class BandFacts:
     difference: Difference
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Both names joined, or the common name."""
         return " / ".join(dict.fromkeys(name for name in self.names if name))
 
-    def facts(self):
+    def facts(self) -> dict:
         """The same as plain numbers and strings."""
         return {
             "a": self.names[0],
@@ -113,11 +113,11 @@ class Comparison:
     files: tuple = ()
 
     @property
-    def observed(self):
+    def observed(self) -> int | None:
         """Index of the side that is an observed outline; None if both are results."""
         return next((k for k, side in enumerate(self.sides) if side.band is None), None)
 
-    def area_words(self):
+    def area_words(self) -> tuple:
         """(label, area [m2]) of the area covered by both, only the first, only the second.
 
         Against an observed outline: area of the result alone is overestimated, of the outline alone underestimated.
@@ -129,7 +129,7 @@ class Comparison:
         return (("both", overlap.both), (first, overlap.only_first), (second, overlap.only_second))
 
     @property
-    def observed_reached(self):
+    def observed_reached(self) -> float:
         """Share of the outline covered by the result; NaN if both are results or the outline is empty."""
         if self.observed is None:
             return math.nan
@@ -137,14 +137,14 @@ class Comparison:
         outline = self.overlap.both + only
         return self.overlap.both / outline if outline > 0 else math.nan
 
-    def distance_rows(self):
+    def distance_rows(self) -> tuple:
         """(quantity, unit, value) of the distances between the outlines; () if one is empty."""
         if self.distances is None:
             return ()
         words = ("A to B, mean", "B to A, mean", "both ways, mean", "both ways, 95 %", "both ways, largest (Hausdorff)")
         return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
 
-    def reported_bands(self):
+    def reported_bands(self) -> list[BandFacts]:
         """The bands to report: common bands; if one side is an outline, the footprint band of the other.
 
         A band with the same numbers as an earlier one is omitted: columns have t = h.
@@ -156,7 +156,7 @@ class Comparison:
                 reported.setdefault(str((band.unit, band.peak, band.percentile, band.difference)), band)
         return list(reported.values())
 
-    def rows(self):
+    def rows(self) -> list[tuple]:
         """(quantity, unit, first, second, first minus second) of every number with a value for each side."""
         first, second = self.sides
         rows = [("area", "m2", first.area, second.area)]
@@ -168,7 +168,7 @@ class Comparison:
             rows.append((f"{band.name} 99 %", band.unit, *band.percentile))
         return [(*row, row[2] - row[3]) for row in rows]
 
-    def common_rows(self):
+    def common_rows(self) -> list[tuple]:
         """(quantity, unit, value) of every number that describes both sides together."""
         overlap = self.overlap
         rows = [(word, "m2", area) for word, area in self.area_words()]
@@ -182,7 +182,7 @@ class Comparison:
                 rows.append((f"{band.name} A - B rms", band.unit, band.difference.rms))
         return rows
 
-    def facts(self):
+    def facts(self) -> dict:
         """All results as plain numbers, lists and strings; None for missing numbers."""
         return {
             "a": self.sides[0].facts(),

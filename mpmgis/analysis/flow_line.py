@@ -1,6 +1,7 @@
 """Runout distances along a line, and the common centre line of two flows."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ class Runout(NamedTuple):
     y: float
 
 
-def positions_along(line, x, y):
+def positions_along(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """float64[k]: distance [m] from the start of `line` to the point on it nearest to each (x, y).
 
     The line is extended straight at both ends: positions before the start are negative, positions beyond the end
@@ -50,7 +51,7 @@ def positions_along(line, x, y):
     return along
 
 
-def runout(mask, grid, line):
+def runout(mask: np.ndarray, grid: Grid, line: np.ndarray) -> Runout | None:
     """Runout of the True cells of `mask` on `grid` along `line`, to cell centres; None without True cells."""
     row, column = np.nonzero(mask)
     if row.size == 0:
@@ -61,7 +62,7 @@ def runout(mask, grid, line):
     return Runout(float(along[farthest]), float(x[farthest]), float(y[farthest]))
 
 
-def up_to(line, distance):
+def up_to(line: np.ndarray, distance: float) -> np.ndarray:
     """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or extended straight."""
     line = np.asarray(line, float)
     along = vertex_distances(line)
@@ -70,12 +71,12 @@ def up_to(line, distance):
     return np.vstack([line[:last], line[last - 1] + (distance - along[last - 1]) * direction])
 
 
-def vertex_distances(line):
+def vertex_distances(line: np.ndarray) -> np.ndarray:
     """float64[n]: distance [m] of each vertex of `line` from its start, along it."""
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(np.asarray(line, float), axis=0), axis=1))]
 
 
-def places_along(line, along):
+def places_along(line: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(x, y) float64[k] [m] of the points at the distances `along` [m] from the start of `line`.
 
     Inverse of `positions_along`; the line is extended straight at both ends.
@@ -87,7 +88,7 @@ def places_along(line, along):
     return tuple((line[piece] + (along - vertices[piece])[:, None] * direction).T)
 
 
-def distance_to_line(line, mask, grid):
+def distance_to_line(line: np.ndarray, mask: np.ndarray, grid: Grid) -> float:
     """Distance [m] from `line` to the nearest centre of a True cell; infinite without True cells."""
     row, column = np.nonzero(mask)
     if row.size == 0:
@@ -95,7 +96,7 @@ def distance_to_line(line, mask, grid):
     return float(shapely.distance(shapely.LineString(line), shapely.MultiPoint(np.column_stack(grid.xy(row, column)))))
 
 
-def centre_line(masks, weights, elevation, grid):
+def centre_line(masks: Sequence, weights: Sequence, elevation: np.ndarray, grid: Grid) -> np.ndarray | None:
     """Common centre line of two flows: float64[n, 2] [m], from the highest part of their footprints downwards.
 
     Distances are path lengths within the union of the footprints, from its highest part (the middle of the cells

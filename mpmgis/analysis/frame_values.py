@@ -1,10 +1,12 @@
 """Cell values of one frame, the survey of all frames before an export, and values of selected cells."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..kernels import binning
+from ..particles import Frame
 from ..terrain.grid import Grid
 from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
 from .maxima import least_depth
@@ -93,7 +95,7 @@ class FrameValues:
     fastest: float
 
 
-def average_frame(frame, averaging):
+def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
     """Average `frame` with the settings `averaging`.
 
     Returns
@@ -153,7 +155,7 @@ def _below_terrain(frame, placed, standoff, spacing, mass):
 RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
 
 
-def reached(frame, bed, axes):
+def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
     """Bounds (first column, first row, last column, last row) [m] of the flow on the DTM; None without flow.
 
     Parameters
@@ -174,7 +176,7 @@ def reached(frame, bed, axes):
     return tuple(bounds.tolist()) if count else None
 
 
-def survey_frame(frame, bed, density, axes=None):
+def survey_frame(frame: Frame, bed: Bed, density: float, axes: Grid | None = None) -> FrameFacts:
     """Data of `frame` for the choice of the cell size and the standoff.
 
     Parameters
@@ -218,7 +220,7 @@ def _median_thickness(frame, placed, bed, density):
     return float(np.median(thickness)) if len(thickness) else 0.0
 
 
-def resting_offset(distance, mass):
+def resting_offset(distance: np.ndarray, mass: np.ndarray) -> tuple[float, float]:
     """Depth below the DTM at which a grid-based code lets particles rest.
 
     Parameters
@@ -243,7 +245,7 @@ def resting_offset(distance, mass):
     return share, float(distance[order[min(rank, len(order) - 1)]])
 
 
-def automatic_standoff(facts):
+def automatic_standoff(facts: Sequence) -> float:
     """The standoff [m] of the frame with the largest share of its mass below the bed; 0 if the share is under 1 %.
 
     It is the distance with 1 % of that frame's mass below it. Grid-based codes apply the bed condition at nodes and
@@ -253,7 +255,7 @@ def automatic_standoff(facts):
     return deepest.offset if deepest.below >= RESTING_BELOW else 0.0
 
 
-def fastest_mean(frame, bed, grid, density):
+def fastest_mean(frame: Frame, bed: Bed, grid: Grid, density: float) -> float:
     """Largest depth-averaged horizontal speed [m s-1] over the cells of `grid` (for Eq 17)."""
     speed = map_speed(bin_frame(frame, place(frame, bed), bed, grid, density))
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
@@ -262,7 +264,7 @@ def fastest_mean(frame, bed, grid, density):
 NOWHERE = -1  # cell number of a point outside the grid
 
 
-def cells_of(grid, x, y):
+def cells_of(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """int64[n]: flat number of the cell of `grid` that contains each map point [m]; NOWHERE outside the grid."""
     row, column = (np.floor(place + 0.5).astype(np.int64) for place in grid.rowcol(x, y))
     rows, columns = grid.shape
@@ -270,7 +272,7 @@ def cells_of(grid, x, y):
     return np.where(inside, row * columns + column, NOWHERE)
 
 
-def pick(index, values, empty, cells):
+def pick(index: np.ndarray, values: np.ndarray, empty: float, cells: np.ndarray) -> np.ndarray:
     """Values of selected `cells`.
 
     Parameters
@@ -296,13 +298,13 @@ def pick(index, values, empty, cells):
     return result
 
 
-def frame_at_cells(frame, averaging, cells):
+def frame_at_cells(frame: Frame, averaging: Averaging, cells: np.ndarray) -> dict:
     """Product -> float64[n] of `cells` of `averaging.grid`, averaged as in the export's rasters."""
     found = average_frame(frame, averaging)
     return {name: pick(found.index, found.values[name], PRODUCTS[name].empty, cells) for name in averaging.names}
 
 
-def nearest_times(times, wanted):
+def nearest_times(times: np.ndarray, wanted: np.ndarray) -> list[int]:
     """Ascending numbers of the frames nearest to the `wanted` times [s], without repetition; the earlier of two
     equally near ones."""
     gaps = np.abs(np.asarray(times, float)[None, :] - np.asarray(wanted, float)[:, None])

@@ -35,7 +35,7 @@ class IntensityClass:
     when: tuple
     read_in: str = ""
 
-    def words(self):
+    def words(self) -> str:
         """The conditions as text."""
         if any(not condition for condition in self.when):
             return "all cells with flow"
@@ -45,7 +45,7 @@ class IntensityClass:
         )
         return " or ".join(parts)
 
-    def origin(self):
+    def origin(self) -> str:
         """The source of its numbers, as text."""
         if self.read_in == UNREAD:
             return "number as commonly cited, not verified in the document; check it there"
@@ -63,14 +63,14 @@ class Guideline:
     classes: tuple
 
     @property
-    def bands(self):
+    def bands(self) -> tuple[str, ...]:
         """Names of the bands that its conditions use."""
         named = {name for entry in self.classes for condition in entry.when for name in condition}
         named |= {"h", "v"} if named & set(PRODUCTS) else set()
         return tuple(band for name, (_, band, _) in QUANTITIES.items() if name in named and band is not None)
 
 
-def parse_guidelines(tables, where):
+def parse_guidelines(tables: dict, where: object) -> dict[str, Guideline]:
     """Guidelines by name from the tables of a TOML file; `where` is its name in error messages.
 
     Raises
@@ -126,7 +126,7 @@ def _text(value, where, key):
     return value
 
 
-def classify(guideline, bands, reached):
+def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
     """Class number of each cell.
 
     Parameters
@@ -161,6 +161,6 @@ def _at_least(bands, name, least):
         return values >= least
 
 
-def class_areas(guideline, numbers, cell_area):
+def class_areas(guideline: Guideline, numbers: np.ndarray, cell_area: float) -> np.ndarray:
     """float64[classes] [m2]: plan area of each class."""
     return np.bincount(numbers.ravel(), minlength=len(guideline.classes) + 1)[1:] * cell_area

@@ -19,6 +19,7 @@ Where the depth never reached the smaller of `min_depth` and the arrival thickne
 solver's splines, and the cell has no value.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -27,6 +28,8 @@ import numpy as np
 import scipy  # submodules are loaded on first use
 
 from ..peaks import PEAK_NAMES, TRANSFORM, lattices_of
+from ..terrain.grid import Grid
+from .cells import Bed
 from .node_fields import Lattice, nodes_to_cells
 
 
@@ -54,7 +57,7 @@ ARRIVAL_THICKNESS = 0.05  # [m] of the solver, unless its frames give another
 THINNEST = 1e-3  # [m] smallest depth of flow if --min-depth is 0
 
 
-def least_depth(min_depth, arrival_thickness=ARRIVAL_THICKNESS):
+def least_depth(min_depth: float, arrival_thickness: float = ARRIVAL_THICKNESS) -> float:
     """Smallest depth [m] of flow in a field of columns; smaller values are the tail of their splines."""
     return min(min_depth, arrival_thickness) or THINNEST
 
@@ -80,7 +83,7 @@ class RunningMaxima:
         self.values = {name: np.zeros(cells, np.float32) for name in names}
         self.seen = {name: np.zeros(cells, bool) for name in names}
 
-    def absorb(self, index, values, time, least=0.0):
+    def absorb(self, index: np.ndarray, values: dict, time: float, least: float = 0.0) -> None:
         """Add one frame.
 
         Parameters
@@ -101,7 +104,7 @@ class RunningMaxima:
         arrived = np.where(np.asarray(values["h"], np.float32) >= self.min_depth, time, np.nan)
         self._keep(ARRIVAL, index, arrived, np.minimum)
 
-    def absorb_peaks(self, index, values):
+    def absorb_peaks(self, index: np.ndarray, values: dict) -> None:
         """Add the solver's peaks of every step: `index` and `values` as yielded by `SolverPeaks.on`."""
         for name, peak in self.peaks.items():
             if peak.larger and peak.product in values:
@@ -117,16 +120,16 @@ class RunningMaxima:
         store[index] = np.where(seen[index], better(store[index], new), new)
         seen[index] = True
 
-    def rows(self, name, first, last, columns):
+    def rows(self, name: str, first: int, last: int, columns: int) -> np.ndarray:
         """float32[last - first, columns]: raster rows of band `name`, NaN without flow."""
         part = slice(first * columns, last * columns)
         return np.where(self.seen[name][part], self.values[name][part], np.float32(np.nan)).reshape(-1, columns)
 
-    def at(self, name, index):
+    def at(self, name: str, index: np.ndarray) -> np.ndarray:
         """float32[k]: band `name` in the cells `index`, NaN without flow."""
         return np.where(self.seen[name][index], self.values[name][index], np.float32(np.nan))
 
-    def largest(self, name):
+    def largest(self, name: str) -> float:
         """Largest absolute value of band `name`; 0 without flow."""
         return float(np.abs(self.values[name]).max(initial=0.0))
 
@@ -170,7 +173,7 @@ class SolverPeaks:
     others: tuple = ()
 
     @classmethod
-    def of(cls, kept, time):
+    def of(cls, kept: dict, time: float) -> "SolverPeaks | None":
         """The peaks in the dictionary `kept` (group `maxima` of a frame at `time` [s]); None without flow.
 
         Its `transform` maps corners of cells around the nodes: (spacing, 0, west, 0, spacing, south).
@@ -191,12 +194,12 @@ class SolverPeaks:
             float(kept.get("arrival_thickness", ARRIVAL_THICKNESS)),
         )
 
-    def bands(self, min_depth):
+    def bands(self, min_depth: float) -> tuple[str, ...]:
         """The maxima bands from these peaks: those without a threshold; all if `min_depth` [m] is their threshold."""
         same = abs(self.arrival_thickness - min_depth) <= 1e-6 * self.arrival_thickness
         return BANDS if same else WITHOUT_THRESHOLD
 
-    def bounds(self, min_depth):
+    def bounds(self, min_depth: float) -> tuple | None:
         """(west, south, east, north) [m] of the flow, to the next dry node; None without flow."""
         found = [lattice._own_bounds(min_depth) for lattice in (self, *self.others)]
         found = np.array([bounds for bounds in found if bounds is not None])
@@ -219,7 +222,7 @@ class SolverPeaks:
         """Smallest thickness [m] of a peak that is flow."""
         return least_depth(min_depth, self.arrival_thickness)
 
-    def on(self, grid, bed, min_depth):
+    def on(self, grid: Grid, bed: Bed, min_depth: float) -> Iterator[tuple]:
         """Yield the peaks of the cells of `grid` with flow, for strips of rows and one lattice at a time.
 
         Parameters

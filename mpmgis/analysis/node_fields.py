@@ -6,7 +6,7 @@ summed at the nodes of the solver's lattice, the field is bilinear between nodes
 integral. Volume is conserved for every cell size, and a fine raster has a smooth depth.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy  # submodules are loaded on first use
@@ -14,7 +14,13 @@ import scipy  # submodules are loaded on first use
 from ..kernels import binning
 from ..kernels import node_fields as kernel
 from ..kernels.binning import ROUNDING
+from ..particles import Frame
+from ..terrain.grid import Grid
 from .sampling import export_axes
+
+if TYPE_CHECKING:
+    from .cells import Bed, Placed
+
 
 SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats
 
@@ -49,7 +55,7 @@ class Axis(NamedTuple):
     weight: np.ndarray
 
     @classmethod
-    def of(cls, start, cell, cells, nodes):
+    def of(cls, start: float, cell: float, cells: int, nodes: int) -> "Axis":
         """The axis of `cells` cells of `cell` node spacings from `start`; 0 is the first of `nodes`."""
         parts = max(1, int(np.ceil(cell - 1e-9)))
         part = cell / parts
@@ -66,11 +72,11 @@ class Axis(NamedTuple):
         return cls(float(start), float(cell), parts, low, number[:-1] // parts, first, weight)
 
     @property
-    def part(self):
+    def part(self) -> float:
         """Width of a part, in node spacings."""
         return self.cell / self.parts
 
-    def rows(self, first, last):
+    def rows(self, first: int, last: int) -> "Axis":
         """The axis of the cells from `first` to `last` (exclusive)."""
         a, b = np.searchsorted(self.owner, (first, last))
         return self._replace(
@@ -78,13 +84,13 @@ class Axis(NamedTuple):
             owner=self.owner[a:b] - first, first=self.first[a:b], weight=self.weight[a:b],
         )  # fmt: skip
 
-    def shares(self, nodes):
+    def shares(self, nodes: int) -> np.ndarray:
         """float64[nodes]: integral of each node's hat function over the cells."""
         node = self.first[:, None] + np.arange(3)
         there = (node >= 0) & (node < nodes)
         return np.bincount(node[there], self.weight[there], nodes)
 
-    def table(self):
+    def table(self) -> tuple:
         """The arrays for the kernels."""
         return self.owner, self.first, self.weight
 
@@ -102,7 +108,7 @@ class Lattice(NamedTuple):
     anchor: tuple
 
     @classmethod
-    def of_solver(cls, spacing, terrain_grid, grid):
+    def of_solver(cls, spacing: float, terrain_grid: Grid, grid: Grid) -> "Lattice":
         """The nodes of a depth-averaged run on a DTM, along the axes of the export `grid`.
 
         One node is at the origin of the export cells: the upper left corner of the DTM's bounds, or the first corner
@@ -110,16 +116,16 @@ class Lattice(NamedTuple):
         """
         return cls(float(spacing), tuple(export_axes(terrain_grid, not grid.is_rotated).corner))
 
-    def units(self, grid):
+    def units(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         """(float64[2], float64[2, 2]): sides of a cell of `grid` in node spacings; map vectors to (across, down)."""
         sides = np.array(grid.sides) / self.spacing
         return sides, sides[:, None] * np.linalg.inv(grid.matrix)
 
-    def place_of(self, grid, x, y):
+    def place_of(self, grid: Grid, x: float, y: float) -> np.ndarray:
         """float64[2]: (across, down) of a map point [m], from the anchor along the axes of `grid`."""
         return self.units(grid)[1] @ np.array([x - self.anchor[0], y - self.anchor[1]])
 
-    def window(self, grid, nodes):
+    def window(self, grid: Grid, nodes: np.ndarray) -> np.ndarray:
         """(first row, end row, first column, end column) of the cells of `grid` within reach of `nodes` (window)."""
         sides, _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
@@ -128,7 +134,7 @@ class Lattice(NamedTuple):
         (j0, i0), (j1, i1) = np.maximum(low, 0), np.minimum(high, grid.shape[::-1])
         return np.array([i0, max(i1, i0), j0, max(j1, j0)], np.int64)
 
-    def axes(self, grid, cells, nodes):
+    def axes(self, grid: Grid, cells: np.ndarray, nodes: np.ndarray) -> tuple[Axis, Axis]:
         """(Axis down, Axis across) of the window `cells` of `grid`, from the first node of the window `nodes`."""
         (across, down), _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
@@ -137,7 +143,7 @@ class Lattice(NamedTuple):
             Axis.of(corner[0] + cells[2] * across - nodes[2], across, cells[3] - cells[2], nodes[3] - nodes[2]),
         )
 
-    def cell_window(self, grid, bed, cells, axes, sloped=False):
+    def cell_window(self, grid: Grid, bed: "Bed", cells: np.ndarray, axes: tuple, sloped: bool = False) -> "CellWindow":
         """The CellWindow of the `cells` of `grid` with their `axes`; flow is possible where `bed` has data.
 
         With `sloped` the factor is the cosine of the slope at the middle of each part, else 1.
@@ -152,7 +158,7 @@ class Lattice(NamedTuple):
         )  # fmt: skip
         return CellWindow(cells, axes, factor, self.node_area(grid))
 
-    def node_area(self, grid):
+    def node_area(self, grid: Grid) -> float:
         """Ground area of one node [m2]."""
         sides, _ = self.units(grid)
         return grid.cell_area / float(sides.prod())
@@ -178,13 +184,13 @@ class CellWindow(NamedTuple):
     factor: np.ndarray
     node_area: float
 
-    def admit(self, row, column):
+    def admit(self, row: np.ndarray, column: np.ndarray) -> None:
         """Allow flow in the cells of particles, `row` and `column` int32[n], also without bed data."""
         down, across = self.axes
         parts = (down.parts, down.low), (across.parts, across.low)
         kernel.parts_with_columns(row, column, self.cells[0], self.cells[2], *parts, self.factor)
 
-    def shares(self, shape):
+    def shares(self, shape: tuple) -> np.ndarray:
         """float64[shape]: integral of each node's hat function where flow is possible."""
         down, across = self.axes
         if self.factor.all():
@@ -208,7 +214,7 @@ class CellSums(NamedTuple):
     mark: np.ndarray
 
 
-def nodes_to_cells(nodes, present, measure, grid, window):
+def nodes_to_cells(nodes: np.ndarray, present: int, measure: int, grid: Grid, window: CellWindow) -> CellSums:
     """Integrate the field of `nodes` over the cells of `grid` in `window`.
 
     Parameters
@@ -240,7 +246,9 @@ def nodes_to_cells(nodes, present, measure, grid, window):
     return CellSums(index, sums, top, mark)
 
 
-def column_sums(frame, placed, bed, grid, row, column, lattice):
+def column_sums(
+    frame: Frame, placed: "Placed", bed: "Bed", grid: Grid, row: np.ndarray, column: np.ndarray, lattice: Lattice
+) -> tuple[CellSums, np.ndarray]:
     """Spread the columns of `frame` to the nodes of `lattice` and integrate the field over the cells of `grid`.
 
     Parameters

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..fields import GRAVITY
+from ..particles import Frame
 
 PACKED = 1.2  # times the material density, above which mass counts as packed
 PACKED_CELLS = 2.0  # side of the map squares for this test: points of a fluid gather in single cells
@@ -47,17 +48,19 @@ class PointVolume:
     cells_over_depth: float
 
     @property
-    def kept(self):
+    def kept(self) -> bool:
         """True if all shares are within the limits of a usable result."""
         hangs = self.hanging_share > HANGING_SHARE
         return not hangs and self.packed_share <= PACKED_SHARE and self.missing_share <= MISSING_SHARE
 
-    def as_numbers(self):
+    def as_numbers(self) -> dict:
         """All values as plain numbers for a record."""
         return asdict(self) | {"kept": self.kept}
 
 
-def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
+def point_volume(
+    frame: Frame, height: np.ndarray, slope: np.ndarray, cell_size: float, density: float, gravity: float = GRAVITY
+) -> PointVolume:
     """The PointVolume of a Frame of points.
 
     A map square has PACKED_CELLS cells per side. A point is packed if the points of its square up to its height have

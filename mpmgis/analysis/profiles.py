@@ -6,15 +6,23 @@ is shared among the layers that it overlaps, so a uniform lattice of points give
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..fields import BAND, GRAVITY
+from ..particles import Frame
+from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
-from .cells import Placed, bin_frame, grid_spacing, lower_percentile, place
+from .cells import Bed, Placed, bin_frame, grid_spacing, lower_percentile, place
 from .quantities import impact_pressure, normal_velocity, parallel_speed, volume_thickness
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
 
 PROFILE_PRODUCTS = ("h", "t", "Un", "Ut")
 SERIES_PRODUCTS = (*PROFILE_PRODUCTS, "p")
@@ -49,11 +57,11 @@ class ProfileFound:
     values: dict
     files: tuple = ()
 
-    def columns(self):
+    def columns(self) -> tuple:
         """(name, unit) of the columns of `rows`."""
         return (*PLACE_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
-    def rows(self):
+    def rows(self) -> Iterator[tuple]:
         """One row per time and point."""
         for k, time in enumerate(self.times):
             numbers = (self.along, self.x, self.y, self.terrain, self.surface[k], *(v[k] for v in self.values.values()))
@@ -84,23 +92,23 @@ class SeriesFound:
     values: dict
     files: tuple = ()
 
-    def columns(self):
+    def columns(self) -> tuple:
         """(name, unit) of the columns of `rows`."""
         return (("point", ""), *POINT_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
-    def rows(self):
+    def rows(self) -> Iterator[tuple]:
         """One row per point and time."""
         for point, name in enumerate(self.names):
             for k, time in enumerate(self.times):
                 values = (values[k, point] for values in self.values.values())
                 yield (name, self.x[point], self.y[point], time, *values)
 
-    def arrival(self, point, min_depth):
+    def arrival(self, point: int, min_depth: float) -> float:
         """First time [s] with at least `min_depth` [m] at the point of this number; NaN without flow."""
         deep = self.values["h"][:, point] >= min_depth
         return float(self.times[np.argmax(deep)]) if deep.any() else np.nan
 
-    def peak(self, product, point):
+    def peak(self, product: str, point: int) -> tuple[float, float]:
         """(largest value, its time [s]) of a product at the point of this number; NaN without values."""
         values = self.values[product][:, point]
         if not np.isfinite(values).any():
@@ -109,7 +117,7 @@ class SeriesFound:
         return float(values[k]), float(self.times[k])
 
 
-def free_surface(terrain, x, y, depth):
+def free_surface(terrain: Terrain, x: np.ndarray, y: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Elevation [m] of the free surface at map points, vertically above them, from `depth` [m] normal to the bed.
 
     Parameters
@@ -165,12 +173,12 @@ class VerticalProfile:
     overburden: np.ndarray
 
     @property
-    def momentum_flux(self):
+    def momentum_flux(self) -> tuple[float, float]:
         """(force per width [N m-1], height of its resultant [m]) of the momentum flux rho v^2."""
         return self._force(self.pressure)
 
     @property
-    def overburden_force(self):
+    def overburden_force(self) -> tuple[float, float]:
         """(force per width [N m-1], height of its resultant [m]) of the overburden, with isotropic pressure as in a
         fluid; the only force of a flow at rest."""
         return self._force(self.overburden)
@@ -194,14 +202,14 @@ class VerticalFound:
     profiles: tuple
     files: tuple = ()
 
-    def rows(self):
+    def rows(self) -> Iterator[tuple]:
         """Rows of PROFILE_COLUMNS."""
         for k, found in self._each():
             layers = (found.edges[:-1], found.edges[1:], found.count, found.density, found.parallel, found.normal)
             for layer in zip(*layers, found.pressure, found.overburden, strict=True):
                 yield (self.names[k], self.x[k], self.y[k], found.time, *layer)
 
-    def load_rows(self):
+    def load_rows(self) -> Iterator[tuple]:
         """Rows of LOAD_COLUMNS."""
         for k, found in self._each():
             largest = float(found.pressure.max(initial=0.0))
@@ -212,12 +220,14 @@ class VerticalFound:
         return ((k, found) for k, of_point in enumerate(self.profiles) for found in of_point)
 
 
-def cell_around(x, y, width, crs):
+def cell_around(x: float, y: float, width: float, crs: "CRS | None") -> Grid:
     """Grid of one square cell, `width` [m] wide, around a map point."""
     return Grid.north_up(crs, x - 0.5 * width, y + 0.5 * width, width, (1, 1))
 
 
-def vertical_profiles(frame, bed, density, points, width, layer, percentile=100.0):
+def vertical_profiles(
+    frame: Frame, bed: Bed, density: float, points: np.ndarray, width: float, layer: float, percentile: float = 100.0
+) -> list[VerticalProfile]:
     """The VerticalProfile of every point in a frame of points.
 
     Parameters
@@ -301,13 +311,13 @@ def _layer_values(part, placed, share, bed, density, grid, layer):
     return packed, parallel_speed(cells)[0], normal_velocity(cells)[0], packed / density * impact_pressure(cells)[0]
 
 
-def usual_sizes(frame):
+def usual_sizes(frame: Frame) -> tuple[float, float]:
     """Default (width of the cell, height of a layer) [m], from the grid spacing of the solver of `frame`."""
     spacing = grid_spacing(frame)
     return WIDTH_IN_CELLS * spacing, LAYER_IN_CELLS * spacing
 
 
-def corners_of(x, y, width):
+def corners_of(x: np.ndarray, y: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
     """(x, y) float64[4 n] [m]: the corners of the cells around map points."""
     offsets = np.array(list(product((-0.5, 0.5), repeat=2))) * width
     return tuple((np.stack([x, y], axis=1)[:, None] + offsets).reshape(-1, 2).T)

@@ -32,7 +32,7 @@ STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1]; elastic solids oscill
 STILL_FALL = 0.05  # [m], largest mean drop of a mass at rest
 
 
-def stood_still(stages):
+def stood_still(stages: list[dict]) -> str:
     """Message about a run in which nothing ever moved; '' for any other run.
 
     The test uses energy: the kinetic energy was always below that of the mass at STILL_SPEED, and the lost energy
@@ -60,7 +60,7 @@ def stood_still(stages):
     )
 
 
-def extremes(stages):
+def extremes(stages: list[dict]) -> dict:
     """Location and time of the largest thickness and speed of a run, from the balances at the end of each stage.
 
     Parameters
@@ -84,7 +84,7 @@ def extremes(stages):
     return found
 
 
-def extreme_lines(found):
+def extreme_lines(found: dict) -> list[str]:
     """Lines of text about the `extremes` of all stages of a run."""
     words = {"thickness": ("vertical thickness", "m"), "speed": ("speed along the ground", "m/s")}
     return [
@@ -93,7 +93,7 @@ def extreme_lines(found):
     ]
 
 
-def peak_lines(found):
+def peak_lines(found: dict | None) -> list[str]:
     """Lines of text about the largest peaks recorded by the solvers (`mpmgis.peaks.largest_peaks`); [] if none."""
     if not found:
         return []
@@ -109,7 +109,7 @@ def _place(at, time):
     return f"at E {at[0]:.1f} N {at[1]:.1f}, t = {time:.1f} s"
 
 
-def resolution_words(numbers):
+def resolution_words(numbers: dict) -> str:
     """One sentence about a Resolution `as_numbers`."""
     size = numbers["cell_size"]
     words = [
@@ -125,7 +125,7 @@ def resolution_words(numbers):
     return f"{', '.join(words)}: too coarse, a 3D run needs {FEWEST_CELLS:g}; {thin}; {fix}"
 
 
-def volume_words(numbers):
+def volume_words(numbers: dict) -> str:
     """One sentence about a PointVolume `as_numbers`."""
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
@@ -141,7 +141,7 @@ def volume_words(numbers):
     )
 
 
-def unusable_lines(record):
+def unusable_lines(record: dict) -> list[str]:
     """Lines of text about stages of a run whose points have lost their volume; [] for a usable result.
 
     `record` is the content of `run.json`, or its part with `volume`, or with `stages`.
@@ -151,7 +151,7 @@ def unusable_lines(record):
     return [f"stage {n}: {volume_words(one)}" if len(stages) > 1 else volume_words(one) for n, one in lost]
 
 
-def account(balances, solver, mass=None):
+def account(balances: dict, solver: str, mass: dict | None = None) -> list[str]:
     """Lines of text about a run's balances.
 
     Parameters

@@ -11,8 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.binning import MASS
+from ..particles import Frame
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from .cells import bin_frame, place
 from .flow_line import places_along, positions_along, vertex_distances
+from .frame_values import Averaging
 
 QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
 
@@ -34,22 +38,22 @@ class EnergyLine(NamedTuple):
     ground: float
 
     @property
-    def length(self):
+    def length(self) -> float:
         """Horizontal distance along the line [m]."""
         return self.toe.along - self.top.along
 
     @property
-    def straight(self):
+    def straight(self) -> float:
         """Straight horizontal distance [m]."""
         return math.hypot(self.toe.x - self.top.x, self.toe.y - self.top.y)
 
     @property
-    def drop(self):
+    def drop(self) -> float:
         """Drop height [m]."""
         return self.top.z - self.toe.z
 
     @property
-    def angle(self):
+    def angle(self) -> float:
         """Angle below the horizontal [degrees]; NaN for zero length."""
         return slope_angle(self.drop, self.length)
 
@@ -71,17 +75,17 @@ class MassState:
     quantiles: np.ndarray
 
 
-def slope_angle(drop, length):
+def slope_angle(drop: float, length: float) -> float:
     """Angle [degrees] of a line with `drop` [m] over `length` [m]; NaN for `length` of 0 or less."""
     return math.degrees(math.atan2(drop, length)) if length > 0 else math.nan
 
 
-def highest_place(mask, elevation, grid, line):
+def highest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
     """Place of the highest True cell of `mask` with an `elevation` [m]; None without such a cell."""
     return _place(np.where(mask & np.isfinite(elevation), elevation, -np.inf), elevation, grid, line)
 
 
-def farthest_place(mask, elevation, grid, line):
+def farthest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
     """Place of the True cell of `mask` with an `elevation` [m] farthest along `line`; None without such a cell."""
     there = mask & np.isfinite(elevation)
     along = np.full(mask.shape, -np.inf)
@@ -97,14 +101,16 @@ def _place(score, elevation, grid, line):
     return Place(float(positions_along(line, [x], [y])[0]), x, y, float(elevation[at]))
 
 
-def heights_under(mask, grid, terrain):
+def heights_under(mask: np.ndarray, grid: Grid, terrain: Terrain) -> np.ndarray:
     """float64[rows, columns] [m]: elevation of `terrain` under the True cells of `mask`; NaN elsewhere."""
     elevation = np.full(grid.shape, np.nan)
     elevation[mask] = terrain.sample(*grid.xy(*np.nonzero(mask)))
     return elevation
 
 
-def ends_along(mask, elevation, grid, line):
+def ends_along(
+    mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray
+) -> tuple[Place | None, Place | None]:
     """(highest Place, farthest Place along `line`) of the True cells of `mask`; each None if missing.
 
     `runout` and `compare` measure the runout between them: horizontally, along the line, between cell centres.
@@ -121,7 +127,9 @@ def ends_along(mask, elevation, grid, line):
     return highest_place(mask, elevation, grid, line), farthest_place(mask, elevation, grid, line)
 
 
-def line_profile(line, terrain, begin, end, spacing):
+def line_profile(
+    line: np.ndarray, terrain: Terrain, begin: float, end: float, spacing: float
+) -> tuple[np.ndarray, ...]:
     """The terrain along `line` from `begin` to `end` [m], at its vertices and every `spacing` [m].
 
     Returns
@@ -137,14 +145,16 @@ def line_profile(line, terrain, begin, end, spacing):
     return along, x, y, elevation, ground_lengths(along, elevation)
 
 
-def ground_lengths(along, elevation):
+def ground_lengths(along: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     """float64[n] [m]: length along the terrain up to each position `along` a line [m]."""
     known = np.isfinite(elevation)
     heights = np.interp(along, along[known], elevation[known]) if known.any() else np.zeros(len(along))
     return np.r_[0.0, np.cumsum(np.hypot(np.diff(along), np.diff(heights)))]
 
 
-def energy_line(top, toe, line, terrain, spacing):
+def energy_line(
+    top: Place | None, toe: Place | None, line: np.ndarray, terrain: Terrain, spacing: float
+) -> EnergyLine | None:
     """The EnergyLine between two Places; None if one is missing or the toe is not beyond the top."""
     if top is None or toe is None or toe.along <= top.along:
         return None
@@ -152,7 +162,7 @@ def energy_line(top, toe, line, terrain, spacing):
     return EnergyLine(top, toe, float(ground[-1]))
 
 
-def mass_state(frame, averaging, line):
+def mass_state(frame: Frame, averaging: Averaging, line: np.ndarray) -> MassState | None:
     """Position of the mass of a frame: centre from the particles, distribution along `line` from the export cells.
 
     The centre of a column is half its thickness above the bed. Particles outside the terrain are ignored.
@@ -181,7 +191,7 @@ def mass_state(frame, averaging, line):
     )
 
 
-def quantiles(along, weight, shares=QUANTILES):
+def quantiles(along: np.ndarray, weight: np.ndarray, shares: tuple = QUANTILES) -> np.ndarray:
     """float64[k] [m]: the smallest positions `along` with each of the `shares` of the `weight` at or before them."""
     order = np.argsort(along, kind="stable")
     below = np.cumsum(weight[order])
@@ -233,7 +243,7 @@ class RunoutFound:
     files: tuple = ()
 
     @property
-    def centre(self):
+    def centre(self) -> tuple[float, float, float] | None:
         """(distance along the line [m], drop [m], angle [degrees]) of the centre of mass; None without frames."""
         if len(self.states) < 2:
             return None
@@ -241,7 +251,7 @@ class RunoutFound:
         travelled, drop = last.along - first.along, first.z - last.z
         return travelled, drop, slope_angle(drop, travelled)
 
-    def rows(self):
+    def rows(self) -> list[tuple]:
         """(quantity, unit, value) of every result."""
         rows = [*_line_rows("", self.flow), ("farthest_along_line", "m", self.flow.toe.along)]
         if self.deposit is not None:
@@ -257,14 +267,14 @@ class RunoutFound:
             rows += [("angle_99_percent_of_mass", "degrees", angle)]
         return rows
 
-    def time_rows(self):
+    def time_rows(self) -> list[tuple]:
         """Rows of TIME_COLUMNS."""
         return [
             (state.time, state.mass, state.x, state.y, state.z, state.along, *map(float, state.quantiles))
             for state in self.states
         ]
 
-    def facts(self):
+    def facts(self) -> dict:
         """All results as plain numbers, lists and strings; None for missing numbers."""
         named = {
             quantity if unit == "1" else f"{quantity}_{'deg' if unit == 'degrees' else unit}": _number(value)

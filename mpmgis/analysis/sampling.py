@@ -1,6 +1,7 @@
 """Resolution of an export: cell size, time step, steps and grid (Vicari et al. 2025, NHESS 25:3897, Eqs 15, 17)."""
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ class FrameFacts(NamedTuple):
     column_side: float = 0.0
 
 
-def automatic_cell_size(facts, terrain_cell):
+def automatic_cell_size(facts: Iterable[FrameFacts], terrain_cell: float) -> tuple[float, str]:
     """cs_e [m] by Eq 15, coarse enough that few cells inside the flow stay empty.
 
     The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid,
@@ -76,7 +77,7 @@ def _coverage(side, volume, thickness):
     return cell, f"{POINTS_PER_CELL} particles per cell need {cell:.3g} m (median thickness {thickness:.3g} m)"
 
 
-def automatic_time_step(cell_size, fastest):
+def automatic_time_step(cell_size: float, fastest: float) -> float:
     """dt_e [s] by Eq 17: time to cross one export cell at the horizontal speed `fastest` [m s-1]; inf at rest."""
     return cell_size / fastest if fastest > 0 else math.inf
 
@@ -93,7 +94,7 @@ class Crossing(NamedTuple):
     fastest: float
 
 
-def farthest_crossing(times, speeds, cell_size):
+def farthest_crossing(times: Sequence, speeds: Sequence, cell_size: float) -> Crossing:
     """Largest displacement between consecutive frames, in export cells; Eq 17 requires at most one cell.
 
     Parameters
@@ -118,7 +119,7 @@ def farthest_crossing(times, speeds, cell_size):
     return Crossing(interval * speed / cell_size, interval, speed, float(np.max(speeds)))
 
 
-def choose_steps(times, time_step=None):
+def choose_steps(times: Sequence, time_step: float | None = None) -> list[int]:
     """Indices of the frames to export: the nearest frame to each multiple of `time_step` [s], without repetition.
 
     `times` [s] are ascending. None: every frame. The earlier of two equally near frames is used. Without a multiple
@@ -147,7 +148,7 @@ def _nearest(times, moments):
     return sorted({int(i) for i in np.where(earlier, before, after)})
 
 
-def export_axes(terrain_grid, north_up=True):
+def export_axes(terrain_grid: Grid, north_up: bool = True) -> Grid:
     """Grid of one 1 m cell at the origin of the export cells, along their axes.
 
     North-up: at the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is at
@@ -162,7 +163,13 @@ def export_axes(terrain_grid, north_up=True):
     return Grid(terrain_grid.crs, Affine(t.a / width, t.b / height, t.c, t.d / width, t.e / height, t.f), (1, 1))
 
 
-def export_grid(terrain_grid, cell_size=None, bounds=None, margin=1, north_up=True):
+def export_grid(
+    terrain_grid: Grid,
+    cell_size: float | None = None,
+    bounds: tuple | None = None,
+    margin: int = 1,
+    north_up: bool = True,
+) -> Grid:
     """The export grid, aligned with the DTM (`export_axes`).
 
     Without `cell_size` [m] it has the cells of the DTM (for a rotated DTM, north-up: squares of the same area), else

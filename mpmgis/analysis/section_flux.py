@@ -13,8 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from ..kernels.binning import MASS, MOMENTUM, VOLUME
+from ..particles import Frame
 from .cells import bin_frame, place
-from .frame_values import cells_of, pick
+from .frame_values import Averaging, cells_of, pick
 
 COLUMNS = (
     ("time", "s"), ("discharge", "m3 s-1"), ("mass_discharge", "kg s-1"), ("volume", "m3"), ("mass", "kg"),
@@ -77,11 +78,11 @@ class Balance:
     began: float
 
     @property
-    def error(self):
+    def error(self) -> float:
         """Residual [kg] after mass that crossed, went around the ends, or began there."""
         return self.beyond - self.crossed - self.round_ends - self.began
 
-    def turned(self):
+    def turned(self) -> "Balance":
         """The same for the opposite direction."""
         return Balance(*(-value for value in (self.beyond, self.crossed, self.round_ends, self.began)))
 
@@ -119,30 +120,30 @@ class HydrographFound:
     unseen: float = 0.0
     files: tuple = field(default=())
 
-    def rows(self):
+    def rows(self) -> list[tuple]:
         """Rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
         lasting = np.diff(self.times)
         totals = np.cumsum(np.r_[0.0, self.volume]), np.cumsum(np.r_[0.0, self.mass])
         rates = np.r_[math.nan, self.volume / lasting], np.r_[math.nan, self.mass / lasting]
         return list(zip(self.times, *rates, *totals, *self.cells.T, *self.cells_totals().T, strict=True))
 
-    def cells_totals(self):
+    def cells_totals(self) -> np.ndarray:
         """float64[k, 2] [m3], [kg]: cumulative flux of the cells, by the trapezoidal rule."""
         return np.vstack([np.zeros(2), np.cumsum(trapezoids(self.times, self.cells), axis=0)])
 
-    def peak(self):
+    def peak(self) -> tuple[float, float]:
         """(largest mean discharge [m3 s-1], the time at which its interval ends [s])."""
         rates = self.volume / np.diff(self.times)
         k = int(np.argmax(rates))
         return float(rates[k]), float(self.times[k + 1])
 
 
-def trapezoids(times, rates):
+def trapezoids(times: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """float64[k - 1, ...]: integral of `rates` [k, ...] from each of the `times` to the next."""
     return 0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None]
 
 
-def crossings(section, before, after):
+def crossings(section: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Net number of crossings of straight paths over a line, from its left to its right.
 
     Consecutive paths add up; a path through a vertex crosses once.
@@ -172,7 +173,7 @@ def _cross(first, second):
     return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 
 
-def continued(section, length):
+def continued(section: np.ndarray, length: float) -> np.ndarray:
     """float64[m, 2]: the section with its first and last piece extended straight by `length` [m]."""
     ends = []
     for end, inner in ((section[0], section[1]), (section[-1], section[-2])):
@@ -181,13 +182,13 @@ def continued(section, length):
     return np.vstack([ends[0], section[1:-1], ends[1]])
 
 
-def azimuth_to_the_right(section):
+def azimuth_to_the_right(section: np.ndarray) -> float:
     """Direction [degrees from north] across the section, to its right."""
     east, north = section[-1] - section[0]
     return math.degrees(math.atan2(north, -east)) % 360.0
 
 
-def section_pieces(section, spacing):
+def section_pieces(section: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """(places float64[n, 2], normals float64[n, 2]) of pieces of at most `spacing` [m] of the section.
 
     A normal points to the right and is as long as its piece [m].
@@ -201,7 +202,7 @@ def section_pieces(section, spacing):
     return np.concatenate(places), np.concatenate(normals)
 
 
-def cells_flux(frame, averaging, section):
+def cells_flux(frame: Frame, averaging: Averaging, section: np.ndarray) -> tuple[float, float]:
     """(volume [m3 s-1], mass [kg s-1]) through the cells of the section, to its right.
 
     Mass flux: momentum per plan area of each cell. Volume flux: the same times volume over mass of the cell.
@@ -219,7 +220,7 @@ def cells_flux(frame, averaging, section):
     return float(np.sum(across * np.nan_to_num(pick(cells.index, bulk, 0.0, where)))), float(across.sum())
 
 
-def raster_flux(values, normals, slopes, density):
+def raster_flux(values: dict, normals: np.ndarray, slopes: tuple, density: float) -> tuple[float, float]:
     """(volume [m3 s-1], mass [kg s-1]) through a section's pieces, from the bands of an exported step.
 
     The flow has the velocity Ut + Un n (n: bed normal). Equal to `cells_flux`, except for cells that are too shallow
@@ -244,7 +245,7 @@ def raster_flux(values, normals, slopes, density):
     return mass / density, mass
 
 
-def section_state(frame, averaging, section):
+def section_state(frame: Frame, averaging: Averaging, section: np.ndarray) -> SectionState:
     """The SectionState of a frame."""
     particles = frame.particles
     xy = np.stack([np.asarray(values, float) for values in frame.map_xy()], axis=1)
@@ -258,7 +259,9 @@ def section_state(frame, averaging, section):
     return SectionState(frame.time, frame.dimension, cells_flux(frame, averaging, section), ids, xy, mass, volume)
 
 
-def crossed_between(section, whole, before, after):
+def crossed_between(
+    section: np.ndarray, whole: np.ndarray, before: SectionState, after: SectionState
+) -> Crossed | None:
     """Amounts that crossed between two SectionStates; None without usable ids.
 
     `whole` is the section extended beyond the flow at both ends.
@@ -287,17 +290,17 @@ def crossed_between(section, whole, before, after):
     )
 
 
-def is_beyond(whole, xy):
+def is_beyond(whole: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """bool[n]: points on the right of an extended section; the path from far on its left crosses it once."""
     return crossings(whole, np.broadcast_to(far_left(whole), xy.shape), xy) > 0
 
 
-def mass_beyond(whole, state):
+def mass_beyond(whole: np.ndarray, state: SectionState) -> float:
     """Mass [kg] of a SectionState on the right of an extended section."""
     return float(state.mass[is_beyond(whole, state.xy)].sum())
 
 
-def far_left(whole):
+def far_left(whole: np.ndarray) -> np.ndarray:
     """float64[2] [m]: a point to the left of an extended section, outside the flow."""
     along = whole[-1] - whole[0]
     middle = 0.5 * (whole[0] + whole[-1])

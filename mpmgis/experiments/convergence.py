@@ -5,6 +5,7 @@ is faster. Errors are the same in every repeat.
 """
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -35,16 +36,16 @@ class Law(NamedTuple):
     spread: float
     independent: bool = False
 
-    def error(self, cell_size):
+    def error(self, cell_size: float) -> float:
         """Error at `cell_size` [m]."""
         return self.factor * cell_size**self.order
 
-    def cell_size(self, error):
+    def cell_size(self, error: float) -> float:
         """Cell size [m] at which the error is `error`."""
         return (error / self.factor) ** (1.0 / self.order)
 
 
-def fitted(cell_sizes, errors, finest=0.0):
+def fitted(cell_sizes: np.ndarray, errors: np.ndarray, finest: float = 0.0) -> Law | None:
     """The Law fitted to `errors` on `cell_sizes` [m], measured against a run on cells of `finest` [m].
 
     Such an error is factor * (dx^p - finest^p) for equal kinds of error in reference and run, and
@@ -74,7 +75,7 @@ def _fitted(errors, shape, independent):
     return Law(float(np.exp(residual(found.x).mean())), float(found.x), float(np.sqrt(found.fun)), independent)
 
 
-def stops_paying(cell_sizes, errors):
+def stops_paying(cell_sizes: np.ndarray, errors: np.ndarray) -> float | None:
     """The cell size [m] below which refinement is not worthwhile: halving reduces the error by less than a quarter.
 
     None if the error decreases over the whole range.
@@ -93,26 +94,26 @@ NEAR_FRONT = 1.5  # largest time ratio to the front at which a setting counts as
 LEAST_FALL = 0.05  # smallest relative reduction of the error that counts as more accurate
 
 
-def faster(spreads):
+def faster(spreads: np.ndarray) -> np.ndarray:
     """bool[n, n]: setting i is faster than setting j, beyond the range of both."""
     least, most = np.asarray(spreads, float).reshape(-1, 2).T
     return most[:, None] < least[None, :]
 
 
-def ties(spreads):
+def ties(spreads: np.ndarray) -> np.ndarray:
     """bool[n, n]: neither of the two settings is faster; the diagonal is False."""
     first = faster(spreads)
     return ~(first | first.T | np.eye(len(first), dtype=bool))
 
 
-def on_front(spreads, errors):
+def on_front(spreads: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """bool[n]: Pareto front: no other setting is as accurate and faster, or more accurate and as fast."""
     e, first = np.asarray(errors, float), faster(spreads)
     beaten = (first & (e[:, None] <= e[None, :])) | (~first.T & (e[:, None] < e[None, :]))
     return np.isfinite(e) & ~beaten.any(axis=0)
 
 
-def time_over_front(seconds, spreads, errors):
+def time_over_front(seconds: np.ndarray, spreads: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """float64[n]: time of each setting over that of the fastest one that is at least as accurate.
 
     1 on the front, and for a tie.
@@ -142,7 +143,7 @@ class Gain(NamedTuple):
     most: float
 
 
-def gains(base, others):
+def gains(base: tuple, others: Iterable[tuple]) -> list[Gain]:
     """Gains of the `others`, each (parameter, setting, seconds, spread, error), over `base` (seconds, spread, error).
 
     Only those that reduce the error by at least LEAST_FALL; best first.
@@ -159,7 +160,7 @@ def gains(base, others):
     return sorted(found, key=lambda gain: (-gain.pays, gain.error))
 
 
-def alike(found):
+def alike(found: list[Gain]) -> list[Gain]:
     """The first of the sorted Gains `found`, and all that are a tie with it within the range of `pays`."""
     return [gain for gain in found if gain is found[0] or gain.most >= found[0].least]
 

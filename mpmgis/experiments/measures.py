@@ -1,6 +1,7 @@
 """Runs of a study: wall time, states on common cells, errors between runs, cost of an export (Eqs 15-17)."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from ..analysis.cells import bin_frame, place
 from ..analysis.frame_values import Averaging, average_frame
 from ..analysis.maxima import PRODUCTS_NEEDED, RunningMaxima
 from ..kernels import binning
+from ..particles import Frame
 from ..terrain.grid import Grid
 
 FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow
@@ -33,7 +35,7 @@ NAMES = Errors._fields
 UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
 
 
-def errors_of(states, reference):
+def errors_of(states: Sequence, reference: Sequence) -> Errors:
     """Errors of `states` against the `reference`, two sequences of State at the same times."""
     pairs = list(zip(states, reference, strict=True))
     thickness = [_apart(a.thickness, b.thickness) / max(b.thickness.sum(), 1e-300) for a, b in pairs]
@@ -46,7 +48,7 @@ def errors_of(states, reference):
     return Errors(float(np.mean(thickness)), float(np.mean(momentum)), float(area), float(np.mean(reach)))
 
 
-def errors_against_exact(states, thickness):
+def errors_against_exact(states: Sequence, thickness: np.ndarray) -> Errors:
     """Errors of the last of `states` against an exact `thickness` float64[rows, columns] [m]; NaN cells are ignored."""
     known = np.isfinite(thickness)
     exact = np.where(known, thickness, 0.0)
@@ -101,12 +103,22 @@ class Outcome:
     mass_error: float
 
     @property
-    def typical_seconds(self):
+    def typical_seconds(self) -> float:
         """Median of the wall times [s]."""
         return float(np.median(self.seconds))
 
 
-def outcomes(settings, prepare, compile_kernels, begin, cells, times, repeats, predict, say=lambda turn, number: None):
+def outcomes(
+    settings: Sequence,
+    prepare: Callable,
+    compile_kernels: Callable,
+    begin: Callable,
+    cells: "StudyCells",
+    times: Sequence,
+    repeats: int,
+    predict: Callable,
+    say=lambda turn, number: None,
+) -> list[Outcome]:
     """Run all `settings`, `repeats` times in turns; kernels are compiled before the first turn.
 
     Turns distribute other load of the machine over all settings. Every second turn is in reverse order, so that a
@@ -195,7 +207,7 @@ class StudyCells:
     start: tuple
     spread: bool = False
 
-    def state_of(self, frame):
+    def state_of(self, frame: Frame) -> State:
         """The State of a Frame of columns or points."""
         cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density, spread=self.spread)
         per_area = 1.0 / (self.density * cells.cell_area)
@@ -214,7 +226,7 @@ class StudyCells:
         return float(distance[order[min(np.searchsorted(heap, FAR_SHARE * heap[-1]), len(heap) - 1)]])
 
 
-def centre_of(frame):
+def centre_of(frame: Frame) -> tuple[float, float]:
     """(E, N) [m] of a frame's centre of mass."""
     x, y = frame.map_xy()
     mass = frame.particles.mass
@@ -278,7 +290,7 @@ class ExportSweep:
             for cell, step in self.seconds
         }
 
-    def take(self, frame):
+    def take(self, frame: Frame) -> None:
         """Average a frame; frames are in order, `interval` apart."""
         for cell, averaging in self.averagings.items():
             steps = [step for step in STEP_FACTORS if self.count % step == 0]
@@ -292,7 +304,7 @@ class ExportSweep:
                 self.frames[cell, step] += 1
         self.count += 1
 
-    def settings(self):
+    def settings(self) -> list[ExportSetting]:
         """ExportSettings, from the finest pair to the coarsest."""
         finest = {name: self._on_finest(name, CELL_FACTORS[0], STEP_FACTORS[0]) for name in LOSSES}
         return [

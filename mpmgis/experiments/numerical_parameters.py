@@ -1,12 +1,12 @@
 """The numerical parameters of a study (accuracy against run time) and the settings that it runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..scene.tables import NumericsTable
+from ..scene.tables import NumericsTable, Scene
 from ..solvers.columns import CFL_ALONE, ColumnNumerics
 from ..solvers.points import PointNumerics
 
@@ -89,12 +89,12 @@ def _rounded(size):
     return float(f"{size:.6g}")
 
 
-def courant_number(scene):
+def courant_number(scene: Scene) -> float:
     """Courant number of [numerics]; without it the smaller default of the scene's solvers."""
     return scene.numerics.cfl or min(default_courant_number(scene, solver) for solver in scene.solvers)
 
 
-def default_courant_number(scene, solver):
+def default_courant_number(scene: Scene, solver: str) -> float:
     """Default Courant number of a `solver` ("columns", "points").
 
     Columns with walls, entrainment or inflow use shorter steps: with longer ones columns passed through corners of
@@ -107,12 +107,12 @@ def default_courant_number(scene, solver):
     return ColumnNumerics.cfl if more else CFL_ALONE
 
 
-def cell_size_of(scene):
+def cell_size_of(scene: Scene) -> float:
     """Cell size [m] of the scene, or of its first stage."""
     return scene.stage[0].cell_size if scene.stage else scene.numerics.cell_size
 
 
-def cells_times(scene, factor):
+def cells_times(scene: Scene, factor: float) -> tuple:
     """The changes that multiply all cell sizes by `factor`."""
     if not scene.stage:
         return (("cell_size", _rounded(scene.numerics.cell_size * factor)),)
@@ -148,17 +148,17 @@ class Setting:
     scene: object
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Text for a table: the differences from the scene."""
         words = ", ".join(f"{key} = {value if isinstance(value, str) else f'{value:g}'}" for key, value in self.changes)
         return words or "unchanged scene"
 
     @property
-    def cell_size(self):
+    def cell_size(self) -> float:
         """Cell size [m] of the scene, or of its first stage."""
         return cell_size_of(self.scene)
 
-    def work_over(self, scene):
+    def work_over(self, scene: Scene) -> float:
         """Approximate work (particles times steps) relative to `scene`."""
         numerics, own = self.scene.numerics, scene.numerics
         more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)
@@ -172,12 +172,12 @@ def _cells(scene):
     return [(one.solver, one.numerics.cell_size) for one in scene.alone()]
 
 
-def cost_power(scene):
+def cost_power(scene: Scene) -> int:
     """The work is proportional to the inverse cell size to this power (of its most expensive solver)."""
     return max(COST_POWER[solver] for solver in scene.solvers)
 
 
-def setting(scene, parameter, changes=()):
+def setting(scene: Scene, parameter: str, changes: tuple = ()) -> Setting:
     """The Setting of `scene` with `changes`, each (key, value)."""
     stages, numerics = list(scene.stage), scene.numerics
     for key, value in changes:
@@ -189,7 +189,9 @@ def setting(scene, parameter, changes=()):
     return Setting(parameter, tuple(changes), replace(scene, numerics=numerics, stage=tuple(stages)))
 
 
-def parameters_of(scene, names=None, cell_sizes=None):
+def parameters_of(
+    scene: Scene, names: Sequence | None = None, cell_sizes: Sequence | None = None
+) -> tuple[Parameter, ...]:
     """The parameters of `scene`, all or those in `names`; `cell_sizes` [m] replace the default cell sizes.
 
     Raises
@@ -213,7 +215,7 @@ def parameters_of(scene, names=None, cell_sizes=None):
     return tuple(parameter for parameter in there.values() if names is None or parameter.name in names)
 
 
-def one_at_a_time(scene, parameters):
+def one_at_a_time(scene: Scene, parameters: Iterable[Parameter]) -> list[Setting]:
     """Settings: the unchanged scene, then every other value of each parameter alone."""
     settings = [setting(scene, "scene")]
     for parameter in parameters:
@@ -222,7 +224,7 @@ def one_at_a_time(scene, parameters):
     return settings
 
 
-def crossed(scene, parameters):
+def crossed(scene: Scene, parameters: Iterable[Parameter]) -> list[Setting]:
     """Settings: all combinations of three values (cheapest, scene, most expensive) of cell size, particles and cfl."""
     chosen = [parameter for parameter in parameters if parameter.name in CROSSED]
     settings = []
@@ -250,7 +252,7 @@ def _now(scene, key):
     return courant_number(scene) if key == "cfl" else getattr(scene.numerics, key)
 
 
-def reference(scene, settings, refinement=None):
+def reference(scene: Scene, settings: Sequence, refinement: float | None = None) -> Setting:
     """The Setting of the reference run of `settings`: smaller cells, half the Courant number.
 
     The cell size is that of the scene over `refinement`, without it the smallest of `settings` over sqrt(2); all

@@ -6,7 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .convergence import LEAST_FALL, NEAR_FRONT, alike, fitted, gains, on_front, stops_paying, ties, time_over_front
+from .convergence import (
+    LEAST_FALL,
+    NEAR_FRONT,
+    Gain,
+    Law,
+    alike,
+    fitted,
+    gains,
+    on_front,
+    stops_paying,
+    ties,
+    time_over_front,
+)
 from .measures import NAMES, UNITS, Errors
 from .numerical_parameters import cells_times, cost_power
 
@@ -28,12 +40,12 @@ class OtherResult(NamedTuple):
     errors: Errors
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Text for a table."""
         return f"{self.code}: {self.setting}"
 
 
-def fastest_as_accurate(seconds, errors, error):
+def fastest_as_accurate(seconds: np.ndarray, errors: np.ndarray, error: float) -> int | None:
     """Number of the fastest setting with an error of at most `error`; None if there is none."""
     accurate = np.flatnonzero(np.asarray(errors) <= error)
     return int(accurate[np.argmin(np.asarray(seconds)[accurate])]) if accurate.size else None
@@ -81,31 +93,31 @@ class Study:
     beside: tuple = ()
 
     @cached_property
-    def seconds(self):
+    def seconds(self) -> np.ndarray:
         """float64[n] [s]: typical wall time of each row."""
         return np.array([row.outcome.typical_seconds for row in self.rows])
 
     @cached_property
-    def spreads(self):
+    def spreads(self) -> np.ndarray:
         """float64[n, 2] [s]: smallest and largest wall time of each row."""
         return np.array([(min(row.outcome.seconds), max(row.outcome.seconds)) for row in self.rows])
 
-    def ties(self, k):
+    def ties(self, k: int) -> np.ndarray:
         """Numbers of the rows whose times are a tie with that of row `k`."""
         return np.flatnonzero(ties(self.spreads)[k])
 
     @cached_property
-    def raw_errors(self):
+    def raw_errors(self) -> np.ndarray:
         """float64[n]: the ranking error against the reference."""
         return np.array([getattr(row.errors, self.measure) for row in self.rows])
 
     @cached_property
-    def law(self):
+    def law(self) -> Law | None:
         """Law of the error over the cell size, for the scene's other parameters; None for fewer than two sizes."""
         pairs = [(size, self.raw_errors[k]) for k, size in self.by_cell_size()]
         return fitted(*zip(*pairs, strict=True), self.reference_cell) if len(pairs) > 1 else None
 
-    def by_cell_size(self):
+    def by_cell_size(self) -> list[tuple[int, float]]:
         """(row, cell size [m]) of the rows that differ from the scene only in the cell size."""
         return [
             (k, row.outcome.setting.cell_size)
@@ -114,12 +126,12 @@ class Study:
         ]
 
     @cached_property
-    def reference_error(self):
+    def reference_error(self) -> float:
         """Error of the reference itself, from the law (Richardson); 0 if it is exact or without a law."""
         return self.law.error(self.reference_cell) if self.law and self.reference_cell > 0.0 else 0.0
 
     @cached_property
-    def errors(self):
+    def errors(self) -> np.ndarray:
         """float64[n]: the ranking error, including the error of the reference.
 
         An independent error of the reference is already included in the raw errors.
@@ -128,17 +140,17 @@ class Study:
         return self.raw_errors + lacking
 
     @cached_property
-    def front(self):
+    def front(self) -> np.ndarray:
         """bool[n]: rows on the Pareto front."""
         return on_front(self.spreads, self.errors)
 
     @cached_property
-    def over_front(self):
+    def over_front(self) -> np.ndarray:
         """float64[n]: time over that of the fastest row that is at least as accurate; 1 for a tie."""
         return time_over_front(self.seconds, self.spreads, self.errors)
 
     @cached_property
-    def gains(self):
+    def gains(self) -> list[Gain]:
         """Gains of the other values of each parameter over the scene, best first."""
         others = [
             (setting.parameter, setting.name, self.seconds[k], self.spreads[k], self.errors[k])
@@ -148,12 +160,12 @@ class Study:
         return gains((self.seconds[0], self.spreads[0], self.errors[0]), others)
 
     @cached_property
-    def stops_paying(self):
+    def stops_paying(self) -> float | None:
         """Cell size [m] below which refinement is not worthwhile; None if it is over the whole range."""
         sizes = self.by_cell_size()
         return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
 
-    def choice(self, error):
+    def choice(self, error: float) -> Choice | None:
         """The Choice for an error of at most `error`: the fastest row that reaches it, else from the law.
 
         Of rows that are a tie with the fastest, the one with the smallest error is used.
@@ -176,7 +188,7 @@ class Study:
         """The smallest cell size of the study [m]."""
         return min(size for _, size in self.by_cell_size())
 
-    def lines(self):
+    def lines(self) -> list[str]:
         """The conclusions, one sentence each."""
         return [
             *self._law_lines(), *self._front_lines(), *self._tie_lines(), *self._gain_lines(), *self._cost_lines(),
@@ -231,11 +243,11 @@ class Study:
         ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
         return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
 
-    def beside_errors(self):
+    def beside_errors(self) -> np.ndarray:
         """float64[n]: the ranking error of each result of other codes."""
         return np.array([getattr(other.errors, self.measure) for other in self.beside])
 
-    def as_accurate_as(self, error):
+    def as_accurate_as(self, error: float) -> int | None:
         """Number of the fastest row with at most this error; None if there is none."""
         return fastest_as_accurate(self.seconds, self.errors, error)
 
@@ -251,7 +263,7 @@ class Study:
                 lines.append(f"{other.name}: {times} times the time of the fastest setting as accurate ({name})")
         return lines
 
-    def summary(self):
+    def summary(self) -> list[tuple[str, str]]:
         """(name, value as text) of the conclusions."""
         best = alike(self.gains) if self.gains else []
         size = self.stops_paying
@@ -267,7 +279,7 @@ class Study:
             ),
         ]
 
-    def records(self):
+    def records(self) -> tuple[tuple, list]:
         """(names, rows of values): the full table for a CSV; results of other codes last."""
         others = zip(self.beside, self.beside_errors(), strict=True)
         own = [self._record(k) for k in range(len(self.rows))]
@@ -323,6 +335,6 @@ def _gain_words(gain):
     return f"{gain.setting}: {gain.error:.2f} times the error for {same}"
 
 
-def value_words(measure, value):
+def value_words(measure: str, value: float) -> str:
     """An error as text: per cent, or metres."""
     return f"{100 * value:.2g} %" if measure in PERCENT else f"{value:.3g} m"

@@ -28,11 +28,11 @@ class Choice(NamedTuple):
     values: tuple
     text: str
 
-    def at(self, share):
+    def at(self, share: float) -> object:
         """Quantile for `share` (0 to 1)."""
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
-    def levels(self, count):
+    def levels(self, count: int) -> tuple:
         """All values; `count` is not used."""
         return self.values
 
@@ -49,7 +49,7 @@ class Spread(NamedTuple):
     high: float | None
     text: str
 
-    def at(self, share):
+    def at(self, share: float) -> float:
         """Quantile for `share` (0 to 1), rounded to 10 digits."""
         law = _law(self)
         share = min(max(float(share), LEAST_SHARE), 1.0 - LEAST_SHARE)
@@ -58,7 +58,7 @@ class Spread(NamedTuple):
             return _rounded(min(max(float(law.ppf(below + (upto - below) * share)), self.low), self.high))
         return _rounded(float(law.ppf(share)))
 
-    def levels(self, count):
+    def levels(self, count: int) -> tuple:
         """Medians of `count` equally likely intervals, for a grid."""
         return tuple(self.at((k + 0.5) / count) for k in range(count))
 
@@ -81,7 +81,7 @@ def _law(spread):
     return stats.lognorm(math.sqrt(variance), scale=mean * math.exp(-0.5 * variance))
 
 
-def variation(asked, where):
+def variation(asked: object, where: str) -> Choice | Spread:
     """The Choice or Spread of `asked`, a text as in FORMS or a list of values; `where` is for messages.
 
     Raises
@@ -194,7 +194,7 @@ class Plan:
     seed: int
 
     @classmethod
-    def of(cls, varied, sampling=None, samples=None, seed=0):
+    def of(cls, varied: dict, sampling: str | None = None, samples: int | None = None, seed: int = 0) -> "Plan":
         """A Plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
 
         Raises
@@ -213,14 +213,14 @@ class Plan:
         return plan
 
     @property
-    def count(self):
+    def count(self) -> int:
         """Number of members."""
         if self.sampling != "grid":
             return self.samples
         levels = (len(one.values) if isinstance(one, Choice) else self.samples for one in self.varied.values())
         return math.prod(levels)
 
-    def values(self):
+    def values(self) -> list[tuple]:
         """List of tuples: the values of the varied keys of each member; bitwise reproducible for the same plan."""
         varied = list(self.varied.values())
         if self.sampling == "grid":
@@ -240,14 +240,14 @@ class Plan:
             warnings.simplefilter("ignore", UserWarning)  # not a power of two: reported by `remark`
             return qmc.Sobol(keys, seed=source).random(self.samples)
 
-    def remark(self):
+    def remark(self) -> str:
         """A warning about the sampling, or ''."""
         if self.sampling == "sobol" and self.samples & (self.samples - 1):
             more = 1 << self.samples.bit_length()
             return f"Sobol points are uniform if their number is a power of two: {self.samples} is not; use {more}"
         return ""
 
-    def members(self, base, folder, name, own_laws):
+    def members(self, base: dict, folder: object, name: str, own_laws: object) -> list[Member]:
         """List of Member, each with a checked scene.
 
         Parameters
@@ -272,7 +272,7 @@ class Plan:
             made.append(Member(number, values, tables))
         return made
 
-    def as_tables(self):
+    def as_tables(self) -> dict:
         """The plan as the plain dictionary that TOML holds."""
         return {
             "sampling": self.sampling,
@@ -284,7 +284,7 @@ class Plan:
         }
 
 
-def with_values(tables, values):
+def with_values(tables: dict, values: dict) -> dict:
     """A copy of a scene's `tables` with the `values` by key."""
     made = copy.deepcopy(tables)
     for key, value in values.items():
@@ -293,7 +293,7 @@ def with_values(tables, values):
     return made
 
 
-def require_place(tables, key):
+def require_place(tables: dict, key: str) -> None:
     """Reject a `key` that is not in the scene's `tables`.
 
     Raises

@@ -5,6 +5,7 @@ reaches have no value. Members have equal weight.
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -53,7 +54,7 @@ class Products:
     percentiles: tuple
 
     @classmethod
-    def of(cls, exceed=None, percentiles=None):
+    def of(cls, exceed: dict | None = None, percentiles: Sequence | None = None) -> "Products":
         """Products with defaults for None; raises InputError for invalid values."""
         exceed = DEFAULT_EXCEED if exceed is None else exceed
         percentiles = DEFAULT_PERCENTILES if percentiles is None else percentiles
@@ -67,7 +68,7 @@ class Products:
         ordered = {name: tuple(sorted(set(map(float, exceed[name])))) for name in PEAKS if name in exceed}
         return cls(ordered, tuple(sorted(set(map(float, percentiles)))))
 
-    def rasters(self):
+    def rasters(self) -> dict[str, list[Band]]:
         """Name of each raster -> list of its Bands."""
         arrived = Quantity("P_arrival", "1", "probability that the flow arrives", "float32")
         made = {PROBABILITY: [self._exceeded(name, value) for name, values in self.exceed.items() for value in values]}
@@ -95,12 +96,12 @@ class Products:
             bands.append(Band(quantity, source, "percentile", value))
         return bands
 
-    def as_tables(self):
+    def as_tables(self) -> dict:
         """As TOML holds them."""
         return {"percentiles": list(self.percentiles), "exceed": {name: list(of) for name, of in self.exceed.items()}}
 
 
-def statistics(bands, source, stack):
+def statistics(bands: list[Band], source: str, stack: np.ndarray) -> dict[int, np.ndarray]:
     """Index in `bands` -> float32[rows, columns], for the bands of `source`.
 
     Parameters
@@ -154,7 +155,7 @@ def _percentiles(stack, numbers):
                 yield stack[k] + share * (stack[k + 1].astype(float) - stack[k])
 
 
-def exceedances(texts):
+def exceedances(texts: Iterable[str]) -> dict:
     """Thresholds by quantity from texts like h=0.5,1,2; raises InputError."""
     made = {}
     for text in texts:

@@ -5,6 +5,7 @@ stretched: one simulated second becomes a minute, an hour or a day from a base d
 project alike. The simulated time is in `t_s` columns, band names and the map title.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -38,7 +39,7 @@ class Clock:
     begins: tuple
 
     @classmethod
-    def of(cls, times):
+    def of(cls, times: Sequence) -> "Clock":
         """The clock for increasing `times` [s]: the smallest stretch with whole steps of at least 2 QGIS seconds.
 
         Rounding errors up to a hundredth of the shortest step are allowed; else the largest possible stretch is used.
@@ -65,7 +66,7 @@ class Clock:
         return cls(stretch, tuple(int(second) for second in np.rint(times * stretch)))
 
     @cached_property
-    def step(self):
+    def step(self) -> int:
         """Length of a controller frame [QGIS s]: the shortest step, but at most MOST_FRAMES frames.
 
         The last step is ignored: a run that comes to rest can end at any time between two frames.
@@ -77,24 +78,24 @@ class Clock:
         return max(shortest, -(-(self.begins[-1] - self.begins[0]) // MOST_FRAMES))
 
     @property
-    def ends(self):
+    def ends(self) -> tuple[int, ...]:
         """Tuple of int [QGIS s]: end of each step; the last one lasts a controller frame."""
         return (*self.begins[1:], self.begins[-1] + self.step)
 
     @property
-    def label(self):
+    def label(self) -> str:
         """The time scale as text, for example "1 s = 1 min"."""
         return STRETCHES[self.stretch]
 
     @property
-    def decimals(self):
+    def decimals(self) -> int:
         """Decimals of simulated seconds that distinguish consecutive steps."""
         step = self.step / self.stretch
         enough = max(1, int(np.ceil(-np.log10(step))) + 1)
         return next((n for n in range(enough) if abs(step * 10**n - round(step * 10**n)) < 1e-6), enough)
 
 
-def stamp(second):
+def stamp(second: int) -> str:
     """ISO 8601 text in UTC of a QGIS second after the base date."""
     return (BASE + timedelta(seconds=int(second))).strftime("%Y-%m-%dT%H:%M:%SZ")
 

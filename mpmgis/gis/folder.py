@@ -1,13 +1,20 @@
 """All QGIS files of an exported folder in one call, and VRT stacks with the steps as bands."""
 
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from ..fields import NODATA
 from .clock import Clock
 from .markup import node, reference_text
 
+if TYPE_CHECKING:
+    from ..io.exported import ExportedRun
+    from .outlines import StepSpool
 
-def write_stacks(run):
+
+def write_stacks(run: "ExportedRun") -> None:
     """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path."""
     decimals = Clock.of(run.times).decimals
     for source_band, quantity in enumerate(run.step_bands, start=1):
@@ -48,7 +55,7 @@ def _band(run, k, source_band, quantity, decimals):
     )
 
 
-def load():
+def load() -> tuple:
     """Import the writers and their libraries in advance (0.5 s)."""
     import netCDF4  # noqa: F401
 
@@ -57,7 +64,9 @@ def load():
     return mesh, outlines, project, folder, styles
 
 
-def write_qgis_files(run, release, steps, qgis_min, threads):
+def write_qgis_files(
+    run: "ExportedRun", release: Sequence | None, steps: "StepSpool", qgis_min: str, threads: Executor
+) -> None:
     """Write styles, stacks, mesh, outlines and the project.
 
     Parameters

@@ -1,11 +1,16 @@
 """XML elements for QGIS and GDAL files, with the standard library."""
 
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
 
 QGIS_HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 
 
-def node(tag, attributes=None, *children, text=None):
+def node(tag: str, attributes: dict | None = None, *children, text: object = None) -> ElementTree.Element:
     """An element with `attributes` (values converted by str), `text` and `children` (elements; None is skipped)."""
     element = ElementTree.Element(tag, {key: str(value) for key, value in (attributes or {}).items()})
     element.text = None if text is None else str(text)
@@ -13,12 +18,12 @@ def node(tag, attributes=None, *children, text=None):
     return element
 
 
-def qgis_document(root):
+def qgis_document(root: ElementTree.Element) -> str:
     """Text of a QGIS style or project file."""
     return QGIS_HEAD + ElementTree.tostring(root, encoding="unicode")
 
 
-def options(values):
+def options(values: dict) -> list[ElementTree.Element]:
     """The settings of a symbol layer in both forms: of QGIS 3.44 and of QGIS 3.22."""
     newer = node(
         "Option",
@@ -28,7 +33,7 @@ def options(values):
     return [newer, *(node("prop", {"k": k, "v": v}) for k, v in values.items())]
 
 
-def reference_system(crs):
+def reference_system(crs: "CRS | None") -> ElementTree.Element:
     """`spatialrefsys` of a CRS, or of a local frame (None)."""
     wkt = reference_text(crs)
     authority = None if crs is None else crs.to_authority()
@@ -40,7 +45,7 @@ def reference_system(crs):
     )
 
 
-def reference_text(crs):
+def reference_text(crs: "CRS | None") -> str:
     """WKT of a CRS; a local frame (None) is an engineering CRS in metres."""
     return LOCAL_FRAME if crs is None else crs.to_wkt()
 

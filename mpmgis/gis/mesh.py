@@ -8,16 +8,24 @@ name up to ", x-component" and ", y-component".
 
 import zlib
 from collections import deque
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pyproj.exceptions import CRSError
 
 from ..errors import OutputError, one_line
 from ..fields import NODATA
+from ..io.exported import ExportedRun
 from .clock import Clock
 from .markup import LOCAL_FRAME
 from .styles import look_of
+
+if TYPE_CHECKING:
+    from .outlines import StepSpool
+
 
 MESH_BANDS = ("h", "t", "Un", "Ut")
 VELOCITY = "velocity along the slope (m/s)"
@@ -27,7 +35,7 @@ LEAST_REPEATED = 0.25  # share of repeated bytes, below which compression is not
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
-def write_mesh(run, steps, threads=None):
+def write_mesh(run: ExportedRun, steps: "StepSpool", threads: Executor | None = None) -> None:
     """Write the mesh of a run: h, t, Un, Ut and the velocity vector of each step, on cells that were ever wet.
 
     Without wet cells no mesh is written.
@@ -91,7 +99,7 @@ def _chunks(steps, faces, names, threads):
         yield waiting.popleft().result()
 
 
-def step_chunks(steps, step, faces, names):
+def step_chunks(steps: "StepSpool", step: int, faces: np.ndarray, names: list[str]) -> list[bytes]:
     """List of bytes: a step's values of the variables `names` on `faces`, each packed as a chunk of the file."""
     index, values = steps.bands(step)
     place = np.searchsorted(faces, index)
@@ -143,7 +151,7 @@ def _write_values(path, names, steps):
         raise OutputError(f"{path}: cannot be written ({one_line(error)}); is the disk full?") from error
 
 
-def group_names(path):
+def group_names(path: Path) -> list[str]:
     """List of the dataset groups of a mesh written here, in the order of QGIS; [] without a file."""
     import netCDF4
 

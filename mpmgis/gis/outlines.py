@@ -5,17 +5,22 @@ The GeoPackage and the mesh need all steps. With the spool, memory is that of on
 
 import os
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import shapely
+from affine import Affine
 
 from ..errors import OutputError, one_line
-from ..io.exported import moved_corner
+from ..io.exported import ExportedRun, moved_corner
 from ..io.ogr import pyogrio
 from ..kernels import rings
+from ..particles import Frame
+from ..terrain.grid import Grid
 from .clock import BASE, Clock
 from .markup import reference_text
 from .symbols import (
@@ -54,7 +59,9 @@ class StepSpool:
         self._folder, self.count = Path(folder), 0
         self._folder.mkdir()
 
-    def add(self, index, bands, outline=None, shown=None):
+    def add(
+        self, index: np.ndarray, bands: dict, outline: StepOutline | None = None, shown: dict | None = None
+    ) -> None:
         """Store one step.
 
         Parameters
@@ -77,13 +84,13 @@ class StepSpool:
         np.savez(self._shapes(self.count), **shapes, **(shown or {}))
         self.count += 1
 
-    def bands(self, step):
+    def bands(self, step: int) -> tuple[np.ndarray, dict]:
         """(Flat index int64[k], dict of str to float32[k]) of a step's cells."""
         with open(self._cells(step), "rb") as file:
             names, index = np.load(file), np.load(file)
             return index, {str(name): np.load(file) for name in names}
 
-    def outline(self, step):
+    def outline(self, step: int) -> StepOutline | None:
         """The StepOutline of a step, or None."""
         with np.load(self._shapes(step)) as kept:
             if "wkb" not in kept:
@@ -91,7 +98,7 @@ class StepSpool:
             cells, depth, speed = kept["facts"].tolist()
             return StepOutline(kept["wkb"].tobytes(), int(cells), depth, speed)
 
-    def shown(self, step):
+    def shown(self, step: int) -> dict | None:
         """The displayed particles of a step as in `add`, or None."""
         with np.load(self._shapes(step)) as kept:
             return {name: kept[name] for name in SHOWN} if "ids" in kept else None
@@ -109,7 +116,7 @@ UTC = 100  # GDAL's code for UTC
 POINTS, POLYGONS = 0, 2  # geometry type numbers of QGIS
 
 
-def write_outlines(run, steps, release=None):
+def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None = None) -> None:
     """Write the GeoPackage of a run.
 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
@@ -145,7 +152,7 @@ def write_outlines(run, steps, release=None):
     )
 
 
-def layer_names(path):
+def layer_names(path: Path) -> tuple[str, ...]:
     """Tuple of str: the spatial layers of a GeoPackage; () without a file."""
     if not os.path.exists(path):
         return ()
@@ -154,19 +161,19 @@ def layer_names(path):
     return tuple(name for (name,) in rows)
 
 
-def vector_renderer(layer, run):
+def vector_renderer(layer: str, run: ExportedRun) -> Element:
     """`renderer-v2` of a layer of the GeoPackage."""
     if layer == "particles":
         return speed_renderer(run)
     return outline_renderer({"outline": OUTLINE, "envelope": ENVELOPE, "release": RELEASE}[layer])
 
 
-def geometry_type(layer):
+def geometry_type(layer: str) -> tuple[int, str]:
     """QGIS number and name of the geometry type of a layer of the GeoPackage."""
     return (POINTS, "Point") if layer == "particles" else (POLYGONS, "Polygon")
 
 
-def mask_outline(mask, transform):
+def mask_outline(mask: np.ndarray, transform: Affine) -> shapely.MultiPolygon | None:
     """Valid MultiPolygon around the True cells of bool[rows, columns], with holes; None without True cells."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
@@ -176,7 +183,7 @@ def mask_outline(mask, transform):
     return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])))
 
 
-def cells_outline(index, grid):
+def cells_outline(index: np.ndarray, grid: Grid) -> shapely.MultiPolygon | None:
     """As `mask_outline`, for the cells of `grid` with the flat `index` int64[k]; memory follows the flow extent."""
     if not len(index):
         return None
@@ -201,7 +208,9 @@ def _outline(part, transform):
     return shapely.multipolygons(shapely.polygons(lines[order], indices=parts[order] - 1))
 
 
-def step_outline(index, depth, speed, grid, min_depth):
+def step_outline(
+    index: np.ndarray, depth: np.ndarray, speed: np.ndarray, grid: Grid, min_depth: float
+) -> StepOutline | None:
     """The StepOutline of one step; None without cells at least `min_depth` [m] deep.
 
     Parameters
@@ -220,7 +229,7 @@ def step_outline(index, depth, speed, grid, min_depth):
     return StepOutline(shapely.to_wkb(outline), np.count_nonzero(deep), float(depth[deep].max()), _largest(speed[deep]))
 
 
-def is_deep(depth, min_depth):
+def is_deep(depth: np.ndarray, min_depth: float) -> np.ndarray:
     """bool[k]: cells inside the outline."""
     return (depth >= np.float32(min_depth)) & (depth > 0)
 
@@ -230,7 +239,7 @@ def _largest(values):
     return float(np.fmax.reduce(values, initial=np.nan))
 
 
-def shown_particles(frame, total):
+def shown_particles(frame: Frame, total: int) -> dict:
     """The displayed particles of `frame`, for `StepSpool.add`, thinned from a `total` number."""
     particles = frame.particles
     ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
@@ -239,7 +248,7 @@ def shown_particles(frame, total):
     return {"ids": ids[chosen], "place": place, "velocity": particles.velocity[chosen]}
 
 
-def thin(ids, total, wanted=PARTICLES_SHOWN):
+def thin(ids: np.ndarray, total: int, wanted: int = PARTICLES_SHOWN) -> np.ndarray:
     """bool[n]: about `wanted` of `total` particles, selected by id, so the selection is the same for all steps.
 
     Ids are hashed first (Knuth's multiplicative hash), because neighbours on the seeding lattice have nearby ids.

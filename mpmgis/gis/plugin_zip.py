@@ -12,7 +12,9 @@ SUFFIXES = (".py", ".txt", ".svg", "")  # no binaries; LICENSE has none
 _TIME = (2000, 1, 1, 0, 0, 0)  # time of all files, for reproducible bytes
 
 
-def write_plugin_zip(path, homepage=None, email=None, overwrite=False):
+def write_plugin_zip(
+    path: str | Path, homepage: str | None = None, email: str | None = None, overwrite: bool = False
+) -> None:
     """Write the plugin to `path` (.zip), atomically.
 
     Parameters
@@ -40,7 +42,7 @@ def write_plugin_zip(path, homepage=None, email=None, overwrite=False):
             archive.writestr(entry, metadata if file.name == "metadata.txt" else file.read_bytes())
 
 
-def plugin_files():
+def plugin_files() -> list[Path]:
     """Paths of the plugin's files, sorted."""
     return sorted(file for file in FOLDER.iterdir() if file.is_file() and file.suffix in SUFFIXES)
 

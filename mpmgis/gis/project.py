@@ -13,6 +13,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InputError
+from ..fields import Quantity
+from ..io.exported import ExportedRun
 from .clock import BASE_TEXT, Clock, stamp
 from .markup import node, qgis_document, reference_system
 from .mesh import VELOCITY, group_names
@@ -51,7 +53,7 @@ class Group(NamedTuple):
     exclusive: bool = False
 
 
-def write_project(run, qgis_min="3.38"):
+def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
     """Write the project: animation, maxima, deposit, outlines and terrain, with styles, times and a map title.
 
     Parameters
@@ -79,13 +81,13 @@ def write_project(run, qgis_min="3.38"):
     write_archive(run, _project(run, clock, [group for group in groups if group.rows]))
 
 
-def write_archive(run, project):
+def write_archive(run: ExportedRun, project: Element) -> None:
     """Write the project element as .qgz into the run's folder."""
     with zipfile.ZipFile(run.folder / run.project_file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(f"{run.name}.qgs", qgis_document(project))
 
 
-def parse_version(text):
+def parse_version(text: str) -> tuple[int, int]:
     """(major, minor) of a QGIS version; InputError if it is invalid or older than 3.22."""
     match = re.fullmatch(r"(\d+)\.(\d+)(\.\d+)?", str(text).strip())
     if match is None or (int(match[1]), int(match[2])) < (3, 22):
@@ -128,7 +130,7 @@ def _deposit(run):
     return Group(f"{run.name}: deposit (last step)", rows, shown=False, unfolded=False, exclusive=True)
 
 
-def terrain_group(run):
+def terrain_group(run: ExportedRun) -> Group:
     """Group of contours over a hillshade."""
     heights = run.read_terrain()
     heights = heights[np.isfinite(heights)]
@@ -167,7 +169,7 @@ def _steps_group(run, clock, quantity, band, shown):
     return Group(look_of(quantity).title(quantity.name), rows, shown=shown, unfolded=False)
 
 
-def raster_layer(run, kind, file, quantity, band, shown):
+def raster_layer(run: ExportedRun, kind: str, file: str, quantity: Quantity, band: int, shown: bool) -> Layer:
     """Layer of one band of a raster, in the colours of `quantity`."""
     title = look_of(quantity).title(quantity.name)
     pipe = value_pipe(quantity, run, band)
@@ -236,7 +238,16 @@ def _arrows(run, clock):
     return [Layer(title, maplayer, True)]
 
 
-def map_layer(run, kind, part, source, title, provider, temporal, drawing):
+def map_layer(
+    run: ExportedRun,
+    kind: str,
+    part: str,
+    source: str,
+    title: str,
+    provider: str,
+    temporal: Element | None,
+    drawing: Element,
+) -> Element:
     """`maplayer` element; `part` is used in its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
     return node(
         "maplayer",
@@ -266,7 +277,9 @@ def _project(run, clock, groups):
     return project_document(run, groups, _view(run), _animation_settings(run, clock, start, end), settings)
 
 
-def project_document(run, groups, view, settings, times=None):
+def project_document(
+    run: ExportedRun, groups: list[Group], view: tuple, settings: dict, times: Element | None = None
+) -> Element:
     """`qgis` element of a project.
 
     Parameters
@@ -350,7 +363,7 @@ def _animation_settings(run, clock, start, end):
     }
 
 
-def title_settings(label):
+def title_settings(label: str) -> dict:
     """Settings of a map title."""
     return {
         "TitleLabel": {

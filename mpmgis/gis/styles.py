@@ -7,9 +7,12 @@ and colour maps are those of AvaFrame, for comparison of results.
 
 import math
 from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from ..fields import Quantity
+from ..io.exported import ExportedRun
 from .clock import Clock, stamp
 from .markup import node, options, qgis_document
 
@@ -41,7 +44,7 @@ class Look(NamedTuple):
     limits: tuple = ()
     factor: float = 1.0
 
-    def title(self, name):
+    def title(self, name: str) -> str:
         """Layer name: words, symbol and unit."""
         return f"{self.words} {name}" + (f" ({self.unit})" if self.unit else "")
 
@@ -72,7 +75,7 @@ LOOKS = {
 PROBABILITY = "P_"  # prefix of probability bands
 
 
-def look_of(quantity):
+def look_of(quantity: Quantity) -> Look:
     """The Look of a band; a band outside the table is shown by size.
 
     Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
@@ -84,7 +87,7 @@ def look_of(quantity):
     return LOOKS.get(quantity.name, plain if of is None else of._replace(words=quantity.long_name))
 
 
-def class_limits(look, typical):
+def class_limits(look: Look, typical: float) -> tuple:
     """Upper limits of all classes except the last, in the look's unit, for values up to `typical` (the band's unit).
 
     The hazard classes if the run reaches the third limit and stays below twice the last; else six classes up to the
@@ -98,7 +101,7 @@ def class_limits(look, typical):
     return tuple(float(f"{top * share:.6g}") for share in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0))
 
 
-def round_up(value):
+def round_up(value: float) -> float:
     """The next 1, 2 or 5 times a power of ten at or above `value`; 1 if `value` is not positive or not finite."""
     if not 1e-300 < value < 1e300:
         return 1.0
@@ -106,7 +109,7 @@ def round_up(value):
     return float(f"{next(m for m in (1, 2, 5, 10) if value <= m * power * (1 + 1e-9)) * power:.6g}")
 
 
-def ramp_colours(ramp, count):
+def ramp_colours(ramp: tuple, count: int) -> list[str]:
     """`count` hex colours spread evenly over a ramp, ends included."""
     stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in ramp], dtype=float)
     at = np.linspace(0, len(ramp) - 1, count)
@@ -122,7 +125,7 @@ class ColourClass(NamedTuple):
     label: str
 
 
-def colour_classes(look, typical, min_depth=0.0):
+def colour_classes(look: Look, typical: float, min_depth: float = 0.0) -> list[ColourClass]:
     """List of ColourClass for all values of a band, from a transparent class (if any) to "> limit"."""
     limits = class_limits(look, typical)
     floor = min_depth if look.shown == "depth" and min_depth < limits[0] else 0.0
@@ -136,7 +139,7 @@ def colour_classes(look, typical, min_depth=0.0):
     return classes
 
 
-def value_renderer(look, typical, min_depth, band):
+def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> Element:
     """`rasterrenderer` of one band: classes, or a symmetric ramp for signed values."""
     shader = _signed_shader(look, typical) if look.shown == "signed" else _class_shader(look, typical, min_depth)
     return node(
@@ -222,7 +225,7 @@ def _signed_shader(look, typical):
     return shader
 
 
-def gradient(ramp):
+def gradient(ramp: tuple) -> Element:
     """`colorramp` with which the user can edit the colours."""
     rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in ramp]
     stops = ":".join(f"{k / (len(ramp) - 1):.6g};{rgb[k]}" for k in range(1, len(ramp) - 1))
@@ -230,13 +233,13 @@ def gradient(ramp):
     return node("colorramp", {"name": "[source]", "type": "gradient"}, *options(values))
 
 
-def value_pipe(quantity, run, band):
+def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
     """`pipe` that draws `quantity`, band number `band` of its file, with the colours of the whole run."""
     typical = run.typical.get(quantity.name, 0.0)
     return node("pipe", None, value_renderer(look_of(quantity), typical, run.min_depth, band))
 
 
-def hillshade_pipe():
+def hillshade_pipe() -> Element:
     """`pipe` of a terrain as a light multidirectional hillshade, so that colours on top stay readable."""
     return node(
         "pipe",
@@ -261,12 +264,12 @@ def hillshade_pipe():
     )
 
 
-def contour_interval(relief):
+def contour_interval(relief: float) -> float:
     """Contour interval [m] (1, 2 or 5 times a power of ten) with 15 to 40 lines over `relief` [m]."""
     return round_up(relief / 40.0)
 
 
-def contour_pipe(interval):
+def contour_pipe(interval: float) -> Element:
     """`pipe` of a terrain as contour lines every `interval` [m], every fifth one thicker."""
     return node(
         "pipe",
@@ -302,7 +305,7 @@ def _contour_symbol(name, width):
     return node("symbol", {"type": "line", "name": name, "alpha": 1}, layer)
 
 
-def bands_over_time(clock):
+def bands_over_time(clock: Clock) -> Element:
     """`temporal` of a stack: band k + 1 is visible from step k to the next (QGIS 3.38 and later)."""
     ranges = [
         node(
@@ -314,21 +317,21 @@ def bands_over_time(clock):
     return node("temporal", {"enabled": 1, "mode": 3, "fetchMode": 0, "bandNumber": 1}, node("ranges", None, *ranges))
 
 
-def one_step(clock, k):
+def one_step(clock: Clock, k: int) -> Element:
     """`temporal` of a layer that is visible during step k only, 1 s apart from other steps (all QGIS versions)."""
     start, end = clock.begins[k], clock.ends[k]
     fixed = node("fixedRange", None, node("start", text=stamp(start + 1)), node("end", text=stamp(end - 1)))
     return node("temporal", {"enabled": 1, "mode": 0, "fetchMode": 0}, fixed)
 
 
-def style_document(pipe, temporal=None):
+def style_document(pipe: Element, temporal: Element | None = None) -> str:
     """Text of a .qml file for a raster."""
     root = node("qgis", {"version": "3.22.0", "styleCategories": "AllStyleCategories"}, temporal, pipe)
     root.append(node("blendMode", text=0))
     return qgis_document(root)
 
 
-def write_styles(run):
+def write_styles(run: ExportedRun) -> None:
     """Write a .qml next to each raster of `run`: steps, maxima, deposit, stacks and terrain.
 
     Each raster shows its first band; all bands of a kind have the limits of the run. QGIS ignores times in a style
@@ -346,6 +349,6 @@ def write_styles(run):
         write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))
 
 
-def write_sidecar(run, file, text):
+def write_sidecar(run: ExportedRun, file: str, text: str) -> None:
     """Write a style next to one of the run's files."""
     (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8", newline="\n")

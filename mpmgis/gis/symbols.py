@@ -3,8 +3,11 @@
 import math
 import sqlite3
 from contextlib import closing
+from pathlib import Path
+from xml.etree.ElementTree import Element
 
 from ..errors import OutputError, one_line
+from ..io.exported import ExportedRun
 from .markup import node, options, qgis_document
 from .styles import LOOKS, colour_classes
 
@@ -13,13 +16,13 @@ ENVELOPE = ("10,10,10,255", 0.4, "dash")
 RELEASE = ("0,70,200,255", 0.6, "solid")
 
 
-def outline_renderer(pen):
+def outline_renderer(pen: tuple) -> Element:
     """`renderer-v2` of a polygon without fill; `pen`: colour, width [mm] and line style."""
     symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
     return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
 
 
-def speed_renderer(run):
+def speed_renderer(run: ExportedRun) -> Element:
     """`renderer-v2` of points by their attribute `speed`, in the classes and colours of the speed rasters.
 
     With rules, because a common project checker treats every `range` element as a time range.
@@ -34,7 +37,7 @@ def speed_renderer(run):
     return _rule_renderer("speed", rules)
 
 
-def class_renderer(attribute, classes):
+def class_renderer(attribute: str, classes: list[tuple]) -> Element:
     """`renderer-v2` of polygons by the integers in `attribute`; `classes` are (number, label, colour #rrggbb)."""
     return _rule_renderer(
         attribute,
@@ -56,7 +59,7 @@ def _rule_renderer(key, rules):
     )
 
 
-def feature_times():
+def feature_times() -> Element:
     """`temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
     return node(
         "temporal",
@@ -74,7 +77,7 @@ def feature_times():
     )
 
 
-def vector_style_document(renderer, geometry):
+def vector_style_document(renderer: Element, geometry: int) -> str:
     """Text of a style for a vector layer; `geometry` is the QGIS type number: 0 points, 2 polygons."""
     return qgis_document(
         node(
@@ -122,7 +125,7 @@ def _dot(name, colour):
     return node("symbol", {"type": "marker", "name": name, "alpha": 1}, layer)
 
 
-def write_layer_styles(path, styles):
+def write_layer_styles(path: Path, styles: dict) -> None:
     """Add the table of default layer styles for QGIS; `styles` has the style text of each layer.
 
     Raises

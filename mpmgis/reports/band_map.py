@@ -1,9 +1,14 @@
 """PNG map of one band of a result over a hillshade."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
-from ..gis.styles import LOOKS
+from ..gis.styles import LOOKS, Look
 from ..io.atomic import whole_file
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from .picture import (
     INK,
     RELEASE_COLOUR,
@@ -19,7 +24,16 @@ from .picture import (
 DOTS_PER_INCH = 100
 
 
-def write_band_map(path, terrain, grid, values, band, title="", release=None, min_depth=0.05):
+def write_band_map(
+    path: Path,
+    terrain: Terrain,
+    grid: Grid,
+    values: np.ndarray,
+    band: str | Look,
+    title: str = "",
+    release: Sequence | None = None,
+    min_depth: float = 0.05,
+) -> None:
     """Write a PNG map of a band, with the same classes as in QGIS.
 
     Parameters

@@ -2,18 +2,21 @@
 
 import math
 import textwrap
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from ..analysis.comparison import nearest, upright
+from ..analysis.comparison_report import Comparison
 from ..analysis.flow_line import Runout, up_to
 from ..fields import Quantity
 from ..io.atomic import whole_file
 from ..io.raster_output import write_geotiff
 from ..io.tables import write_records
 from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from .picture import (
     DOTS_PER_INCH,
     INK,
@@ -29,7 +32,7 @@ HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}
 
 
-def write_table(path, found):
+def write_table(path: Path, found: Comparison) -> None:
     """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty."""
     names = ("name", "", *(side.name for side in found.sides), "", "")
     rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
@@ -37,12 +40,12 @@ def write_table(path, found):
     write_records(path, HEADINGS, [names, *rows, *common])
 
 
-def class_numbers(first, second):
+def class_numbers(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """uint8[rows, columns]: 1 first mask only, 2 second only, 3 both, 0 none."""
     return first.astype(np.uint8) + 2 * second.astype(np.uint8)
 
 
-def write_classes(path, grid, first, second, values, band):
+def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray, values: tuple, band: Quantity) -> None:
     """Write a GeoTIFF of footprint classes, values of both sides and their difference where both are known.
 
     Parameters
@@ -90,7 +93,15 @@ class MapSide(NamedTuple):
     runout: float = math.nan
 
 
-def write_comparison_map(path, terrain, grid, sides, both_area, line=None, title=""):
+def write_comparison_map(
+    path: Path,
+    terrain: Terrain | None,
+    grid: Grid,
+    sides: tuple,
+    both_area: float,
+    line: np.ndarray | None = None,
+    title: str = "",
+) -> None:
     """Write the PNG (atomically).
 
     Parameters

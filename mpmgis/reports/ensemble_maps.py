@@ -11,8 +11,10 @@ from ..experiments.statistics import ARRIVAL, PEAKS, PROBABILITY, WORDS, statist
 from ..fields import Quantity
 from ..gis.project import Group, project_document, raster_layer, terrain_group, title_settings, write_archive
 from ..gis.styles import hillshade_pipe, look_of, style_document, value_pipe, write_sidecar
+from ..io.ensemble_folder import MemberStack
 from ..io.exported import TYPICAL_PERCENTILE, moved_corner
 from ..io.raster_output import write_rows
+from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .band_map import write_band_map
 
@@ -47,24 +49,24 @@ class EnsembleMaps:
     terrain_file: str = TERRAIN_FILE
 
     @property
-    def project_file(self):
+    def project_file(self) -> str:
         """Name of the QGIS project."""
         return f"{self.name}.qgz"
 
     @property
-    def picture_file(self):
+    def picture_file(self) -> str:
         """Name of the picture."""
         return f"{self.name}.png"
 
-    def file(self, raster):
+    def file(self, raster: str) -> str:
         """Name of the file of a raster."""
         return f"rasters/{self.name}_{raster}.tif"
 
-    def read(self, raster, number):
+    def read(self, raster: str, number: int) -> np.ndarray:
         """float32[rows, columns] of band `number`, from 0, within `window`; NaN for nodata."""
         return self._read(self.file(raster), number)
 
-    def read_terrain(self):
+    def read_terrain(self) -> np.ndarray:
         """float32[rows, columns] [m] within `window`."""
         return self._read(TERRAIN_FILE, 0)
 
@@ -76,18 +78,18 @@ class EnsembleMaps:
             return values
 
     @property
-    def window(self):
+    def window(self) -> tuple:
         """The extent, or the whole grid without flow."""
         return self.extent or (0, self.grid.shape[0], 0, self.grid.shape[1])
 
     @cached_property
-    def window_grid(self):
+    def window_grid(self) -> Grid:
         """Grid of `window`."""
         top, bottom, left, right = self.window
         return Grid(self.grid.crs, moved_corner(self.grid.transform, top, left), (bottom - top, right - left))
 
     @cached_property
-    def typical(self):
+    def typical(self) -> dict[str, float]:
         """Typical size of the values by band name; all statistics of a quantity have the same colours."""
         made = {band.quantity.name: 1.0 for band in self.bands[PROBABILITY]}
         for name in (*PEAKS, ARRIVAL):
@@ -100,7 +102,7 @@ class EnsembleMaps:
         return made
 
 
-def write_maps(maps, stack, terrain, tags, release, title):
+def write_maps(maps: EnsembleMaps, stack: MemberStack, terrain: Terrain, tags: dict, release: list, title: str) -> None:
     """Write all rasters of `maps`, their styles, the project and the picture.
 
     Parameters

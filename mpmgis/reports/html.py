@@ -1,7 +1,9 @@
 """A report as one HTML file: sections of tables, pictures and lines."""
 
 import base64
+from collections.abc import Iterable
 from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
 from ..io.atomic import whole_file
@@ -40,12 +42,12 @@ class Section(NamedTuple):
     blocks: tuple
 
 
-def section(title, *blocks):
+def section(title: str, *blocks) -> Section:
     """A Section of the blocks that are not empty."""
     return Section(title, tuple(block for block in blocks if block is not None and any(block)))
 
 
-def figure_rows(facts):
+def figure_rows(facts: Iterable[tuple]) -> tuple:
     """Table rows of (name, value, unit) with numbers in five digits; rows without a value are omitted."""
     return tuple((what, _text(value), unit) for what, value, unit in facts if value == value and value is not None)
 
@@ -71,7 +73,7 @@ td, li { overflow-wrap: anywhere; }
 """
 
 
-def write_report(path, title, under, sections, language="en"):
+def write_report(path: Path, title: str, under: str, sections: Iterable[Section], language: str = "en") -> None:
     """Write the report (atomically).
 
     Parameters

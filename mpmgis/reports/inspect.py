@@ -36,7 +36,7 @@ CLOSE = 1e-6  # relative tolerance of the mass in README.txt
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
 
 
-def start_facts(folder):
+def start_facts(folder: str | Path) -> dict | None:
     """Facts about the start files of a solver in `folder`; None if it is not such a folder.
 
     Raises
@@ -114,7 +114,7 @@ def _read_back(folder, solver, terms):
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
-def inspect(path, terms=None):
+def inspect(path: str | Path, terms: ForeignTerms | None = None) -> dict:
     """Facts about the file or folder at `path`; `terms` (ForeignTerms): user declarations for files of other codes.
 
     Returns

@@ -26,7 +26,7 @@ _AT_ONCE = 1_000_000
 _CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]
 
 
-def project_facts(path):
+def project_facts(path: str | Path) -> dict:
     """Version, CRS and layers of the QGIS project at `path` (.qgz, .qgs).
 
     Raises
@@ -107,7 +107,7 @@ LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a 
 TAG_NAMESPACE = "mpmgis"
 
 
-def raster_facts(path, values=True):
+def raster_facts(path: Path, values: bool = True) -> dict:
     """Facts about a raster; without `values` its cells are not read.
 
     Raises
@@ -193,7 +193,7 @@ def _as_terrain(path):
     return "usable"
 
 
-def vector_facts(path):
+def vector_facts(path: Path) -> dict:
     """Facts about a vector file, or about particles if its points are particles.
 
     Raises

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ import pyogrio
 import pyproj
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
+from ..interop.declarations import ForeignTerms
 from ..interop.frame_list import foreign_frames
 from ..interop.georeferencing import foreign_particles, named_columns, series_place, times_of, untold
 from ..interop.readers.parsing import Form, read_rows
@@ -28,7 +30,7 @@ LONGEST_HEAD = 100_000  # [bytes] of the header line of a .csv
 MOST_FRAMES_READ = 12  # of another code; of longer series only the first and the last
 
 
-def frame_facts(path):
+def frame_facts(path: Path) -> dict:
     """Facts about a frame of mpmgis."""
     frame = read_frame(path, with_state=False)
     particles, origin = frame.particles, np.asarray(frame.origin)
@@ -58,7 +60,7 @@ def frame_facts(path):
     return facts
 
 
-def foreign_facts(paths, reader, terms):
+def foreign_facts(paths: Sequence, reader: str, terms: ForeignTerms) -> dict:
     """Facts about files of another code, with the user declarations `terms` (ForeignTerms); unknown facts are None.
 
     For several frames: facts of the last one, and number and mass of each.
@@ -114,7 +116,7 @@ def _foreign_frame_facts(frame, time, reader, terms):
     }
 
 
-def particle_facts(position, velocity, mass, volume):
+def particle_facts(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, volume: np.ndarray) -> dict:
     """Number, mass, volume, density, bounds and largest speed of particles.
 
     Parameters
@@ -137,12 +139,12 @@ def particle_facts(position, velocity, mass, volume):
     }
 
 
-def is_particle_layer(table):
+def is_particle_layer(table: object) -> bool:
     """True if a table of features has particles (position, velocity, mass)."""
     return set(NEEDED) <= set(table.columns)
 
 
-def particle_table_facts(path):
+def particle_table_facts(path: str | Path) -> dict:
     """Facts about a seed file: .csv, .json, .gpkg, .parquet or .vtp.
 
     Raises
@@ -241,7 +243,7 @@ def _parquet_table(path):
 
 
 @contextmanager
-def no_side_files():
+def no_side_files() -> Iterator[None]:
     """Prevents that GDAL writes `.aux.xml` next to a GeoPackage that is only read."""
     before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
     pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})

@@ -9,7 +9,7 @@ import numpy as np
 import rasterio
 from rasterio.enums import ColorInterp
 
-from ..analysis.guidelines import parse_guidelines
+from ..analysis.guidelines import Guideline, parse_guidelines
 from ..errors import FormatError, InputError, one_line
 from ..gis.markup import node
 from ..gis.outlines import POLYGONS, mask_outline
@@ -18,11 +18,12 @@ from ..gis.symbols import class_renderer, vector_style_document, write_layer_sty
 from ..io.atomic import whole_file
 from ..io.raster_output import BLOCK, NAMESPACE
 from ..io.tables import write_records
+from ..terrain.grid import Grid
 
 SHIPPED = Path(__file__).with_name("guidelines.toml")
 
 
-def read_guidelines(own=None):
+def read_guidelines(own: Path | None = None) -> dict[str, Guideline]:
     """Guidelines by name: of the shipped table, and of the file `own`, which have priority.
 
     Raises
@@ -44,7 +45,7 @@ def _tables(path):
         raise FormatError(f"{path} is not a readable TOML file ({one_line(error)[:100]})") from error
 
 
-def choose_guideline(name, own=None):
+def choose_guideline(name: str, own: Path | None = None) -> Guideline:
     """The Guideline called `name`.
 
     Raises
@@ -61,7 +62,7 @@ def choose_guideline(name, own=None):
 HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source", "read_in")
 
 
-def write_class_raster(path, grid, numbers, guideline, tags):
+def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, tags: dict) -> None:
     """Write uint8[rows, columns] class numbers as GeoTIFF with the guideline's colours; 0 is nodata."""
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     rows, columns = grid.shape
@@ -82,7 +83,7 @@ def write_class_raster(path, grid, numbers, guideline, tags):
         target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
 
 
-def write_class_style(path, guideline):
+def write_class_style(path: Path, guideline: Guideline) -> None:
     """Write the .qml of the raster for QGIS: colour and name of each class."""
     entries = [
         node(
@@ -99,7 +100,7 @@ def write_class_style(path, guideline):
         part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
 
 
-def write_class_polygons(path, grid, numbers, guideline, areas):
+def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, areas: np.ndarray) -> None:
     """Write a GeoPackage with one multipolygon for each class that occurs, with its plan area [m2]."""
     rows = []
     for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1):
@@ -119,7 +120,7 @@ def write_class_polygons(path, grid, numbers, guideline, areas):
         write_layer_styles(part, {"intensity": style})
 
 
-def write_class_table(path, guideline, areas):
+def write_class_table(path: Path, guideline: Guideline, areas: np.ndarray) -> None:
     """Write the areas of all classes as CSV."""
     rows = [
         _record(number, entry, area, guideline)

@@ -1,14 +1,24 @@
 """Picture of a run for readers without a GIS: map with hillshade, largest speed, release and deposit."""
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
 from ..gis.outlines import mask_outline
-from ..gis.styles import LOOKS, colour_classes, contour_interval, round_up
+from ..gis.styles import LOOKS, ColourClass, Look, colour_classes, contour_interval, round_up
 from ..io.atomic import whole_file
 from ..io.exported import TYPICAL_PERCENTILE
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 PIXELS = 1100  # along the longer side of the terrain
 DOTS_PER_INCH = 150
@@ -24,7 +34,17 @@ OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
 
-def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, title="", credit="", min_depth=0.05):
+def write_picture(
+    path: Path,
+    terrain: Terrain,
+    grid: Grid,
+    speed_max: np.ndarray,
+    deposit_depth: np.ndarray,
+    release: Sequence | None = None,
+    title: str = "",
+    credit: str = "",
+    min_depth: float = 0.05,
+) -> None:
     """Write a PNG map of a run: largest speed in classes over a hillshade, outlines of release and deposit.
 
     Parameters
@@ -69,7 +89,7 @@ def write_picture(path, terrain, grid, speed_max, deposit_depth, release=None, t
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
 
-def map_view(terrain, grid, flow, release=()):
+def map_view(terrain: Terrain, grid: Grid, flow: np.ndarray, release: Sequence = ()) -> tuple:
     """(west, south, east, north) [m] of the map: flow and release with a margin, within the terrain.
 
     `flow` is bool[rows, columns] on `grid`. A narrow view is widened within the terrain.
@@ -90,7 +110,7 @@ def map_view(terrain, grid, flow, release=()):
     return (*(float(value) for value in low), *(float(value) for value in low + size))
 
 
-def shaded_relief(elevation, spacing):
+def shaded_relief(elevation: np.ndarray, spacing: float) -> np.ndarray:
     """float[rows, columns] in 0..1: hillshade of north-up heights [m], `spacing` [m] apart, with four light sources."""
     down, right = np.gradient(elevation, spacing)
     east, north = -right, down
@@ -104,7 +124,7 @@ def shaded_relief(elevation, spacing):
     return shade
 
 
-def map_axes(figure, view):
+def map_axes(figure: "Figure", view: tuple) -> "Axes":
     """Axes of the map, in a figure sized for the map and a legend at its right."""
     west, south, east, north = view
     inch = MAP_LONG_SIDE / max(east - west, north - south)
@@ -138,7 +158,7 @@ def _label_axes(axes, size):
         spine.set(color=INK, linewidth=0.8)
 
 
-def draw_terrain(axes, terrain, view):
+def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     """Draw hillshade and contour lines; returns the contour interval [m], or 0 for a level terrain."""
     west, south, east, north = view
     spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
@@ -168,7 +188,7 @@ def draw_terrain(axes, terrain, view):
     return interval
 
 
-def draw_values(axes, grid, values, look, min_depth=0.0):
+def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
     """Draw the classes of a band over the hillshade; returns the classes that occur.
 
     `values` float[rows, columns] are NaN without flow; depths up to `min_depth` [m] are not drawn.
@@ -186,7 +206,7 @@ def draw_values(axes, grid, values, look, min_depth=0.0):
     return [entry for k, entry in enumerate(classes) if entry.colour and k <= number[known].max(initial=0)]
 
 
-def draw_image(axes, grid, image):
+def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
     """Draw colours float[rows, columns, 4] on the cells of `grid` (may be rotated); keeps the limits of the axes."""
     from matplotlib.transforms import Affine2D
 
@@ -197,7 +217,7 @@ def draw_image(axes, grid, image):
     axes.set(xlim=view[0], ylim=view[1])
 
 
-def draw_outline(axes, shapes, colour):
+def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:
     """Draw outlines with a white border, visible on any background."""
     from matplotlib.patheffects import withStroke
 
@@ -214,7 +234,7 @@ def draw_outline(axes, shapes, colour):
             )
 
 
-def draw_scale_bar(axes, view):
+def draw_scale_bar(axes: "Axes", view: tuple) -> None:
     """Draw a scale bar of a round length in the lower left corner."""
     from matplotlib.patches import Rectangle
 
@@ -232,7 +252,7 @@ def draw_scale_bar(axes, view):
         axes.text(x + at, y + 1.8 * height, label, fontsize=7.5, ha="center", va="bottom", zorder=7)
 
 
-def draw_north_arrow(axes):
+def draw_north_arrow(axes: "Axes") -> None:
     """Draw an arrow in the upper right corner; the map is always north-up."""
     axes.annotate(
         "N",

@@ -1,11 +1,18 @@
 """Common style of all figures except maps."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..io.atomic import whole_file
 from .picture import INK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 DOTS_PER_INCH = 110
 COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
@@ -13,7 +20,9 @@ GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
 
 
 @contextmanager
-def plot_file(path, size, rows=1, heights=None, columns=1, share="x"):
+def plot_file(
+    path: Path, size: tuple, rows: int = 1, heights: tuple | None = None, columns: int = 1, share: str = "x"
+) -> Iterator[np.ndarray]:
     """Axes [rows, columns] of a figure of `size` [inch]; the PNG is written (atomically) on exit.
 
     `share` "x": common horizontal axis; "row": common vertical axis in each row.
@@ -30,7 +39,7 @@ def plot_file(path, size, rows=1, heights=None, columns=1, share="x"):
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
 
-def dress(axes, up, across="", title=""):
+def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
     """Set labels, title, grid and frame."""
     axes.set_ylabel(up, fontsize=9, color=INK)
     if across:
@@ -44,7 +53,7 @@ def dress(axes, up, across="", title=""):
         spine.set(color=INK, linewidth=0.7)
 
 
-def draw_ground(axes, along, elevation):
+def draw_ground(axes: "Axes", along: np.ndarray, elevation: np.ndarray) -> None:
     """Draw the terrain along a line, filled below."""
     known = np.asarray(elevation)[np.isfinite(elevation)]
     if known.size:
@@ -53,7 +62,7 @@ def draw_ground(axes, along, elevation):
         axes.plot(along, elevation, color=GROUND_LINE, linewidth=1.0, zorder=3, label="terrain")
 
 
-def legend(axes, **place):
+def legend(axes: "Axes", **place) -> None:
     """Draw a legend without a frame, if there are entries."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:

@@ -1,21 +1,23 @@
 """Tables and plots of runout, profiles, time series, hydrographs and vertical profiles."""
 
+from pathlib import Path
+
 import numpy as np
 
-from ..analysis.profiles import LOAD_COLUMNS, PROFILE_COLUMNS
-from ..analysis.runout import ENERGY_LINE_COLUMNS, TIME_COLUMNS
-from ..analysis.section_flux import COLUMNS
+from ..analysis.profiles import LOAD_COLUMNS, PROFILE_COLUMNS, ProfileFound, SeriesFound, VerticalFound
+from ..analysis.runout import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
+from ..analysis.section_flux import COLUMNS, HydrographFound
 from ..gis.styles import BATLOW, LOOKS, ramp_colours
 from ..io.tables import column_name, write_records
 from .plots import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot_file
 
 
-def write_hydrograph_table(path, found):
+def write_hydrograph_table(path: Path, found: HydrographFound) -> None:
     """Write the rows of a HydrographFound as CSV."""
     write_records(path, [column_name(*column) for column in COLUMNS], found.rows())
 
 
-def write_hydrograph_plot(path, found):
+def write_hydrograph_plot(path: Path, found: HydrographFound) -> None:
     """Plot mean discharge between frames, flux of the cells at frames, and cumulative volume."""
     with plot_file(path, (9.0, 6.0), rows=2, heights=(1.4, 1)) as axes:
         rate, total = axes[:, 0]
@@ -44,12 +46,12 @@ MOST_CURVES = 24  # points in the plot; the table has all
 LATE = 0.85  # used part of the colour ramp; its end is too pale for lines
 
 
-def write_rows(path, found):
+def write_rows(path: Path, found: ProfileFound | SeriesFound) -> None:
     """Write the rows of a ProfileFound or SeriesFound as CSV."""
     write_records(path, [column_name(*column) for column in found.columns()], found.rows())
 
 
-def write_profile_plot(path, found):
+def write_profile_plot(path: Path, found: ProfileFound) -> None:
     """Plot terrain and free surface, depth and thickness, velocities; one colour per time."""
     with plot_file(path, (9.0, 8.0), rows=3, heights=(1.3, 1, 1)) as axes:
         ground, depths, speeds = axes[:, 0]
@@ -76,7 +78,7 @@ def _draw_pair(axes, found, k, names, colour):
         axes.plot(found.along, shown, style, color=colour, linewidth=1.3)
 
 
-def write_series_plot(path, found):
+def write_series_plot(path: Path, found: SeriesFound) -> None:
     """Plot one panel per product and one curve per point, for the first MOST_CURVES points."""
     names = found.names[:MOST_CURVES]
     of_all = f", {MOST_CURVES} of {len(found.names)} points" * (len(found.names) > MOST_CURVES)
@@ -105,17 +107,17 @@ PANELS = (
 )
 
 
-def write_profiles(path, found):
+def write_profiles(path: Path, found: VerticalFound) -> None:
     """Write the layers of a VerticalFound as CSV."""
     write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
 
 
-def write_loads(path, found):
+def write_loads(path: Path, found: VerticalFound) -> None:
     """Write the loads of a VerticalFound as CSV."""
     write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
 
 
-def write_vertical_plot(path, found):
+def write_vertical_plot(path: Path, found: VerticalFound) -> None:
     """Plot density, velocities and pressure over height: one row per point (first MOST_ROWS), one colour per time."""
     names = found.names[:MOST_ROWS]
     rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
@@ -146,22 +148,22 @@ def _draw(axes, profile, colour):
 FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
 
 
-def write_figures(path, found):
+def write_figures(path: Path, found: RunoutFound) -> None:
     """Write the results of a RunoutFound as CSV."""
     write_records(path, ("quantity", "unit", "value"), found.rows())
 
 
-def write_over_time(path, found):
+def write_over_time(path: Path, found: RunoutFound) -> None:
     """Write the position of the mass as CSV, one row per frame."""
     write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
 
 
-def write_profile(path, found):
+def write_profile(path: Path, found: RunoutFound) -> None:
     """Write the profile along the line as CSV, one row per point."""
     write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
 
 
-def write_runout_plot(path, found):
+def write_runout_plot(path: Path, found: RunoutFound) -> None:
     """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass."""
     along, _, _, _, elevation, _, depth, deposit = found.profile
     with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:

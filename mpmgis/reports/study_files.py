@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import FormatError
 from ..experiments.measures import NAMES, UNITS, Errors
-from ..experiments.report import BESIDE, ERROR_COLUMNS
+from ..experiments.report import BESIDE, ERROR_COLUMNS, Study
 from ..io.atomic import whole_file
 
 DOTS_PER_INCH = 120
@@ -33,7 +33,7 @@ class OtherRow(NamedTuple):
     thickness: Path | None
 
 
-def read_other_results(path, measure):
+def read_other_results(path: str | Path, measure: str) -> list[OtherRow]:
     """The OtherRows of the CSV at `path`, with `measure` from a column error_..., or from a raster of thickness.
 
     Columns: setting and seconds; error_thickness, error_momentum, error_area, error_reach_m, or thickness (path,
@@ -104,7 +104,7 @@ def _number(row, name, where, least=-math.inf, above=-math.inf):
     return value
 
 
-def write_plot(path, study, title=""):
+def write_plot(path: Path, study: Study, title: str = "") -> None:
     """Plot error over wall time with the Pareto front, and error over cell size."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

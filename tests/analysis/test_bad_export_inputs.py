@@ -282,7 +282,7 @@ def test_crs_that_contradicts_the_terrain(run, capsys):
     refused(capsys, run, run, "--dem", run / "terrain.tif", "--crs", "EPSG:2056", says="EPSG:2056")
 
 
-def test_crs_that_is_none(run, capsys):
+def test_invalid_crs(run, capsys):
     refused(capsys, run, run, "--crs", "EPSG:mountain", says="--crs")
 
 
@@ -334,7 +334,7 @@ def test_cells_too_fine(run, capsys):
 
 
 @pytest.mark.thorough
-def test_dask_that_does_not_answer(run, capsys):
+def test_dask_without_answer(run, capsys):
     refused(capsys, run, run, "--dask", "tcp://127.0.0.1:1", says="--dask")
     refused(capsys, run, run, "--dask", "nonsense://", says="--dask")
 
@@ -348,13 +348,13 @@ def test_output_exists(run, capsys):
     refused(capsys, run, says=("exists", "--overwrite"))
 
 
-def test_overwrite_spares_what_is_no_export(run, capsys):
+def test_overwrite_keeps_folders_that_are_not_exports(run, capsys):
     (run.parent / "slide_gis").mkdir()
     (run.parent / "slide_gis" / "mine.txt").write_text("precious")
     refused(capsys, run, run, "--overwrite", says="slide_gis")
 
 
-def test_overwrite_spares_the_frames(run, capsys):
+def test_overwrite_keeps_the_frames(run, capsys):
     refused(capsys, run, run, "--overwrite", "-o", run, says="slide")
     refused(capsys, run, run, "--overwrite", "-o", run.parent, says=run.parent.name)
 
@@ -366,7 +366,7 @@ def test_output_is_a_file(run, capsys):
     refused(capsys, run, run, "-o", run.parent / "file" / "out", says="file")
 
 
-def test_output_where_nobody_can_write(run, capsys):
+def test_output_without_write_permission(run, capsys):
     refused(capsys, run, run, "-o", "/proc/slide_gis", says="/proc/slide_gis")
 
 
@@ -381,7 +381,7 @@ def test_disk_full(run, capsys, monkeypatch):
     refused(capsys, run, says="disk is full")
 
 
-def test_good_run_is_not_refused(run, capsys):
+def test_valid_run_is_accepted(run, capsys):
     """The fixture that all others break."""
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
     assert "slide_0001.tif" in capsys.readouterr().out

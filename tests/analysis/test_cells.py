@@ -55,7 +55,7 @@ def values_of(*args, min_depth=0.0, **kwargs):
     cell_size=st.one_of(st.none(), st.floats(0.5, 400)),
     seed=st.integers(0, 1000),
 )
-def test_mass_is_closed(affine, dimension, cell_size, seed):
+def test_mass_is_conserved(affine, dimension, cell_size, seed):
     """Cells and what is outside sum to the particles (design notes 5.3)."""
     ground = terrain(AFFINES[affine], holes=[(5, 5), (20, 20)])
     frame = random_frame(ground, 200, dimension, seed)
@@ -129,7 +129,7 @@ def test_columns_fill_their_cells_without_holes(side, shift):
     assert values["Ut"] == pytest.approx(3.0, rel=1e-12)
 
 
-def test_lattice_that_meets_the_cells_leaves_no_slivers():
+def test_lattice_aligned_with_the_cells_has_no_slivers():
     """Rounding at shared borders must not wet the neighbours."""
     ground = flat((30, 30), cell=0.1)
     frame = tiling(ground, 0.1 / 4, 24, 24, 0.3, 0.7)
@@ -137,7 +137,7 @@ def test_lattice_that_meets_the_cells_leaves_no_slivers():
     assert len(cells.index) == 36
 
 
-def test_a_columns_thickness_is_normal_to_the_bed_and_not_thinned_at_its_rim():
+def test_column_thickness_is_normal_to_the_bed_also_at_its_edge():
     ground = flat((20, 20), slope=(0.75, 0.0))
     frame = tiling(ground, 3.0, 1, 1, 21.0, 21.0, thickness=1.0)
     values = values_of(ground, frame)
@@ -146,7 +146,7 @@ def test_a_columns_thickness_is_normal_to_the_bed_and_not_thinned_at_its_rim():
     assert values["n"].sum() == 1
 
 
-def test_columns_cut_by_the_rim_keep_their_mass():
+def test_columns_at_the_edge_of_the_raster_keep_their_mass():
     ground = flat((4, 4))
     frame = tiling(ground, 8.0, 3, 3, -2.0, -2.0)
     cells = cells_of(ground, frame)
@@ -164,7 +164,7 @@ def test_percentile_is_a_rank_and_never_between_two_particles():
         assert values["t"].item() == pytest.approx(expected - 1)  # only the top is trimmed
 
 
-def test_percentile_weighs_by_mass():
+def test_percentile_is_weighted_by_mass():
     ground = flat()
     frame = points(ground, np.full(3, 12.0), np.full(3, 12.0), [1.0, 2.0, 3.0], mass=[1.0, 1.0, 8.0])
     assert values_of(ground, frame, percentile=20)["h"].item() == pytest.approx(2.0)
@@ -200,7 +200,7 @@ def test_velocity_is_weighted_by_mass_and_split_along_the_slope():
     assert values["p"].item() == pytest.approx(1000 * mean @ mean)
 
 
-def test_depth_is_never_negative_and_thickness_does_not_mind():
+def test_depth_is_never_negative():
     ground = flat()
     values = values_of(ground, points(ground, [12.0, 12.0], [12.0, 12.0], [-1.5, -0.5]))
     assert values["h"].item() == 0.0
@@ -215,7 +215,7 @@ def test_standoff_moves_the_surface():
     assert values["t"].item() == pytest.approx(2.0 * 0.8)
 
 
-def test_detached_says_where_the_lowest_particle_is_clear_of_the_bed():
+def test_detached_marks_cells_with_a_gap_above_the_bed():
     ground = flat()  # the code's cell is 0.5 m
     frame = points(ground, [2, 7, 12, 12, 17, 17], [2] * 6, [0.45, 0.55, 1.0, 6.0, 3.0, 6.0])
     assert values_of(ground, frame)["detached"].tolist() == [0, 1, 0, 1]
@@ -269,7 +269,7 @@ def test_empty_cells_and_frames_off_the_map():
     assert all(len(value) == 0 for value in cell_values(cells, ALL, 0.0).values())
 
 
-def test_numbers_far_beyond_any_integer_are_outside():
+def test_coordinates_beyond_integer_range_are_outside():
     ground = flat()
     frame = points(ground, [12.0] * 4, [12.0] * 4, [1.0] * 4)
     frame.particles.position[:3, 0] = [1e300, -1e300, np.nan]
@@ -299,7 +299,7 @@ def test_far_from_the_origin_nothing_changes():
             assert np.array_equal(one[name], other[name], equal_nan=True), name
 
 
-def test_the_order_of_the_points_decides_the_way_but_not_a_bit():
+def test_the_order_of_the_points_does_not_change_a_bit():
     """Sorted by tile or not: sums keep the order of the points, and so does a frame larger than a slab."""
     random = np.random.default_rng(1)
     n, shape = 3000, (90, 70)

@@ -188,7 +188,7 @@ def test_columns_of_a_seed_keep_their_squares():
     assert column_reach(seed)[0] == pytest.approx(0.5 * SPACING / 4)
 
 
-def test_tails_of_splines_are_no_maxima():
+def test_tails_of_splines_are_not_maxima():
     """The last centimetres beyond a front are resolution, not flow: maxima leave them out, as the solver's own do."""
     from mpmgis.analysis.frame_values import Averaging, average_frame
     from mpmgis.analysis.maxima import PRODUCTS_NEEDED, RunningMaxima

@@ -61,7 +61,7 @@ def test_two_discs_overlap_as_geometry_says(cell, tolerance):
     assert found.iou == pytest.approx(both / (both + 2 * alone), rel=2 * tolerance)
 
 
-def test_discs_on_unlike_grids_overlap_as_on_one():
+def test_discs_on_different_grids_overlap_as_on_one():
     """5 m cells beside 2 m cells that are neither aligned nor equally far: the rule is nearest, onto the finer ones."""
     coarse, fine = grid_of(5.0, west=-13.0, south=-7.5), grid_of(2.0, west=1.3, south=2.1)
     first, second = disc(coarse, 80, 100, 50), disc(fine, 120, 100, 50)
@@ -115,7 +115,7 @@ def test_any_orientation_gives_the_same_disc(transform):
     assert area == pytest.approx(math.pi * 1600, rel=0.02)
 
 
-def test_beyond_the_raster_is_what_was_asked_for():
+def test_values_outside_the_raster_are_the_given_ones():
     grid = grid_of(2.0, 20.0)
     onto = grid_of(2.0, 40.0)
     values = np.full(grid.shape, 3.0)
@@ -123,7 +123,7 @@ def test_beyond_the_raster_is_what_was_asked_for():
     assert nearest(values, grid, onto, outside=0.0).sum() == 300.0
 
 
-def test_nodata_is_no_flow():
+def test_nodata_is_not_flow():
     assert footprint(np.array([np.nan, 0.1, 0.10001, -1.0]), 0.1).tolist() == [False, False, True, False]
 
 
@@ -132,7 +132,7 @@ def test_two_empty_footprints_have_no_overlap_number():
     assert mask_corners(np.zeros((2, 2), bool), grid_of(1.0)).shape == (0, 2)
 
 
-def test_places_too_far_apart_are_refused():
+def test_rasters_too_far_apart_are_rejected():
     with pytest.raises(InputError, match=r"expected at most 1e\+08 cells"):
         joint_grid([grid_of(1.0)], [[0, 0], [1e6, 1e6]])
 
@@ -140,14 +140,14 @@ def test_places_too_far_apart_are_refused():
 # --------------------------------------------------------------------------------------------------------------- bands
 
 
-def test_bands_of_one_name_go_before_equivalents():
+def test_identical_names_have_priority_over_equivalent_ones():
     ours, theirs = ("h_max", "Ut_max", "pft", "Un_max"), ("pft", "pfv")
     assert matched_bands(ours, theirs) == [("h_max", None), ("Ut_max", "pfv"), ("pft", "pft"), ("Un_max", None)]
     assert matched_bands(("h_max", "Ut_max"), theirs) == [("h_max", "pft"), ("Ut_max", "pfv")]
     assert matched_bands(("pft",), ("h_max", "p_max")) == [("pft", "h_max"), (None, "p_max")]
 
 
-def test_the_footprint_is_of_peak_thickness_unless_asked_otherwise():
+def test_the_default_footprint_is_of_peak_thickness():
     pairs = matched_bands(("Ut_max", "h_max", "h_deposit"), ("Ut_max", "h_max", "h_deposit"))
     assert footprint_bands(pairs) == ("h_max", "h_max")
     assert footprint_bands(pairs, "h_deposit") == ("h_deposit", "h_deposit")
@@ -197,7 +197,7 @@ def test_positions_on_and_beyond_a_bent_line():
     assert positions_along(BENT, x, y) == pytest.approx([0, 50, 150, 300, 350, 400, 410, -30, 50])
 
 
-def test_the_continuation_of_a_hook_is_no_short_cut():
+def test_the_extension_of_a_bent_line_is_not_a_short_cut():
     """The straight continuation of a line that turns back passes its own upper part, which must not count there."""
     hook = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, -30.0], [60.0, -30.0], [60.0, -10.0]])
     assert positions_along(hook, [60.0], [0.0]) == pytest.approx([60.0])
@@ -216,7 +216,7 @@ def test_runout_of_a_flow_along_a_bent_line(cell):
     assert runout(np.zeros_like(flow), grid, BENT) is None
 
 
-def test_how_near_a_line_passes():
+def test_distance_from_a_line():
     grid = grid_of(2.0)
     mask = disc(grid, 100, 100, 20)
     assert distance_to_line([[0, 180], [200, 180]], mask, grid) == pytest.approx(60, abs=2)
@@ -261,7 +261,7 @@ def test_the_centre_line_does_not_depend_on_the_order_nor_on_units():
     assert first == pytest.approx(second, abs=1e-6)
 
 
-def test_the_centre_line_goes_on_over_gaps_that_frames_far_apart_leave():
+def test_the_centre_line_continues_over_gaps_between_frames():
     grid = Grid(None, Affine(2, 0, 0, 0, -2, 60), (30, 200))
     x, y = grid.xy(*np.indices(grid.shape))
     across = np.abs(y - 30) < 11
@@ -271,7 +271,7 @@ def test_the_centre_line_goes_on_over_gaps_that_frames_far_apart_leave():
     assert runout(mask, grid, line).distance == pytest.approx(379 - 11, abs=4)
 
 
-def test_the_centre_line_of_many_cells_is_found_on_fewer():
+def test_the_centre_line_of_many_cells_uses_coarser_cells():
     """250 000 cells are put together to blocks of 3 x 3; the line stays in the middle."""
     grid = Grid.north_up(None, 0.0, 500.0, 1.0, (500, 500))
     x, _ = grid.xy(*np.indices(grid.shape))

@@ -100,7 +100,7 @@ def test_mass_is_in_the_file(run2, run3, dimension, cell_size, tmp_path):
         assert values["n"].sum() + int(tags["particles_outside"]) == len(particles)
 
 
-def test_zeros_are_written_and_velocities_are_nodata_where_nothing_is(run2):
+def test_empty_cells_have_zero_depth_and_nodata_velocity(run2):
     folder, _ = export(run2, products=("t_vol", "mass", "n", "p", "detached", "Ut_E", "Ut_N"))
     values, _ = bands(folder / "rasters" / "slide_0000.tif")
     dry = values["h"] == 0
@@ -112,7 +112,7 @@ def test_zeros_are_written_and_velocities_are_nodata_where_nothing_is(run2):
     assert np.isnan(values["Ut"][values["h"] < 0.05]).all() and np.isfinite(values["Ut"][values["h"] >= 0.05]).all()
 
 
-def test_maxima_are_over_every_frame_though_few_are_steps(run3):
+def test_maxima_include_frames_that_are_not_steps(run3):
     every, _ = export(run3, output=run3[0].parent.parent / "every", products=("p", "n"))
     few, _ = export(run3, output=run3[0].parent.parent / "few", time_step=2.0)
     assert len(list((few / "rasters").glob("slide_0*.tif"))) == 2
@@ -158,7 +158,7 @@ def test_same_bytes_for_any_number_of_workers(run2, run3, tmp_path):
         assert digests(one) == digests(three) and len(digests(one)) == 9
 
 
-def test_stacks_hold_what_the_steps_hold(run2, tmp_path):
+def test_stacks_equal_the_steps(run2, tmp_path):
     steps, _ = export(run2, output=tmp_path / "steps", products=("t_vol",))
     stacks, _ = export(run2, output=tmp_path / "stacks", products=("t_vol",), layout="stacks")
     assert not list((stacks / "rasters").glob("slide_0*.tif"))
@@ -174,7 +174,7 @@ def test_stacks_hold_what_the_steps_hold(run2, tmp_path):
                                       equal_nan=True)  # fmt: skip
 
 
-def test_extent_of_the_flow_is_a_part_of_the_terrains(run3, tmp_path):
+def test_flow_extent_is_a_part_of_the_terrain(run3, tmp_path):
     whole, _ = export(run3, output=tmp_path / "dtm", cell_size=5.0, extent="dtm")
     part, _ = export(run3, output=tmp_path / "flow", cell_size=5.0)
     with rasterio.open(whole / "rasters/slide_0002.tif") as a, rasterio.open(part / "rasters/slide_0002.tif") as b:
@@ -233,7 +233,7 @@ def test_iseesnow_is_on_the_terrains_grid_whatever_the_cells(run3, tmp_path):
     assert a == b
 
 
-def test_automatic_cells_and_steps_say_why(run3, tmp_path):
+def test_automatic_cells_and_steps_report_the_reason(run3, tmp_path):
     folder, said = export(run3, cell_size="auto", time_step="auto", standoff="auto", output=tmp_path / "out")
     words = " ".join(said)
     assert "Eq 15 gives" in words and "Eq 17" in words and "--standoff auto" in words
@@ -291,12 +291,12 @@ def test_cells_below_eq_15_are_reported_with_its_size(tmp_path):
     assert not any("Eq 15" in text for text in said)
 
 
-def test_cells_finer_than_the_columns_are_said(run2, tmp_path):
+def test_cells_finer_than_the_columns_are_reported(run2, tmp_path):
     _, said = export(run2, cell_size=0.9, output=tmp_path / "out")
     assert any("add no detail" in text for text in said)
 
 
-def test_what_lies_outside_is_counted_and_named(tmp_path):
+def test_particles_outside_are_counted_and_reported(tmp_path):
     frames = write_run(tmp_path / "slide", times=(0.0, 12.0), dimension=3)
     folder, said = export(frames)
     _, tags = bands(folder / "rasters" / "slide_0001.tif")
@@ -304,7 +304,7 @@ def test_what_lies_outside_is_counted_and_named(tmp_path):
     assert any(f"{tags['particles_outside']} particles" in text and "frame_000001.h5" in text for text in said)
 
 
-def test_particles_below_the_bed_are_said_and_standoff_lifts_them(tmp_path):
+def test_particles_below_the_bed_are_reported_and_corrected_by_standoff(tmp_path):
     frames = write_run(tmp_path / "slide", times=(0.0,), dimension=3)
     sunk = read_frame(frames[0])
     sunk.particles.position[:, 2] -= 1.2
@@ -392,7 +392,7 @@ def test_folder_or_pattern_name_the_same_frames(run2, tmp_path):
     assert digests(a) == digests(b)
 
 
-def test_local_frame_without_place(tmp_path):
+def test_local_frame_without_crs(tmp_path):
     ground = terrain()
     ground = type(ground)(type(ground.grid)(None, ground.grid.transform, ground.grid.shape), ground.elevation)
     frames = write_run(tmp_path / "slide", ground=ground, crs=None)

@@ -40,14 +40,14 @@ def test_the_deposit_is_that_of_the_last_frame_whatever_the_steps(tmp_path, caps
     assert abs(deposit(out) - 4.0) < 1e-5
 
 
-def test_a_gap_in_the_series_is_said(tmp_path, capsys):
+def test_a_gap_in_the_series_is_reported(tmp_path, capsys):
     series(tmp_path / "run", [0.0, 1.0, 2.0, 3.0])
     (tmp_path / "run" / "frame_000002.h5").unlink()
     assert main(["export-raster", str(tmp_path / "run"), "-o", str(tmp_path / "out"), "--no-qgis"]) == 0
     assert "frame_000002.h5" in capsys.readouterr().err
 
 
-def test_a_seed_never_replaces_what_it_is_made_from(tmp_path, capsys):
+def test_a_seed_never_overwrites_its_inputs(tmp_path, capsys):
     import geopandas
     import shapely
 

@@ -17,11 +17,11 @@ def terrain():
 
 @pytest.mark.parametrize("x", [5.0, 25.0, 55.0])
 @pytest.mark.parametrize("y", [5.0, 15.0, 35.0])
-def test_two_metres_on_thirty_degrees_stand_two_over_the_cosine_high_up_to_the_edge(terrain, x, y):
+def test_surface_height_is_depth_over_cosine_of_the_slope(terrain, x, y):
     surface = free_surface(terrain, np.array([x]), np.array([y]), np.array([[0.0], [2.0]]))
     np.testing.assert_allclose(surface[:, 0], -SLOPE * x + np.array([0.0, 2.0 / np.cos(np.radians(30.0))]), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("x", "y"), [(-20.0, 15.0), (80.0, 15.0), (25.0, -20.0), (25.0, 60.0)])
-def test_off_the_terrain_there_is_no_surface(terrain, x, y):
+def test_no_surface_outside_the_terrain(terrain, x, y):
     assert np.isnan(free_surface(terrain, np.array([x]), np.array([y]), np.array([[2.0]]))).all()

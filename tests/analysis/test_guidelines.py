@@ -35,7 +35,7 @@ def classes(name, h=0.2, v=0.1, p=0.0, deposit=0.0):
         ("italian-avalanche-100", {"p": [2.9, 3, 14, 15]}, ["yellow", "blue", "blue", "red"]),
     ],
 )
-def test_cells_have_the_class_that_the_document_gives_them(name, values, wanted):
+def test_cells_have_the_class_of_the_document(name, values, wanted):
     assert classes(name, **values) == wanted
 
 
@@ -44,7 +44,7 @@ def test_every_shipped_guideline_names_its_document():
         assert guideline.source and guideline.title and guideline.bands is not None
 
 
-def test_every_shipped_number_tells_where_it_was_read_or_that_it_was_not():
+def test_every_shipped_number_has_a_source_or_is_marked_as_not_read():
     entries = [(name, entry) for name, guideline in read_guidelines().items() for entry in guideline.classes]
     for name, entry in entries:
         assert bool(entry.read_in) == any(entry.when), (name, entry.name)
@@ -54,7 +54,7 @@ def test_every_shipped_number_tells_where_it_was_read_or_that_it_was_not():
     assert "DORA" in said[0] and "check it there" in said[1]
 
 
-def test_depth_times_speed_squared_is_a_quantity_of_ones_own_guidelines():
+def test_depth_times_speed_squared_in_user_guidelines():
     table = {"mine": {"source": "s", "class": [{"name": "a", "colour": "#000000", "when": [{"vvh": 10}]}]}}
     guideline = parse_guidelines(table, "mine.toml")["mine"]
     bands = {"h_max": np.array([[2.0, 2.0]]), "Ut_max": np.array([[2.2, 2.3]])}
@@ -62,7 +62,7 @@ def test_depth_times_speed_squared_is_a_quantity_of_ones_own_guidelines():
     assert classify(guideline, bands, np.ones((1, 2), bool)).tolist() == [[0, 1]]  # 9.68 and 10.58 m3 s-2
 
 
-def test_nodata_meets_no_condition_and_unreached_cells_have_no_class():
+def test_nodata_and_cells_without_flow_have_no_class():
     guideline = read_guidelines()["swiss-debris-flow"]
     bands = {"h_max": np.array([[2.0, 2.0, np.nan]]), "Ut_max": np.array([[np.nan, 5.0, 5.0]])}
     numbers = classify(guideline, bands, np.array([[True, True, False]]))
@@ -70,7 +70,7 @@ def test_nodata_meets_no_condition_and_unreached_cells_have_no_class():
     assert class_areas(guideline, numbers, 4.0).tolist() == [4, 4]
 
 
-def test_a_users_own_guideline_replaces_and_adds(tmp_path):
+def test_user_guidelines_replace_and_add(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
         '[swiss-avalanche]\nsource = "x"\n[[swiss-avalanche.class]]\nname = "all"\ncolour = "#123456"\nwhen = [{}]\n'
@@ -102,7 +102,7 @@ GOOD = {"source": "s", "class": [{"name": "a", "colour": "#000000", "when": [{"h
         ({"class": ["a"]}, "wanted a table"),
     ],
 )
-def test_a_table_that_is_none_is_refused(change, words):
+def test_invalid_tables_are_rejected(change, words):
     with pytest.raises(InputError, match=words):
         parse_guidelines({"mine": GOOD | change}, "mine.toml")
     assert parse_guidelines({"mine": GOOD}, "mine.toml")["mine"].note == ""

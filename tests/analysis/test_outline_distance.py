@@ -10,7 +10,7 @@ from mpmgis.analysis.comparison import outline_distances
 SQUARE = shapely.box(0, 0, 100, 100)
 
 
-def test_the_same_outline_is_nowhere_apart():
+def test_equal_outlines_have_zero_distance():
     assert tuple(outline_distances(SQUARE, SQUARE, 1.0)) == pytest.approx((0, 0, 0, 0, 0), abs=1e-12)
 
 
@@ -39,7 +39,7 @@ def test_shifted_discs_have_hausdorffs_distance_to_the_order_of_the_spacing(spac
     assert outline_distances(first, second, spacing).largest == pytest.approx(50, abs=spacing**2 / 60 + 1e-3)
 
 
-def test_a_spur_makes_the_largest_and_not_the_95_percent():
+def test_a_spur_changes_the_largest_distance_and_not_the_95th_percentile():
     spur = shapely.union(SQUARE, shapely.box(100, 49, 105, 51))
     found = outline_distances(SQUARE, spur, 0.5)
     assert found.largest == pytest.approx(5, abs=0.5) and found.high < 2.1 and found.mean < 0.2

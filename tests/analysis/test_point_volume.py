@@ -46,7 +46,7 @@ def test_a_layer_on_its_bed_keeps_its_volume_at_any_depth(cells, cell_size, alon
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(1.5, 8.0), st.floats(0.01, 50.0))
-def test_a_layer_crushed_to_a_third_of_its_height_is_found(cells, cell_size):
+def test_a_layer_compressed_to_a_third_is_detected(cells, cell_size):
     frame, height = layer(cells, cell_size)
     volume = found(frame, height / 3.0, 0.0, cell_size)
     assert volume.packed_share > PACKED_SHARE and not volume.kept
@@ -54,7 +54,7 @@ def test_a_layer_crushed_to_a_third_of_its_height_is_found(cells, cell_size):
 
 @settings(deadline=None, max_examples=40)
 @given(depths, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
-def test_a_layer_at_rest_above_its_bed_is_found(cells, cell_size, slope):
+def test_a_layer_at_rest_above_the_bed_is_detected(cells, cell_size, slope):
     """A gap of 1.6 cells along the normal, however steep the ground; what falls or slides that fast is in flight."""
     lifted = 1.6 * cell_size * np.hypot(1.0, slope) + 0.5 * cell_size
     for speed, share in ((0.0, 1.0), (np.sqrt(2 * 9.81 * 1.6 * cell_size), 0.0)):
@@ -63,21 +63,21 @@ def test_a_layer_at_rest_above_its_bed_is_found(cells, cell_size, slope):
         assert volume.hanging_share == pytest.approx(share) and volume.kept == (share <= HANGING_SHARE)
 
 
-def test_a_gap_is_measured_against_the_depth_of_what_hangs():
+def test_a_gap_is_compared_with_the_depth_of_the_hanging_layer():
     """0.7 cells under a deep layer is where fallen material rests; under one of one cell it is most of its depth."""
     for cells, share in ((4.0, 0.0), (1.0, 1.0)):
         frame, height = layer(cells)
         assert found(frame, height + 0.7).hanging_share == pytest.approx(share)
 
 
-def test_a_point_in_the_air_hides_no_packed_layer_and_counts_for_its_own_mass():
+def test_a_point_in_the_air_does_not_hide_a_packed_layer():
     frame, height = layer(4.0)
     height = height / 3.0
     height[:: len(height) // ALONG] = 50.0
     assert found(frame, height).packed_share > 0.5
 
 
-def test_points_without_ground_are_left_out():
+def test_points_without_ground_are_ignored():
     frame, height = layer(2.0)
     height[::2] = np.nan
     volume = found(frame, height)
@@ -86,7 +86,7 @@ def test_points_without_ground_are_left_out():
     assert nothing.mass == 0.0 and nothing.kept
 
 
-def test_what_is_not_kept_is_said_with_the_cure():
+def test_lost_volume_is_reported_with_a_fix():
     frame, height = layer(1.0)
     words = volume_words(found(frame, height + 3.0).as_numbers())
     assert "hangs above the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
@@ -95,7 +95,7 @@ def test_what_is_not_kept_is_said_with_the_cure():
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(3.0, 8.0), st.floats(0.01, 50.0))
-def test_a_layer_crushed_evenly_by_a_quarter_has_no_room_for_its_volume(cells, cell_size):
+def test_a_layer_compressed_by_a_quarter_has_missing_volume(cells, cell_size):
     """No point of it is packed beyond 1.2 times its density where clearance is taken off, and yet volume is missing."""
     frame, height = layer(cells, cell_size)
     volume = found(frame, 0.75 * height, 0.0, cell_size)

@@ -61,7 +61,7 @@ def values_of(ground, frame, cell_size, kind, with_bounds):
     seed=st.integers(0, 5),
 )
 @settings(max_examples=60, deadline=None)
-def test_a_scene_that_is_turned_gives_the_same_arrays(angle, dimension, cell_size, kind, pixel, with_bounds, seed):
+def test_a_rotated_scene_gives_the_same_arrays(angle, dimension, cell_size, kind, pixel, with_bounds, seed):
     if round(angle, 6) % 180 == 0 and angle != 0:
         angle += 0.1  # axes along east and north are exported north-up
     ground = terrain(AFFINES[pixel], holes=[(7, 9), (20, 20)])
@@ -105,7 +105,7 @@ def test_a_rotated_terrain_keeps_its_transform(affine, dimension, tmp_path, caps
 
 
 @pytest.mark.parametrize("affine", ["rotated", "sheared", "mirrored"])
-def test_mesh_stack_and_outlines_lie_where_the_rasters_do(affine, tmp_path, capsys):
+def test_mesh_stack_and_outlines_match_the_rasters(affine, tmp_path, capsys):
     transform = {**AFFINES, "mirrored": Affine(4.5, 2.1, WEST, -2.1, 4.5, NORTH - 150)}[affine]
     frames = write_run(tmp_path / "slide", ground=terrain(transform), dimension=3)
     assert main(["export-raster", *map(str, frames), "--overwrite"]) == 0
@@ -131,7 +131,7 @@ def test_mesh_stack_and_outlines_lie_where_the_rasters_do(affine, tmp_path, caps
 
 @pytest.mark.parametrize("affine", ["rotated", "sheared", "north-up"])
 @pytest.mark.parametrize("cell_size", [None, 2.0, 11.0])
-def test_peaks_of_the_solver_lie_where_they_were_on_any_axes(affine, cell_size):
+def test_solver_peaks_keep_their_position_on_any_axes(affine, cell_size):
     """The solver's nodes run east and north, the cells along a rotated DTM: a linear field stays what it is."""
     ground = terrain(AFFINES[affine])
     flat = Terrain(ground.grid, np.zeros(ground.grid.shape))
@@ -164,7 +164,7 @@ def test_an_export_on_a_rotated_terrain_has_the_solvers_peaks(tmp_path):
             assert (source.read(1) > 5.0).sum() > 300
 
 
-def test_the_papers_own_export_takes_what_lies_outside_to_the_rim(tmp_path, capsys):
+def test_paper_mode_moves_outside_particles_to_the_edge(tmp_path, capsys):
     frames = write_run(tmp_path / "slide", times=(0.0, 12.0), dimension=3)
     assert main(["export-raster", *map(str, frames), "--paper", "--products", "mass"]) == 0
     said = capsys.readouterr().err

@@ -13,13 +13,13 @@ def balances(**told):
     return defaultdict(float, {"barriers": {}, "mass_start": 200.0, "mass_released": 200.0} | places | told)
 
 
-def test_points_that_were_laid_back_are_told_by_their_share_of_the_mass():
+def test_points_moved_back_onto_the_ground_are_reported():
     said = "% of the mass came more than a cell under the ground"
     assert not any(said in line for line in account(balances(), "points"))
     assert any(line.startswith(f"0.25 {said}") for line in account(balances(mass_lifted_onto_ground=0.5), "points"))
 
 
-def test_energy_of_points_is_told_by_what_took_it_and_the_rest_is_left_over():
+def test_energy_sinks_of_points_are_reported():
     lost = balances(
         energy_lost=100.0, energy_lost_to_ground=60.0, energy_lost_to_yielding=30.0, energy_lost_to_mixing=10.0
     )
@@ -32,14 +32,14 @@ def test_the_percentile_of_speed_is_reported():
     assert "99.9th percentile of the speed by mass: 12.3 m/s at most, in the frame at t = 7.0 s" in lines
 
 
-def test_what_left_and_what_came_in_later_are_shares_of_all_that_was_released():
+def test_mass_that_left_and_entered_is_reported_as_share_of_the_release():
     lines = account(balances(mass_start=150.0, mass_out=1.0), "columns")
     assert lines[0].startswith("mass: 150 kg at the start, 50 kg entered later, 0.50 % left the terrain")
     assert not any("larger DTM" in line for line in lines)
     assert any("larger DTM" in line for line in account(balances(mass_out=10.0), "columns"))
 
 
-def test_energy_of_columns_is_told_by_what_brought_it_and_what_took_it():
+def test_energy_sources_and_sinks_of_columns_are_reported():
     told = balances(
         energy_start=900.0, energy_released_later=50.0, energy_entrained=50.0, energy_lost=100.0,
         energy_lost_to_ground=60.0, energy_lost_to_eroded_mass=45.0, energy_lost_to_bends=-5.0, kinetic_energy=3.0,
@@ -55,7 +55,7 @@ def test_energy_of_columns_is_told_by_what_brought_it_and_what_took_it():
     assert any("is off by -0.2 %" in line for line in account(told, "columns"))
 
 
-def test_places_where_mass_left_are_told_with_what_to_do():
+def test_locations_of_lost_mass_are_reported_with_a_fix():
     places = [
         {"where": "hole", "mass": 100.0, "east": 600.04, "north": 50.0},
         {"where": "west", "mass": 20.0, "east": 0.0, "north": 7.0},
@@ -72,12 +72,12 @@ def test_places_where_mass_left_are_told_with_what_to_do():
         assert "  1 % (2 kg) at 2 more locations" in lines
 
 
-def test_what_was_taken_up_is_told_beside_the_release():
+def test_entrained_mass_is_reported():
     assert "entrained: 0.4 kg, 0.00 times the release" in account(balances(mass_entrained=0.4), "columns")
     assert not any("entrained" in line for line in account(balances(), "columns"))
 
 
-def test_what_is_beyond_the_model_is_told_from_its_thresholds_on():
+def test_results_outside_the_model_are_reported_above_thresholds():
     lines = account(balances(airborne_share_max=0.06, speed_limited_share_max=0.004), "columns")
     assert any("6 % of the mass would have left the ground" in line for line in lines)
     assert any("0.4 % of the mass was limited to the speed" in line for line in lines)
@@ -97,7 +97,7 @@ def test_largest_thickness_and_speed_have_their_place_and_time(solver):
 
 @pytest.mark.parametrize("solver", ["columns", "points"])
 @pytest.mark.parametrize(("share", "flagged"), [(0.45, False), (1.0, False), (1.1, True)])
-def test_a_speed_beyond_what_a_fall_gives_is_flagged(solver, share, flagged):
+def test_a_speed_above_free_fall_is_flagged(solver, share, flagged):
     lines = account(balances(speed_bound_ratio=share), solver)
     assert any("outside the model" in line and "110 %" in line for line in lines) == flagged
     assert any("45 % of" in line for line in lines) == (share == 0.45)

@@ -34,13 +34,13 @@ def plane(cell=2.0, slope=SLOPE):
 
 @given(st.lists(st.floats(-500, 500), min_size=1, max_size=20))
 @settings(max_examples=50, deadline=None)
-def test_positions_along_a_bent_line_are_walked_back_to_the_places_they_came_from(along):
+def test_positions_along_a_bent_line_are_inverted(along):
     line = np.array([[0.0, 0.0], [100.0, 0.0], [160.0, 80.0], [400.0, 80.0]])
     along = np.array(along)
     assert positions_along(line, *places_along(line, along)) == pytest.approx(along, abs=1e-9)
 
 
-def test_vertices_lie_where_the_pieces_end():
+def test_vertex_distances():
     assert vertex_distances([[0, 0], [3, 4], [3, 10]]).tolist() == [0, 5, 11]
 
 
@@ -58,7 +58,7 @@ def test_a_footprint_on_a_plane_has_the_planes_angle_and_the_length_of_its_hypot
     assert found.straight >= found.length - 1e-9
 
 
-def test_what_lies_beyond_the_top_alone_is_a_runout():
+def test_only_points_beyond_the_top_have_a_runout():
     terrain = plane()
     mask = np.zeros(terrain.grid.shape, bool)
     mask[10, 20] = True
@@ -67,7 +67,7 @@ def test_what_lies_beyond_the_top_alone_is_a_runout():
     assert highest_place(mask & False, terrain.elevation, terrain.grid, LINE) is None
 
 
-def test_lengths_over_nodata_go_straight():
+def test_lengths_over_nodata_are_interpolated():
     along = np.arange(5.0)
     assert ground_lengths(along, np.array([4.0, 3.0, np.nan, 1.0, 0.0]))[-1] == pytest.approx(4 * math.sqrt(2))
     assert ground_lengths(along, np.full(5, np.nan))[-1] == 4
@@ -83,18 +83,18 @@ def test_a_profile_has_the_lines_corners():
     assert ground[-1] == pytest.approx(85 * math.hypot(1, SLOPE) + 20)
 
 
-def test_quantiles_are_places_of_mass_never_between():
+def test_quantiles_are_positions_of_mass():
     along = np.array([30.0, 10.0, 20.0, 40.0])
     assert quantiles(along, np.ones(4), (0.25, 0.26, 0.5, 1.0)).tolist() == [10, 20, 20, 40]
     assert quantiles(along, np.array([0.0, 99.0, 1.0, 0.0]), (0.99, 0.995)).tolist() == [10, 20]
 
 
-def test_no_length_has_no_angle():
+def test_zero_length_has_no_angle():
     assert math.isnan(slope_angle(3.0, 0.0))
     assert slope_angle(1.0, 1.0) == pytest.approx(45)
 
 
-def test_the_way_along_the_ground_begins_at_nothing_and_goes_straight_over_nodata():
+def test_ground_length_starts_at_zero_and_is_interpolated_over_nodata():
     """Two sides of 3, 4, 5, a gap that is passed in a straight line, and level ground beyond the last height."""
     along, heights = np.array([0.0, 3.0, 6.0, 9.0, 14.0]), np.array([8.0, 4.0, np.nan, -4.0, np.nan])
     assert ground_lengths(along, heights) == pytest.approx([0.0, 5.0, 10.0, 15.0, 20.0])

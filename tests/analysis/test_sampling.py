@@ -144,7 +144,7 @@ def test_grid_of_the_flow_is_a_part_of_the_whole_with_a_margin(cell_size, low, s
     assert part.bounds[2] >= box[2] - 1e-6 and part.bounds[1] <= box[1] + 1e-6
 
 
-def test_grid_too_large_is_refused_with_the_cure():
+def test_a_grid_too_large_is_rejected_with_a_fix():
     with pytest.raises(InputError, match="larger --cs-e"):
         export_grid(Grid(CRS, AFFINES["north-up"], (4000, 4000)), 1e-3)
     with pytest.raises(InputError):
@@ -165,7 +165,7 @@ def test_survey_finds_the_flow():
         assert found.thickness > 0 and found.dilation == pytest.approx(1.0)
 
 
-def test_standoff_where_a_code_lets_particles_sink():
+def test_standoff_of_a_code_with_particles_below_the_bed():
     """Of 1000 particles a third rests below the bed: 1 % of the mass lies under the standoff."""
     distance = np.linspace(-1.0, 2.0, 1000)
     share, offset = resting_offset(distance, np.ones(1000))
@@ -174,7 +174,7 @@ def test_standoff_where_a_code_lets_particles_sink():
     assert automatic_standoff([facts(), facts(below=share, offset=offset), facts(below=0.1, offset=-9.0)]) == offset
 
 
-def test_no_standoff_where_next_to_nothing_lies_below():
+def test_no_standoff_with_little_mass_below_the_bed():
     distance = np.linspace(-0.005, 1.0, 1000)
     share, offset = resting_offset(distance, np.ones(1000))
     assert 0 < share < 0.01 and offset == 0.0

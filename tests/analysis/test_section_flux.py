@@ -44,13 +44,13 @@ def state(xy, mass=None, ids=None, time=0.0, dimension=2):
         ((-5, -20), (0, -20), 0),
     ],
 )
-def test_a_way_crosses_a_line_once_or_not(before, after, times):
+def test_a_straight_path_crosses_a_line_once_or_not(before, after, times):
     assert crossings(BENT, np.array([before], float), np.array([after], float)).tolist() == [times]
 
 
 @given(places)
 @settings(max_examples=200, deadline=None)
-def test_whatever_the_way_crossings_of_the_continued_line_add_up_to_a_change_of_side(path):
+def test_crossings_of_the_extended_line_equal_the_change_of_side(path):
     path = np.array(path, float) + np.array([0.37, 0.21])  # off the line: a place on it has no side
     count = crossings(WHOLE, path[:-1], path[1:]).sum()
     first, last = is_beyond(WHOLE, path[[0, -1]]).astype(int)
@@ -59,7 +59,7 @@ def test_whatever_the_way_crossings_of_the_continued_line_add_up_to_a_change_of_
 
 @given(places, places)
 @settings(max_examples=100, deadline=None)
-def test_mass_beyond_is_what_crossed_went_round_and_began(before, after):
+def test_mass_beyond_is_the_sum_of_its_sources(before, after):
     ids = np.arange(len(before)), np.arange(len(after)) + len(before) // 2
     states = state(before, 1.0 + np.arange(len(before)), ids[0]), state(after, 2.0 + np.arange(len(after)), ids[1])
     found = crossed_between(BENT, WHOLE, *states)
@@ -67,7 +67,7 @@ def test_mass_beyond_is_what_crossed_went_round_and_began(before, after):
     assert found.mass + found.round_mass + found.began_beyond == pytest.approx(change, abs=1e-9)
 
 
-def test_a_balance_closes_where_mass_begins_ends_and_grows_beyond_the_section():
+def test_the_balance_closes_with_new_lost_and_growing_particles():
     """5 kg cross and have taken up 2 before, 3 begin and 7 end beyond; 11 that grow to 13 there, 1 before it stay."""
     before = state([(-10, 0), (50, 5), (50, 9), (-10, 9)], [5, 7, 11, 1], [0, 1, 2, 3])
     after = state([(40, 0), (50, 9), (-10, 9), (60, 0)], [7, 13, 1, 3], [0, 2, 3, 4], time=1.0)
@@ -80,13 +80,13 @@ def test_a_balance_closes_where_mass_begins_ends_and_grows_beyond_the_section():
     assert (counted.began, counted.ended) == (3.0, 7.0)
 
 
-def test_what_goes_round_an_end_has_not_crossed():
+def test_mass_around_an_end_has_not_crossed():
     found = crossed_between(BENT, WHOLE, state([(-10, 60), (-10, -20)], [5, 7]), state([(40, 60), (10, -20)], [5, 7]))
     assert (found.mass, found.round_mass, found.began) == (7, 5, 0)
     assert found.volume == pytest.approx(0.007)
 
 
-def test_particles_that_cannot_be_told_apart_are_not_counted():
+def test_particles_without_unique_ids_are_not_counted():
     assert crossed_between(BENT, WHOLE, state([(0, 0)]), state([(0, 0)], dimension=3)) is None
     nameless = SectionState(0.0, 2, (0.0, 0.0), None, np.zeros((1, 2)), np.ones(1), np.ones(1))
     assert crossed_between(BENT, WHOLE, nameless, state([(0, 0)])) is None
@@ -101,7 +101,7 @@ def test_a_section_has_normals_to_its_right_as_long_as_its_pieces():
     assert azimuth_to_the_right(np.array([[0.0, 0.0], [-5.0, 0.0]])) == pytest.approx(0)
 
 
-def test_rows_have_means_sums_and_the_cells_beside_them():
+def test_rows_have_means_sums_and_the_flux_of_the_cells():
     times = np.array([0.0, 2.0, 3.0])
     cells = np.array([[0.0, 0.0], [4.0, 4000.0], [2.0, 2000.0]])
     found = HydrographFound(

@@ -81,7 +81,7 @@ def test_linear_fields_come_out_exactly_with_thickness_normal_to_the_bed(slope, 
     np.testing.assert_allclose(found["t_arrival"], 2.0 + 0.1 * east, rtol=1e-6)
 
 
-def test_a_coarse_cell_takes_the_largest_thickness_and_the_means_that_the_bands_mean():
+def test_a_coarse_cell_has_the_largest_thickness_and_the_means_of_the_bands():
     """10 m cells over nodes 5 m apart: four samples a cell."""
     x, _ = lattice()
     peaks = peaks_of(1.0 + 0.1 * x, speed=2.0 + 0.2 * x, arrival=x)
@@ -125,7 +125,7 @@ def test_speed_and_arrival_do_not_fade_towards_the_rim():
 
 
 @pytest.mark.parametrize("transform", list(AFFINES))
-def test_the_slope_is_that_of_the_dtm_pixel_below_however_the_dtm_lies(transform):
+def test_the_slope_is_that_of_the_dtm_pixel_for_any_orientation(transform):
     ground = terrain(AFFINES[transform], shape=(40, 36))
     west, south, east, north = ground.grid.bounds
     shape = int((north - south) / 5) + 1, int((east - west) / 5) + 1
@@ -141,7 +141,7 @@ def test_the_slope_is_that_of_the_dtm_pixel_below_however_the_dtm_lies(transform
     np.testing.assert_allclose(found["h"][on][inner], expected[inner], rtol=1e-6)
 
 
-def test_nothing_is_answered_on_nodata_and_off_the_dtm():
+def test_no_values_on_nodata_and_outside_the_dtm():
     ground = plane()
     ground.elevation[5:9, 5:9] = np.nan
     peaks = peaks_of(np.full((41, 41), 3.0), west=-50.0, south=-50.0)
@@ -151,11 +151,11 @@ def test_nothing_is_answered_on_nodata_and_off_the_dtm():
     assert np.isnan(coarse["h"][3, 3]) and coarse["h"][2, 2] == 3.0 and coarse["t_vol"][2, 2] == 0.75 * 3.0
 
 
-def test_a_grid_elsewhere_gets_nothing():
+def test_a_distant_grid_has_no_values():
     assert resampled(peaks_of(np.ones((5, 5)), west=5000.0), plane()) == {}
 
 
-def test_the_tail_of_the_splines_is_no_flow():
+def test_the_tail_of_the_splines_is_not_flow():
     thickness = np.zeros((21, 21))
     thickness[5:10, 5:10] = 0.03
     assert not np.isfinite(resampled(peaks_of(thickness), plane()).get("h")).any()
@@ -246,7 +246,7 @@ def test_without_peaks_the_maxima_are_those_of_the_frames_with_a_warning_of_eq_1
         assert np.array_equal(peaks[name], expected.rows(name, 0, 40, 36), equal_nan=True), name
 
 
-def test_each_band_has_the_larger_of_peaks_and_frames_and_says_where_from(silent, telling, tmp_path):
+def test_each_band_has_the_larger_of_peaks_and_frames_and_reports_its_source(silent, telling, tmp_path):
     frames, _, _ = export(silent, tmp_path / "silent")
     both, tags, said = export(telling, tmp_path / "telling")
     assert len(said) == 1 and "the solver's own peaks, of every step up to t = 2 s" in said[0]
@@ -274,7 +274,7 @@ def test_no_step_shows_more_than_the_maxima(telling, tmp_path):
         assert not (values["Ut"] > peaks["Ut_max"]).any()
 
 
-def test_another_min_depth_leaves_speed_pressure_and_arrival_to_the_frames_and_says_so(silent, telling, tmp_path):
+def test_with_another_min_depth_speed_pressure_and_arrival_are_from_frames(silent, telling, tmp_path):
     frames, _, _ = export(silent, tmp_path / "silent", min_depth=0.2)
     both, tags, said = export(telling, tmp_path / "telling", min_depth=0.2)
     assert tags["maxima_solver"] == "h_max, t_max"
@@ -294,7 +294,7 @@ def test_the_solvers_threshold_is_read_from_the_frame(tmp_path):
     assert tags["maxima_solver"] == "h_max, t_max" and "--min-depth 0.2" in said[0]
 
 
-def test_the_extent_of_the_flow_holds_what_passed_between_the_frames(silent, tmp_path):
+def test_the_flow_extent_includes_flow_between_frames(silent, tmp_path):
     from mpmgis.io.frames import read_frame, write_frame
 
     run = tmp_path / "slide"
@@ -347,7 +347,7 @@ def test_iseesnow_files_use_them_on_the_dtms_grid(silent, telling, tmp_path):
 
 
 @pytest.mark.parametrize("layout", ["steps", "stacks"])
-def test_the_qgis_side_takes_them(telling, tmp_path, layout):
+def test_qgis_files_use_the_peaks(telling, tmp_path, layout):
     out = tmp_path / "out"
     export_raster(ExportRequest(tuple(telling), output=out, layout=layout))
     names = {path.name for path in out.iterdir()}
@@ -368,7 +368,7 @@ BAD_MAXIMA = {
 
 
 @pytest.mark.parametrize("case", BAD_MAXIMA)
-def test_bad_peaks_are_refused_in_one_line_with_nothing_written(case, tmp_path, capsys):
+def test_invalid_peaks_are_rejected_in_one_line(case, tmp_path, capsys):
     changes, words = BAD_MAXIMA[case]
     group = {name: value for name, value in (kept() | changes).items() if value is not None}
     frames = write_run(tmp_path / "slide", maxima=group)
@@ -426,7 +426,7 @@ CLOSE = {"h_max": 0.16, "t_max": 0.16, "Ut_max": 0.05, "p_max": 0.07, "t_arrival
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("cell_size", ["10", "5", "20"])
-def test_two_frames_with_peaks_tell_what_sixty_tell(site, capsys, cell_size):
+def test_two_frames_with_peaks_equal_sixty_frames(site, capsys, cell_size):
     options = () if cell_size == "10" else ("--cs-e", cell_size, "--extent", "dtm")
     few, tags, said = commanded(site, "few", capsys, *options)
     off, _, nothing_said = commanded(site, "off", capsys, *options)
@@ -466,7 +466,7 @@ def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
     [("true", "0", "wanted above 0"), ("true", "-0.1", "wanted above 0"), ("true", '"thin"', "wanted a number"),
      ("true", "2000", "wanted at most 1000"), ("false", "0.2", "kept only with maxima = true")],
 )  # fmt: skip
-def test_an_arrival_thickness_that_cannot_be_is_refused(tmp_path, maxima, value, words):
+def test_an_invalid_arrival_thickness_is_rejected(tmp_path, maxima, value, words):
     (tmp_path / "scene.toml").write_text(
         SCENE.format(end=4, interval=2, maxima=maxima) + f"arrival_thickness = {value}"
     )

@@ -79,14 +79,14 @@ def test_a_sheared_column_has_its_force_to_the_second_order_of_the_spacing():
     assert errors[0] < 0.01 and errors[1] == pytest.approx(errors[0] / 4, rel=0.02)
 
 
-def test_what_is_loosened_is_lighter_and_pushes_less():
+def test_looser_material_has_lower_density_and_pressure():
     dense, loose = (column(3.0, 0.5, lambda d: 5.0 + 0 * d, factor) for factor in (1.0, 2.0))
     (first,), (second,) = (vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5) for frame in (dense, loose))
     assert second.density == pytest.approx(0.5 * first.density)
     assert second.momentum_flux[0] == pytest.approx(0.5 * first.momentum_flux[0])
 
 
-def test_nothing_there_is_a_profile_of_nothing():
+def test_profile_without_particles():
     (found,) = vertical_profiles(column(3.0, 0.5), bed(), DENSITY, np.array([[10.0, 10.0]]), WIDTH, 0.5)
     assert (found.count.sum(), found.depth, found.momentum_flux[0]) == (0, 0.0, 0.0)
     assert math.isnan(found.momentum_flux[1]) and np.isnan(found.parallel).all()
@@ -100,12 +100,12 @@ def test_points_below_the_bed_are_counted_below_it():
     assert (found.density * np.diff(found.edges)).sum() == pytest.approx(DENSITY * 2.0 * UP, rel=1e-6)
 
 
-def test_layers_without_end_are_refused():
+def test_too_many_layers_are_rejected():
     with pytest.raises(ValueError, match="layers of 0"):
         vertical_profiles(column(3.0, 0.5), bed(), DENSITY, POINT, WIDTH, 1e-4)
 
 
-def test_where_nothing_flows_there_is_no_load():
+def test_no_load_without_flow():
     (found,) = vertical_profiles(column(4.0 * UP, 0.5), bed(), DENSITY, np.array([[20.0, 20.0]]), WIDTH, 0.5)
     of_all = VerticalFound("still", ("here",), np.array([20.0]), np.array([20.0]), WIDTH, ([found],))
     ((*_, depth, force, height, largest, weight, height_of_weight),) = of_all.load_rows()

@@ -48,13 +48,13 @@ def test_distributions_are_scipys(text, law):
     np.testing.assert_allclose(found, law.ppf(shares), rtol=1e-9)
 
 
-def test_a_lognormal_has_the_mean_and_deviation_that_were_said():
+def test_lognormal_has_the_given_mean_and_standard_deviation():
     values = [variation("lognormal:1000:400", "key").at((k + 0.5) / 5000) for k in range(5000)]
     assert np.mean(values) == pytest.approx(1000, rel=1e-3)
     assert np.std(values) == pytest.approx(400, rel=1e-2)
 
 
-def test_nothing_that_is_cut_leaves_its_bounds_and_nothing_is_infinite():
+def test_truncated_values_stay_within_bounds_and_are_finite():
     cut = variation("lognormal:1:2:0.5:1.5", "key")
     values = [cut.at(share) for share in (0.0, 1e-300, 0.5, 1.0 - 1e-16, 1.0)]
     assert min(values) == 0.5 and max(values) == 1.5
@@ -62,27 +62,27 @@ def test_nothing_that_is_cut_leaves_its_bounds_and_nothing_is_infinite():
 
 
 @pytest.mark.parametrize("sampling", ["lhs", "sobol", "random"])
-def test_the_same_seed_draws_the_same_members_to_the_last_bit(sampling):
+def test_same_seed_gives_bitwise_equal_members(sampling):
     varied = {"friction.mu": "0.1:0.3", "friction.xi": "lognormal:1000:300"}
     values = [plan(varied, sampling=sampling, samples=16, seed=seed).values() for seed in (3, 3, 4)]
     assert values[0] == values[1] != values[2]
 
 
-def test_a_latin_hypercube_has_one_member_in_each_part_of_each_key():
+def test_latin_hypercube_has_one_member_per_interval_of_each_key():
     values = np.array(plan({"friction.mu": "0:1", "friction.xi": "100:200"}, samples=40).values())
     for k, (low, width) in enumerate(((0, 1), (100, 100))):
         parts = np.floor((values[:, k] - low) / width * 40).astype(int)
         assert sorted(parts) == list(range(40))
 
 
-def test_more_of_sobols_points_begin_with_the_same_ones():
+def test_longer_sobol_sequences_begin_with_the_same_points():
     few, many = (plan({"friction.mu": "0.1:0.3"}, sampling="sobol", samples=n).values() for n in (8, 32))
     assert many[:8] == few
     assert not plan({"friction.mu": "0.1:0.3"}, sampling="sobol", samples=8).remark()
     assert "use 16" in plan({"friction.mu": "0.1:0.3"}, sampling="sobol", samples=12).remark()
 
 
-def test_lists_alone_are_crossed_and_ranges_take_the_middles_of_parts():
+def test_lists_are_combined_on_a_grid_and_ranges_use_medians_of_intervals():
     crossed = plan({"friction.mu": "0.1,0.2", "friction.xi": "500,1000,2000"})
     assert crossed.sampling == "grid" and crossed.count == 6
     assert crossed.values() == [(mu, xi) for mu in (0.1, 0.2) for xi in (500, 1000, 2000)]
@@ -90,7 +90,7 @@ def test_lists_alone_are_crossed_and_ranges_take_the_middles_of_parts():
     assert sorted({mu for mu, _ in mixed.values()}) == [0.15, 0.25, 0.35, 0.45]
 
 
-def test_values_land_in_their_places():
+def test_values_are_set_in_the_scene_tables():
     made = members({"release.thickness": "0.5,2", "zones.2.mu": "0.35", "release.speed": "5"})
     assert [m.tables["release"] for m in made] == [{"source": "a.shp", "thickness": t, "speed": 5} for t in (0.5, 2)]
     assert [z["mu"] for z in made[0].tables["zones"]] == [0.3, 0.35]
@@ -115,7 +115,7 @@ def test_values_land_in_their_places():
         ({"numerics.particles_per_cell": "4:16"}, ("member 1", "a whole number")),
     ],
 )  # fmt: skip
-def test_keys_and_values_that_the_scene_does_not_take_are_named(varied, words):
+def test_invalid_keys_and_values_are_named(varied, words):
     base = {name: table for name, table in TABLES.items() if name not in ("stage", "material")} | {"numerics": {}}
     with pytest.raises(SceneError) as caught:
         members(varied, base)
@@ -128,13 +128,13 @@ def test_keys_and_values_that_the_scene_does_not_take_are_named(varied, words):
     ["0.3:0.1", "0.1:", "0.1:0.2:0.3", "normal:1", "normal:1:-1", "normal:1:1:3:2", "lognormal:-1:1", "", "1,,2",
      "triangular:1:5:4", "norml:1:2", "normal:a:b", "normal:0:1:50:60", "nan:1"],
 )  # fmt: skip
-def test_what_is_no_distribution_is_refused(text):
+def test_invalid_distributions_are_rejected(text):
     with pytest.raises(InputError, match="--vary k") as caught:
         variation(text, "--vary k")
     assert "\n" not in str(caught.value)
 
 
-def test_nothing_varied_and_too_many_members_are_refused():
+def test_empty_plans_and_too_many_members_are_rejected():
     with pytest.raises(InputError, match="nothing varies"):
         Plan.of({})
     with pytest.raises(InputError, match="at most"):
@@ -163,7 +163,7 @@ def made_of(stack, products, raster):
     return {band.quantity.name: found[k] for k, band in enumerate(bands)}
 
 
-def test_statistics_are_numpys_on_the_stacked_members(stack):
+def test_statistics_equal_numpy_on_stacked_members(stack):
     products = Products.of({"h": (0.5, 3.0), "p": (1.0,)}, (0, 5, 37.5, 50, 100))
     depth = np.nan_to_num(stack).astype(float)
     found = made_of(stack, products, "h")
@@ -181,7 +181,7 @@ def test_statistics_are_numpys_on_the_stacked_members(stack):
     np.testing.assert_array_equal(probability["P_arrival"][1:], np.isfinite(stack).mean(axis=0)[1:].astype(np.float32))
 
 
-def test_an_arrival_that_never_comes_is_later_than_all(stack):
+def test_missing_arrival_is_later_than_all_others(stack):
     found = made_of(stack, Products.of(percentiles=(50, 90)), ARRIVAL)
     never = np.sort(np.where(np.isnan(stack), np.inf, stack), axis=0)
     median = never[16]  # of 33
@@ -197,29 +197,29 @@ def test_an_arrival_that_never_comes_is_later_than_all(stack):
     ([*range(101), np.nan], 100 * 7 / 101, 7.0),  # a place that round-off leaves beside a member
     ([*range(20), np.nan], 95, 19.0),
 ])  # fmt: skip
-def test_a_percentile_that_is_a_members_arrival_is_that_arrival(members, number, expected):
+def test_percentile_at_a_member_equals_its_arrival(members, number, expected):
     found = made_of(np.array(members, np.float32).reshape(-1, 1, 1), Products.of(percentiles=(number,)), ARRIVAL)
     np.testing.assert_array_equal(found[f"t_arrival_p{number:g}"], [[expected]])
 
 
-def test_every_band_is_made_of_one_that_members_have():
+def test_every_band_has_a_source_band_of_the_members():
     for bands in Products.of().rasters().values():
         assert {band.source for band in bands} <= set(MEMBER_BANDS)
 
 
 @pytest.mark.parametrize("texts", [["h"], ["h="], ["h=a"]])
-def test_thresholds_that_are_none_are_refused(texts):
+def test_invalid_thresholds_are_rejected(texts):
     with pytest.raises(InputError, match="--exceed"):
         exceedances(texts)
 
 
-def test_thresholds_of_unknown_quantities_and_impossible_percentiles_are_refused():
+def test_unknown_quantities_and_invalid_percentiles_are_rejected():
     assert exceedances(["h=1,2", "p=5", "h=3"]) == {"h": (1, 2, 3), "p": (5,)}
     for asked in ({"exceed": {"x": (1,)}}, {"exceed": {"h": (0,)}}, {"percentiles": (101,)}):
         with pytest.raises(InputError):
             Products.of(**asked)
 
 
-def test_values_of_a_list_are_what_they_would_be_in_a_scene():
+def test_list_values_have_the_types_of_a_scene_file():
     values = variation("true,false,2,0.5,text", "--vary key").values
     assert values == (True, False, 2, 0.5, "text") and [type(value) for value in values[:3]] == [bool, bool, int]

@@ -32,38 +32,38 @@ def scene(solver="columns", **numerics):
 
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 2.0])
-def test_the_order_of_a_law_is_found_against_an_exact_answer(order):
+def test_order_is_found_against_an_exact_solution(order):
     law = convergence.fitted(SIZES, 0.03 * SIZES**order)
     assert law.order == pytest.approx(order, abs=1e-3) and law.factor == pytest.approx(0.03, rel=1e-3)
     assert law.cell_size(law.error(3.0)) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("order", [0.7, 1.0, 2.0])
-def test_against_a_finer_run_that_errs_alike_the_order_is_the_same(order):
+def test_order_is_found_against_a_finer_run_with_equal_kind_of_error(order):
     law = convergence.fitted(SIZES, 0.03 * (SIZES**order - 0.5**order), 0.5)
     assert not law.independent
     assert law.order == pytest.approx(order, abs=1e-3)
     assert law.error(0.5) == pytest.approx(0.03 * 0.5**order, rel=1e-2)
 
 
-def test_against_a_finer_run_that_errs_on_its_own_squares_add_up():
+def test_order_is_found_against_a_finer_run_with_independent_error():
     law = convergence.fitted(SIZES, 0.03 * np.hypot(SIZES, 0.5), 0.5)
     assert law.independent and law.order == pytest.approx(1.0, abs=1e-3)
     assert law.error(0.5) == pytest.approx(0.015, rel=1e-2)
 
 
-def test_errors_that_follow_no_law_have_none():
+def test_errors_without_power_law_have_no_order():
     assert convergence.fitted(SIZES, [0.1, 0.4, 0.05, 0.3]) is None
     assert convergence.fitted(SIZES, [0.1, 0.1, 0.1, 0.1]) is None
     assert convergence.fitted([1.0], [0.1]) is None
 
 
-def test_where_smaller_cells_stop_paying():
+def test_cell_size_below_which_refinement_is_not_worthwhile():
     assert convergence.stops_paying(SIZES, [0.8, 0.4, 0.38, 0.37]) == 4.0
     assert convergence.stops_paying(SIZES, [0.8, 0.4, 0.2, 0.1]) is None
 
 
-def test_the_front_is_what_nothing_beats():
+def test_pareto_front():
     seconds, errors = [1.0, 2.0, 4.0, 3.0, 2.0], [0.4, 0.2, 0.1, 0.3, 0.2]
     exact = [(second, second) for second in seconds]
     assert convergence.on_front(exact, errors).tolist() == [True, True, True, False, True]
@@ -71,7 +71,7 @@ def test_the_front_is_what_nothing_beats():
     assert convergence.on_front([(1.0, 1.0), (2.0, 2.0)], [np.nan, 0.1]).tolist() == [False, True]
 
 
-def test_times_that_overlap_beat_nobody():
+def test_overlapping_times_are_ties():
     """4 s is as quick as 3 s where their repeats overlap: neither is beaten for its time, the less right one is."""
     spreads = [(0.9, 1.1), (2.8, 3.9), (3.5, 4.4)]
     assert convergence.ties(spreads).tolist() == [[False] * 3, [False, False, True], [False, True, False]]
@@ -83,7 +83,7 @@ def test_times_that_overlap_beat_nobody():
 
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.floats(0.5, 0.99), st.floats(1.01, 2.0), st.floats(0.0, 1.0)), min_size=1, max_size=8))
-def test_no_advice_comes_of_noise_alone(rows):
+def test_noise_alone_gives_no_recommendation(rows):
     """All settings take a second within their spread: none is over the front, and no gain costs or saves time."""
     spreads, errors = [row[:2] for row in rows], [row[2] for row in rows]
     assert convergence.time_over_front([sum(spread) / 2 for spread in spreads], spreads, errors).tolist() == [
@@ -95,7 +95,7 @@ def test_no_advice_comes_of_noise_alone(rows):
     assert convergence.on_front(spreads, errors).tolist() == [error == min(errors) for error in errors]
 
 
-def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
+def test_best_refinement_is_first_and_gains_without_cost_precede():
     others = [
         ("a", 1, 2.0, (2.0, 2.0), 0.2), ("b", 2, 8.0, (8.0, 8.0), 0.1), ("c", 3, 0.9, (0.9, 0.9), 0.3),
         ("d", 4, 2.0, (2.0, 2.0), 0.5), ("e", 5, 0.5, (0.5, 0.5), 0.39),
@@ -107,13 +107,13 @@ def test_the_knob_that_pays_most_is_first_and_a_free_gain_before_all():
     assert found[2].pays == pytest.approx(math.log(4) / math.log(8))
 
 
-def test_knobs_whose_times_do_not_tell_them_apart_pay_alike():
+def test_gains_with_overlapping_times_are_ties():
     base = (1.0, (0.95, 1.05), 0.4)
     a, b, c = ("a", 1, 2.0, (1.8, 2.3), 0.2), ("b", 2, 2.2, (1.9, 2.4), 0.2), ("c", 3, 8.0, (7.9, 8.1), 0.2)
     assert [gain.parameter for gain in convergence.alike(convergence.gains(base, [c, b, a]))] == ["a", "b"]
 
 
-def test_runs_of_a_study_are_interleaved_and_every_second_turn_goes_backwards():
+def test_runs_are_interleaved_and_every_second_turn_is_reversed():
     """A machine that gets slower by as much with each run is the same to all settings over two turns."""
     order, said, clock = [], [], iter(range(1000))
 
@@ -137,7 +137,7 @@ def test_runs_of_a_study_are_interleaved_and_every_second_turn_goes_backwards():
     assert [one.states[0].thickness for one in made] == [0, 1, 2]  # of the first run; the others are the same
 
 
-def test_each_knob_is_turned_alone_and_the_scene_comes_first():
+def test_parameters_change_one_at_a_time_after_the_scene():
     own = scene()
     settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
     assert settings[0].scene == own and settings[0].name == "unchanged scene"
@@ -149,12 +149,12 @@ def test_each_knob_is_turned_alone_and_the_scene_comes_first():
     assert max(setting.scene.numerics.cfl for setting in settings) <= 0.9
 
 
-def test_a_3d_scene_has_other_knobs():
+def test_a_3d_scene_has_other_parameters():
     names = {knob.name for knob in numerical_parameters.parameters_of(scene("points"))}
     assert {"cell_size", "points_per_cell", "cfl", "stiffness"} <= names and "particles_per_cell" not in names
 
 
-def test_combinations_differ_in_several_knobs():
+def test_combinations_differ_in_several_parameters():
     own = scene()
     crossed = numerical_parameters.crossed(own, numerical_parameters.parameters_of(own))
     assert all(len(setting.changes) > 1 for setting in crossed)
@@ -176,7 +176,7 @@ def staged(**numerics):
     })  # fmt: skip
 
 
-def test_a_scene_in_stages_has_the_knobs_of_each_and_the_spacing_of_its_conversion():
+def test_a_scene_in_stages_has_parameters_per_stage():
     own = staged()
     settings = numerical_parameters.one_at_a_time(own, numerical_parameters.parameters_of(own))
     found = {setting.changes: setting.scene for setting in settings}
@@ -222,18 +222,18 @@ def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter
 @pytest.mark.parametrize(
     ("name", "words"), [("stage3.cell_size", "unknown parameter"), ("stage2.cfl", "unknown parameter")]
 )
-def test_a_knob_of_a_stage_that_is_not_there_is_refused(name, words):
+def test_unknown_stage_parameters_are_rejected(name, words):
     with pytest.raises(InputError, match=words):
         numerical_parameters.parameters_of(staged(), (name,))
 
 
-def test_who_is_as_right_in_less_time():
+def test_fastest_setting_of_the_same_accuracy():
     seconds, errors = [1.0, 2.0, 4.0], [0.3, 0.2, 0.2]
     assert [fastest_as_accurate(seconds, errors, error) for error in (0.3, 0.25, 0.1, math.nan)] == [0, 1, None, None]
 
 
 @pytest.mark.parametrize(("name", "words"), [("cel_size", "unknown parameter"), ("points_per_cell", "not for columns")])
-def test_a_knob_that_is_not_there_is_refused(name, words):
+def test_unknown_parameters_are_rejected(name, words):
     with pytest.raises(InputError, match=words):
         numerical_parameters.parameters_of(scene(), (name,))
 
@@ -251,6 +251,6 @@ def test_errors_of_a_shifted_block():
     assert errors_of([second], [second]) == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_cells_without_an_exact_answer_do_not_count():
+def test_cells_without_exact_solution_are_ignored():
     found = errors_against_exact([state([[2, 1, 5]])], np.array([[1.0, 1.0, np.nan]]))
     assert found.thickness == pytest.approx(0.5) and math.isnan(found.area)

@@ -35,7 +35,7 @@ def study(error_of, sizes=SIZES, reference=FINEST, beside=()):
     return Study(tuple(rows), "thickness", reference, beside=beside)
 
 
-def test_an_error_that_the_reference_shares_is_added_to_all():
+def test_equal_kind_of_reference_error_is_added_to_all_errors():
     """Richardson: against cells of 1 m an error of 0.02 dx^1.5 lacks 0.02."""
     found = study(lambda dx: 0.02 * (dx**1.5 - FINEST))
     assert found.law.order == pytest.approx(1.5, rel=1e-4) and not found.law.independent
@@ -43,13 +43,13 @@ def test_an_error_that_the_reference_shares_is_added_to_all():
     assert found.errors == pytest.approx([0.02 * row.outcome.setting.cell_size**1.5 for row in found.rows], rel=1e-3)
 
 
-def test_an_error_that_is_the_references_own_is_in_each_already():
+def test_independent_reference_error_is_not_added():
     found = study(lambda dx: 0.02 * np.hypot(dx**1.5, FINEST))
     assert found.law.independent and found.reference_error == pytest.approx(0.02, rel=1e-3)
     assert found.errors == pytest.approx(found.raw_errors)
 
 
-def test_errors_without_a_law_are_as_they_were_taken_and_are_not_continued():
+def test_errors_without_a_law_are_not_extrapolated():
     found = study(lambda dx: {8.0: 0.01, 4.0: 0.2, 2.0: 0.03}.get(dx, 0.005))
     assert found.law is None and found.reference_error == 0.0
     assert found.errors == pytest.approx(found.raw_errors)
@@ -57,7 +57,7 @@ def test_errors_without_a_law_are_as_they_were_taken_and_are_not_continued():
     assert "follows no power" in found.lines()[0] and dict(found.summary())["order"] == "-"
 
 
-def test_the_choice_is_the_quickest_that_is_right_enough_else_the_law_continued():
+def test_choice_is_the_fastest_accurate_setting_else_extrapolated():
     """An exact answer; half the error of the finest cells takes cells of 2 m / 2^(1/2), and 2^1.5 times their time."""
     found = study(lambda dx: 0.01 * dx**2, reference=0.0)
     reached = found.choice(0.2)
@@ -68,7 +68,7 @@ def test_the_choice_is_the_quickest_that_is_right_enough_else_the_law_continued(
     assert found.choice(0.04 / 4.1**2) is None and found.choice(0.04 / 3.9**2) is not None
 
 
-def test_results_of_others_stand_beside_the_quickest_that_is_as_right():
+def test_results_of_other_codes_are_compared_with_the_fastest_accurate_setting():
     other = OtherResult("other", "as it is", (24.0, 23.0, 26.0), Errors(0.17, np.nan, np.nan, np.nan))
     wrong = OtherResult("third", "at its best", (1.0, 1.0, 1.0), Errors(0.001, np.nan, np.nan, np.nan))
     found = study(lambda dx: 0.01 * dx**2, reference=0.0, beside=(other, wrong))
@@ -82,7 +82,7 @@ def test_results_of_others_stand_beside_the_quickest_that_is_as_right():
     assert records[-2]["error_thickness"] == records[-2]["error_with_reference"] == 0.17
 
 
-def test_times_within_the_spread_are_ties_in_words_table_and_choice(monkeypatch):
+def test_overlapping_times_are_ties_in_text_table_and_choice(monkeypatch):
     """Four settings of 10 s each, 9 to 12: none is over the front, and the most right of them is the choice."""
     monkeypatch.setattr("test_study_report.SECONDS", (10.0, 10.5, 9.5, 10.0))
     found = study(lambda dx: 0.01 * dx**2, reference=0.0)
@@ -95,7 +95,7 @@ def test_times_within_the_spread_are_ties_in_words_table_and_choice(monkeypatch)
     assert rows[0][names.index("ties")] == "cell_size = 8; cell_size = 2.82843; cell_size = 2"
 
 
-def test_a_study_of_single_runs_says_that_it_sees_no_ties():
+def test_a_study_of_single_runs_reports_that_ties_are_not_detected():
     found = study(lambda dx: 0.01 * dx**2, reference=0.0)
     alone = [row._replace(outcome=replace(row.outcome, seconds=row.outcome.seconds[:1])) for row in found.rows]
     assert any("was run once" in line for line in replace(found, rows=tuple(alone)).lines())

@@ -33,7 +33,7 @@ def test_single_precision_times_count_as_whole():
 
 
 @given(st.lists(st.floats(1e-4, 50.0), min_size=1, max_size=30), st.floats(0, 1000))
-def test_any_times_tile_without_gap_or_overlap(steps, start):
+def test_any_times_are_covered_without_gap_or_overlap(steps, start):
     times = start + np.cumsum(steps)
     if np.any(np.diff(times) <= 0):
         return
@@ -45,7 +45,7 @@ def test_any_times_tile_without_gap_or_overlap(steps, start):
 
 
 @pytest.mark.parametrize("times", [[], [0, 0], [1, 0.5], [0, np.nan], [0, 1e-9], [0, 1e-5, 1e5]])
-def test_refuses_times_it_cannot_tell(times):
+def test_invalid_times_are_rejected(times):
     with pytest.raises(InputError) as refusal:
         Clock.of(times)
     assert "\n" not in str(refusal.value)
@@ -54,7 +54,7 @@ def test_refuses_times_it_cannot_tell(times):
 @pytest.mark.parametrize(
     ("times", "decimals"), [([0, 0.2], 1), ([0, 0.25], 2), ([0, 5], 0), ([0, 12.5], 1), ([0, 0.005], 3)]
 )
-def test_decimals_tell_steps_apart(times, decimals):
+def test_decimals_distinguish_steps(times, decimals):
     assert Clock.of(times).decimals == decimals
 
 

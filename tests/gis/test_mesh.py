@@ -46,7 +46,7 @@ def test_faces_are_the_cells_that_were_ever_wet(run, mesh):
     assert np.all(shapely.is_ccw(shapely.get_exterior_ring(polygons)))
 
 
-def test_values_are_the_rasters(run, mesh):
+def test_mesh_values_equal_the_rasters(run, mesh):
     centres = shapely.get_coordinates(shapely.centroid(face_polygons(mesh)))
     row, column = (np.rint(v).astype(int) for v in run.grid.rowcol(*centres.T))
     for k, file in enumerate(run.step_files):
@@ -74,7 +74,7 @@ def test_times(mesh):
     assert mesh.time.units == "seconds since 2000-01-01 00:00:00"
 
 
-def test_crs_is_plain_text_that_qgis_sees(run):
+def test_crs_is_ascii_text_for_qgis(run):
     with netCDF4.Dataset(run.folder / run.mesh_file) as file:
         system = file["projected_coordinate_system"]
         assert system.wkt.isascii()
@@ -83,7 +83,7 @@ def test_crs_is_plain_text_that_qgis_sees(run):
         assert file["Ut_E"].long_name.removesuffix("x-component") == file["Ut_N"].long_name.removesuffix("y-component")
 
 
-def test_values_are_the_same_written_on_threads(run, mesh, tmp_path):
+def test_threads_write_the_same_values(run, mesh, tmp_path):
     again = qgis_run.make_run(tmp_path, UTM, times=np.arange(6) * 0.5)
     with ThreadPoolExecutor(3) as threads:
         write_mesh(again, qgis_run.steps(again), threads)
@@ -91,14 +91,14 @@ def test_values_are_the_same_written_on_threads(run, mesh, tmp_path):
         assert file.identical(mesh)
 
 
-def test_a_step_is_one_chunk_that_any_reader_unpacks(run):
+def test_a_step_is_one_standard_deflate_chunk(run):
     with netCDF4.Dataset(run.folder / run.mesh_file) as file:
         assert file["h"].chunking() == [1, len(file.dimensions["face"])]
         assert file["h"].filters()["zlib"] and file["h"].filters()["shuffle"]
         assert len(file.dimensions["time"]) == len(run.times)
 
 
-def test_trouble_of_the_library_is_told_in_one_line(tmp_path, monkeypatch):
+def test_library_errors_are_reported_in_one_line(tmp_path, monkeypatch):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
 
     def fail(self, *arguments):

@@ -56,14 +56,14 @@ def test_outline_is_valid_and_has_the_area_of_its_cells(mask):
     assert cells_outline(np.flatnonzero(mask), grid).equals_exact(outline)
 
 
-def test_outline_is_the_one_that_gdal_draws():
+def test_outline_equals_gdal_polygonize():
     mask = np.random.default_rng(7).random((60, 80)) < 0.6
     transform = Affine(2.0, 0, 100.0, 0, -2.0, 50.0)
     gdals = [shape(part) for part, value in shapes(mask.astype("uint8"), mask=mask, transform=transform)]
     assert mask_outline(mask, transform).normalize().equals(shapely.MultiPolygon(gdals).normalize())
 
 
-def test_outlines_come_in_batches_of_any_size(run, tmp_path, monkeypatch):
+def test_outlines_are_written_in_batches_of_any_size(run, tmp_path, monkeypatch):
     again = qgis_run.make_run(tmp_path, UTM, times=np.arange(6) * 0.5)
     monkeypatch.setattr("mpmgis.gis.outlines.BATCH", 1)
     write_outlines(again, qgis_run.steps(again))
@@ -86,7 +86,7 @@ def test_outlines_of_steps(run):
         assert (row.t_qgis_end - row.t_qgis).total_seconds() == 29
 
 
-def test_envelope_holds_every_outline(run):
+def test_envelope_contains_every_outline(run):
     (envelope,) = read(run, "envelope").geometry
     assert all(envelope.buffer(1e-6).contains(part) for part in read(run, "outline").geometry)
 
@@ -121,14 +121,14 @@ def test_particles_are_few_and_the_same_at_all_steps(run):
     assert np.allclose(particles.speed, np.sqrt(particles.v_E**2 + particles.v_N**2 + particles.v_up**2))
 
 
-def test_thinning_follows_no_pattern_of_the_lattice():
+def test_thinning_is_independent_of_the_lattice():
     kept = np.flatnonzero(thin(np.arange(100_000), 100_000, wanted=1000))
     assert 850 < kept.size < 1150
     assert np.bincount(kept % 16, minlength=16).min() > 30
     assert np.all(thin(np.arange(50), 50, wanted=1000))
 
 
-def test_styles_that_qgis_takes_by_itself(run):
+def test_default_layer_styles(run):
     with sqlite3.connect(run.folder / run.outlines_file) as database:
         rows = database.execute(
             "SELECT f_table_name, f_geometry_column, useAsDefault, styleQML FROM layer_styles"
@@ -142,14 +142,14 @@ def test_styles_that_qgis_takes_by_itself(run):
     assert listed == [("attributes",)]
 
 
-def test_a_flow_that_is_nowhere_deep_enough_has_no_outlines(tmp_path):
+def test_shallow_flow_has_no_outlines(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
     object.__setattr__(run, "min_depth", 100.0)
     write_outlines(run, qgis_run.steps(run, count=0))
     assert layer_names(run.folder / run.outlines_file) == ()
 
 
-def test_a_folder_that_is_gone_is_an_output_error(tmp_path):
+def test_a_missing_folder_is_an_output_error(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
     object.__setattr__(run, "name", "no/such/folder")
     kept = qgis_run.steps(run)

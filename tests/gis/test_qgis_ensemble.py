@@ -53,7 +53,7 @@ def test_the_project_opens_with_a_probability_over_the_terrain(maps):
         assert [words.split(": ")[1] for words in file["bands"]] == [band.quantity.band for band in bands]
 
 
-def test_the_picture_and_what_it_is_made_of(maps):
+def test_picture_and_rasters(maps):
     from matplotlib.image import imread
 
     shown = imread(maps.folder / maps.picture_file)

@@ -39,7 +39,7 @@ def require_sound_project(project):
     assert project["differ"] == 3
 
 
-def test_project_opens_whole(report):
+def test_project_opens_completely(report):
     require_sound_project(report["project"])
     assert report["project"]["crs"] == "EPSG:32632"
     assert report["project"]["visible"][-1] == "hillshade"
@@ -58,7 +58,7 @@ def test_flow_outline_and_arrows_move_together(report):
         assert max(painted) < 0.25 * 300 * 220, name
 
 
-def test_map_title_tells_the_true_time(report):
+def test_map_title_shows_the_simulated_time(report):
     assert report["project"]["map_title"] == ["slide   t = 0.0 s", "slide   t = 1.2 s", "slide   t = 2.2 s"]
 
 
@@ -73,14 +73,14 @@ def test_files_dropped_without_the_project_are_styled_and_placed(run, report):
             assert south - 1 <= layer["extent"][1] < layer["extent"][3] <= north + 1
 
 
-def test_rasters_are_no_photographs(report):
+def test_rasters_are_drawn_in_class_colours(report):
     rasters = {file: layers[0] for file, layers in report["files"].items() if "renderer" in layers[0]}
     assert len(rasters) == 8
     for file, layer in rasters.items():
         assert layer["renderer"] == ("hillshade" if file == "dtm.tif" else "singlebandpseudocolor")
 
 
-def test_vectors_are_sound(report):
+def test_vector_layers_are_valid(report):
     layers = report["files"]["slide.gpkg"]
     assert [layer["name"] for layer in layers] == ["outline", "envelope", "release", "particles"]
     assert all(layer["features"] == layer["sound"] > 0 for layer in layers)
@@ -94,7 +94,7 @@ def test_mesh_has_its_groups(run, report):
     assert [name for name, *_ in mesh["groups"]] == named
 
 
-def test_old_qgis_moves_by_layers(tmp_path):
+def test_old_qgis_animates_layers(tmp_path):
     run = qgis_run.make_run(tmp_path, CRS.from_epsg(32632), times=[0, 0.2, 0.4, 0.6])
     project = look(qgis_run.write_all(run, qgis_min="3.22"))["project"]
     require_sound_project(project)

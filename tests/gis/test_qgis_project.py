@@ -97,7 +97,7 @@ def test_controller_plays_at_the_steps_length(root):
     assert (settings.get("timeStep"), settings.get("timeStepUnit")) == ("12", "s")
 
 
-def test_mesh_groups_in_the_order_that_qgis_counts(run, root):
+def test_mesh_groups_are_in_the_order_of_qgis(run, root):
     mesh = next(layer for layer in layers(root) if layer.get("type") == "mesh")
     names = [(int(e.get("global-index")), e.get("name")) for e in mesh.findall("name-to-global-index")]
     assert names[0] == (0, "Bed Elevation")
@@ -120,7 +120,7 @@ def test_colours_do_not_change_between_the_steps_of_a_variable(tmp_path):
     assert all(len(styles) == 1 for styles in drawn.values())
 
 
-def test_before_3_38_each_step_is_a_layer_clear_of_its_neighbours(tmp_path):
+def test_before_3_38_each_step_is_a_separate_layer(tmp_path):
     run = qgis_run.write_all(qgis_run.make_run(tmp_path, UTM, times=[0, 0.2, 0.4, 1.0]), qgis_min="3.22")
     root = qgis_run.project_root(run)
     assert not list(root.iter("range"))
@@ -138,7 +138,7 @@ def test_before_3_38_each_step_is_a_layer_clear_of_its_neighbours(tmp_path):
         assert gaps == [timedelta(seconds=2)] * 3
 
 
-def test_title_tells_simulated_time(root):
+def test_title_shows_simulated_time(root):
     label = root.findtext("properties/TitleLabel/Label")
     assert "/ 1000.0 / 60, 1)" in label
     assert "1 s = 1 min" in root.find("layer-tree-group/layer-tree-group").get("name")
@@ -160,7 +160,7 @@ def test_names_with_xml_signs(tmp_path):
     assert qgis_run.project_root(run).findtext("title") == "a & <b>"
 
 
-def test_without_mesh_and_outlines_the_rest_is_there(tmp_path):
+def test_project_without_mesh_and_outlines(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
     write_project(run)
     kinds = {layer.get("type") for layer in layers(qgis_run.project_root(run))}
@@ -188,7 +188,7 @@ def test_local_frame_is_an_engineering_crs(tmp_path):
     assert system.find("authid") is None
 
 
-def test_the_folder_moves_as_a_whole(run, root, tmp_path):
+def test_the_folder_can_be_moved(run, root, tmp_path):
     moved = tmp_path / "elsewhere"
     shutil.copytree(run.folder, moved)
     there = ExportedRun(**{**{f: getattr(run, f) for f in run.__dataclass_fields__}, "folder": moved})
@@ -197,7 +197,7 @@ def test_the_folder_moves_as_a_whole(run, root, tmp_path):
 
 
 @pytest.mark.parametrize("version", ["", "new", "3", "2.18", "3.20", "3.x"])
-def test_refuses_what_is_no_version(tmp_path, version):
+def test_invalid_versions_are_rejected(tmp_path, version):
     with pytest.raises(InputError, match=r"from 3\.22 on"):
         write_project(qgis_run.make_run(tmp_path, UTM, times=[0, 1]), version)
     assert not list(tmp_path.glob("*.qgz"))

@@ -73,7 +73,7 @@ def test_the_toolbox_has_the_verbs(report):
     assert report["unloaded_provider"]
 
 
-def test_a_user_is_told_what_everything_is(report):
+def test_every_parameter_has_a_help_text(report):
     assert all(all(texts) for texts in report["help"].values())
     assert any("[--dem]" in text for text in report["help"]["seed"])
     assert "Command: mpmgis export-raster" in report["texts"]["exportraster"]
@@ -91,14 +91,14 @@ def test_seeded_particles_are_loaded(site, report):
     assert report["temporary"]["error"] == "" and Path(report["temporary"]["outputs"]["OUTPUT"]).suffix == ".gpkg"
 
 
-def test_a_refusal_is_the_commands_own_line(report):
+def test_an_error_is_the_message_of_the_command(report):
     assert report["existing"]["error"].startswith("mpmgis seed: ")
     assert "exists already" in report["existing"]["error"]
     assert "no_such_column" in report["local"]["error"]
     assert "\n" not in report["existing"]["error"] + report["local"]["error"]
 
 
-def test_the_form_makes_a_map_that_moves(report):
+def test_the_form_makes_an_animated_map(report):
     found = report["simulate"]
     assert found["error"] == "" and not found["errors"]
     assert found["progress"] == 100
@@ -112,16 +112,16 @@ def test_the_form_makes_a_map_that_moves(report):
     assert report["timed"] >= 4 and report["has_times"]
 
 
-def test_a_release_that_is_no_file_is_kept_with_the_scene(site, report):
+def test_an_unsaved_release_is_stored_with_the_scene(site, report):
     assert (site / "slide" / "release.gpkg").exists()
     assert 'source = "release.gpkg' in (site / "slide" / "scene.toml").read_text()
 
 
-def test_an_earlier_simulation_is_not_replaced_unasked(report):
+def test_an_earlier_simulation_is_not_overwritten_by_default(report):
     assert "exists already" in report["again"]["error"]
 
 
-def test_export_is_loaded_if_asked(site, report):
+def test_export_is_loaded_on_request(site, report):
     assert report["export"]["outputs"]["OUTPUT"] == str(site / "maps")
     assert sorted(path.name for path in (site / "maps" / "rasters").glob("*_00*.tif")) == [
         "results_0000.tif",
@@ -133,20 +133,20 @@ def test_export_is_loaded_if_asked(site, report):
     assert report["unloaded"]["error"] == "" and (site / "more" / "results.qgz").exists()
 
 
-def test_answers_are_in_the_log(report):
+def test_command_output_is_in_the_log(report):
     assert any(line.startswith("curvature ") for line in report["effects"]["printed"])
     assert any(line.startswith("footprint: ") for line in report["compare"]["printed"])
     assert "exactly one of" in report["unclear"]["error"]
 
 
-def test_questions_are_answered_from_layers(site, report):
+def test_point_queries_use_layers(site, report):
     assert report["intensity"]["error"] == "" and len(report["intensity"]["to_load"]) == 1
     assert report["report"]["error"] == "" and "<html" in (site / "slide.html").read_text()[:500].lower()
     assert report["timeseries"]["error"] == ""
     assert any(line.startswith("below") for line in report["timeseries"]["printed"])
 
 
-def test_a_study_is_told_and_its_plot_is_shown(site, report):
+def test_a_study_is_reported_and_its_plot_is_shown(site, report):
     assert report["study"]["error"] == ""
     assert report["study"]["progress"] == 100
     assert any("cfl" in line for line in report["study"]["printed"])
@@ -171,19 +171,19 @@ def test_columns_have_no_profile_over_the_height(report):
     assert "exactly one of 'Points' / 'or: one place on the map'" in report["both"]["error"]
 
 
-def test_a_comparison_is_loaded_in_its_colours(site, report):
+def test_a_comparison_is_loaded_with_its_style(site, report):
     assert report["classes"]["error"] == "" and report["classes"]["to_load"] == ["classes"]
     assert report["classes"]["outputs"]["PLOT"] == str(site / "compared" / "map.png")
 
 
-def test_what_is_refused_leaves_the_folder_as_it_was(report):
+def test_rejected_input_leaves_the_folder_unchanged(report):
     assert report["refused"]["error"].startswith("mpmgis run: ") and "\n" not in report["refused"]["error"]
     assert not report["refused_left"]
     assert "no_such_column" in report["replaced"]["error"] and report["as_before"]
     assert "Release areas: the layer unsaved has no CRS; set it in its properties" in report["placeless"]["errors"]
 
 
-def test_it_runs_in_a_thread_of_its_own(report):
+def test_it_runs_in_a_background_thread(report):
     ((succeeded, answer),) = report["background"]
     assert succeeded and "EPSG:32632" in answer
 
@@ -194,7 +194,7 @@ def test_cancelling_stops_the_command(site, report):
     assert (site / "stopped").read_text() == "stopped\n"
 
 
-def test_a_missing_command_is_told_with_the_cure(site, report):
+def test_a_missing_command_is_reported_with_the_fix(site, report):
     assert f"is not at {site / 'gone'}" in report["missing"]["error"]
     assert report["missing_at_once"] == [False, report["missing"]["error"]]
     assert "Settings > Options > Processing > Providers > mpmgis" in report["missing"]["error"]

@@ -12,7 +12,7 @@ from mpmgis.gis.folder import write_stacks
 
 
 @pytest.mark.parametrize("crs", [CRS.from_epsg(32632), CRS.from_epsg(31468), CRS.from_epsg(2154), None])
-def test_bands_are_the_steps_wherever_the_folder_is(tmp_path, crs):
+def test_bands_are_the_steps_also_after_moving_the_folder(tmp_path, crs):
     here = tmp_path / "here"
     here.mkdir()
     run = qgis_run.make_run(here, crs, times=[0, 0.25, 0.5])

@@ -20,7 +20,7 @@ def test_every_band_has_a_look():
     assert set(BAND) == set(LOOKS)
 
 
-def test_a_band_that_no_table_knows_is_still_drawn():
+def test_an_unknown_band_has_a_default_style():
     look = look_of(Quantity("heat", "K s-1", "warming", "float32"))
     assert look.title("heat") == "warming heat (K/s)"
     assert colour_classes(look, 3.0)[-1].upper == math.inf
@@ -41,14 +41,14 @@ def test_limits(name, typical, limits):
     assert class_limits(LOOKS[name], typical) == limits
 
 
-def test_pressure_classes_are_in_pascal_and_told_in_kilopascal():
+def test_pressure_classes_are_in_pascal_with_labels_in_kilopascal():
     classes = colour_classes(LOOKS["p"], 60e3)
     assert [c.upper for c in classes] == [1e3, 10e3, 25e3, 50e3, 100e3, math.inf]
     assert classes[1].label == "1 - 10 kPa"
 
 
 @given(st.sampled_from(sorted(LOOKS)), st.floats(0, 1e7), st.floats(0, 2))
-def test_classes_rise_and_cover_everything(name, typical, min_depth):
+def test_classes_are_ascending_and_cover_all_values(name, typical, min_depth):
     classes = colour_classes(LOOKS[name], typical, min_depth)
     uppers = [entry.upper for entry in classes]
     assert uppers == sorted(set(uppers))
@@ -56,7 +56,7 @@ def test_classes_rise_and_cover_everything(name, typical, min_depth):
     assert len({entry.colour for entry in classes}) == len(classes)
 
 
-def test_depths_below_the_least_are_not_drawn():
+def test_depths_below_the_minimum_are_not_drawn():
     first, second, *_ = colour_classes(LOOKS["h"], 4.0, 0.05)
     assert (first.upper, first.colour) == (0.05, None)
     assert second.label == "0.05 - 0.5 m"
@@ -69,7 +69,7 @@ def test_round_up_is_a_one_two_or_five(value):
     assert f"{rounded:e}"[0] in "125"
 
 
-def test_ramp_keeps_its_ends_and_its_own_stops():
+def test_ramp_keeps_its_ends_and_stops():
     assert ramp_colours(styles.VIK, 7) == list(styles.VIK)
     assert ramp_colours(styles.LAJOLLA, 4)[0] == styles.LAJOLLA[0]
     assert ramp_colours(styles.LAJOLLA, 4)[-1] == styles.LAJOLLA[-1]
@@ -104,7 +104,7 @@ def test_style_of_a_stack_gives_each_band_its_time(run):
     assert len(ranges) == len(Clock.of(run.times).begins)
 
 
-def test_colours_span_what_most_cells_reach_not_one_that_flew_away(tmp_path):
+def test_colours_ignore_a_single_outlier(tmp_path):
     run = qgis_run.make_run(tmp_path, CRS.from_epsg(32632), times=[0, 1])
     import rasterio
 

@@ -60,7 +60,7 @@ def test_a_frame(tmp_path):
     assert (facts["volume"], facts["density"], facts["thickness"]) == (4.0, 1000.0, [1.0, 1.5])
 
 
-def test_a_frame_without_a_place(tmp_path):
+def test_a_frame_without_crs(tmp_path):
     particles = frame().particles
     write_frame(tmp_path / "a.h5", Frame(particles))
     assert inspect(tmp_path / "a.h5")["crs"] is None
@@ -78,7 +78,7 @@ def seeds(tmp_path_factory):
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json", "gpkg", "parquet", "vtp"])
-def test_a_seed_in_a_table_is_told_as_its_frame(seeds, suffix):
+def test_facts_of_a_seed_table_equal_those_of_its_frame(seeds, suffix):
     facts, wanted = inspect(seeds / f"seed.{suffix}"), inspect(seeds / "seed.h5")
     for name in ("kind", "reader", "dimension", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed"):
         assert facts[name] == pytest.approx(wanted[name]), name
@@ -88,7 +88,7 @@ def test_a_seed_in_a_table_is_told_as_its_frame(seeds, suffix):
         assert facts["header"]["mass_mode"] == "thickness"
 
 
-def test_looking_writes_nothing(seeds):
+def test_info_writes_nothing(seeds):
     before = sorted(seeds.iterdir())
     for path in before:
         inspect(path)
@@ -96,7 +96,7 @@ def test_looking_writes_nothing(seeds):
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json", "gpkg", "parquet", "vtp"])
-def test_a_truncated_table_is_one_line(seeds, tmp_path, suffix):
+def test_a_truncated_table_is_a_one_line_error(seeds, tmp_path, suffix):
     content = (seeds / f"seed.{suffix}").read_bytes()
     path = tmp_path / f"cut.{suffix}"
     path.write_bytes(content[: len(content) // 3])
@@ -113,7 +113,7 @@ def test_a_truncated_table_is_one_line(seeds, tmp_path, suffix):
         ("1,2,3,4,5,6,7,fast", "column 'w' holds"),
     ],
 )
-def test_a_table_with_a_wrong_column_is_one_line(tmp_path, row, says):
+def test_a_table_with_a_wrong_column_is_a_one_line_error(tmp_path, row, says):
     columns = ["x", "y", "z_bed", "mass", "volume", "u", "v", "w"][: row.count(",") + 1]
     (tmp_path / "a.csv").write_text(",".join(columns) + "\n" + row + "\n")
     with pytest.raises(FormatError, match=says):
@@ -165,7 +165,7 @@ def test_rasters_of_any_orientation(tmp_path, transform, orientation, cell):
     assert (facts["orientation"], facts["cell_size"]) == (orientation, cell)
 
 
-def test_a_raster_that_is_no_terrain_says_why(tmp_path):
+def test_a_raster_that_is_not_a_terrain_has_the_reason(tmp_path):
     write_raster(tmp_path / "a.tif", np.ones((4, 4)), (0.001, 0, 7.0, 0, -0.001, 46.0), "EPSG:4326")
     said = inspect(tmp_path / "a.tif")["as_terrain"]
     assert "EPSG:4326" in said and "metres" in said and "\n" not in said
@@ -295,7 +295,7 @@ CONTENTS = {
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, "txt"])
 @pytest.mark.parametrize("content", CONTENTS)
-def test_junk_of_any_name_is_one_line(tmp_path, suffix, content):
+def test_junk_with_any_suffix_is_a_one_line_error(tmp_path, suffix, content):
     path = tmp_path / f"junk.{suffix}"
     path.write_bytes(CONTENTS[content])
     with pytest.raises(MpmgisError, match="junk") as caught:
@@ -305,12 +305,12 @@ def test_junk_of_any_name_is_one_line(tmp_path, suffix, content):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_is_not_there_is_one_line(tmp_path, suffix):
+def test_a_missing_file_is_a_one_line_error(tmp_path, suffix):
     with pytest.raises(FormatError, match="no such file or folder"):
         inspect(tmp_path / f"none.{suffix}")
 
 
-def test_a_damaged_raster_is_one_line(tmp_path):
+def test_a_damaged_raster_is_a_one_line_error(tmp_path):
     shutil.copy(sample_folder() / "lava_falls_dem_utm12n_10m.tif", tmp_path / "a.tif")
     content = (tmp_path / "a.tif").read_bytes()
     (tmp_path / "a.tif").write_bytes(content[:20_000])
@@ -319,13 +319,13 @@ def test_a_damaged_raster_is_one_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_a_folder_of_something_else_is_one_line(tmp_path):
+def test_an_unknown_folder_is_a_one_line_error(tmp_path):
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(FormatError, match="neither frames"):
         inspect(tmp_path)
 
 
-def test_a_newer_run_record_is_one_line(tmp_path):
+def test_a_newer_run_record_is_a_one_line_error(tmp_path):
     (tmp_path / "run.json").write_text(json.dumps({"format": "mpmgis-run", "format_version": 9}))
     with pytest.raises(FormatError, match="update mpmgis"):
         inspect(tmp_path / "run.json")

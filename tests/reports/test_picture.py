@@ -40,7 +40,7 @@ def test_flow_and_release_add_colour(tmp_path):
     assert matplotlib.image.imread(tmp_path / "with.png").shape[0] > 700
 
 
-def test_view_holds_flow_and_release_and_stays_on_the_terrain():
+def test_view_contains_flow_and_release_within_the_terrain():
     terrain, speed, _ = scene(0.0)
     release = [shapely.Point(686700, 5211450).buffer(20)]
     west, south, east, north = map_view(terrain, GRID, np.isfinite(speed), release)
@@ -51,14 +51,14 @@ def test_view_holds_flow_and_release_and_stays_on_the_terrain():
     assert bounds[0] <= west < east <= bounds[2] and bounds[1] <= south < north <= bounds[3]
 
 
-def test_view_closes_in_on_a_small_flow():
+def test_view_zooms_to_a_small_flow():
     terrain, speed, _ = scene(0.0)
     west, south, east, north = map_view(terrain, GRID, np.isfinite(speed))
     assert max(east - west, north - south) < 200
     assert min(east - west, north - south) > 0.6 * max(east - west, north - south)
 
 
-def test_slopes_that_face_the_light_are_brighter():
+def test_slopes_towards_the_light_are_brighter():
     x, y = np.meshgrid(np.arange(20.0), -np.arange(20.0))
     facing_north_west = shaded_relief(0.5 * (x - y), 1.0).mean()
     facing_south_east = shaded_relief(-0.5 * (x - y), 1.0).mean()
@@ -85,7 +85,7 @@ def test_flat_terrain_and_missing_heights(tmp_path):
     assert coloured(tmp_path / "flat.png") > 20_000
 
 
-def test_nothing_is_left_where_it_cannot_be_written(tmp_path):
+def test_a_failed_write_leaves_no_file(tmp_path):
     terrain, speed, depth = scene()
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError):
