@@ -43,7 +43,7 @@ def terrain(transform=AFFINES["north-up"], shape=(40, 36), holes=()):
 
 
 def random_frame(ground, count=400, dimension=3, seed=0, margin=0.05, time=0.0, mass=None):
-    """Particles strewn over `ground` and a little beyond it, unequal in mass; also on the borders of its pixels."""
+    """Random particles on and around `ground`, of unequal mass; also on pixel borders."""
     random = np.random.default_rng(seed)
     rows, columns = ground.grid.shape
     row = random.uniform(-0.5 - margin * rows, rows - 0.5 + margin * rows, count)
@@ -64,7 +64,7 @@ def random_frame(ground, count=400, dimension=3, seed=0, margin=0.05, time=0.0, 
 
 
 def write_run(folder, times=(0.0, 1.0, 2.0), dimension=2, count=300, ground=None, drift=6.0, **changes):
-    """A run on disk: a terrain and frames whose particles drift downhill. Answers the frames' paths."""
+    """Write a terrain and frames with particles that move downhill; returns the paths of the frames."""
     ground = ground or terrain()
     frames = []
     for step, time in enumerate(times):
@@ -96,7 +96,7 @@ def sheet_frames(speed, times, side=20):
 
 
 def write_frames(folder, ground, frames, **changes):
-    """A run on disk of some `frames` on a terrain. Answers their paths."""
+    """Write some `frames` and their terrain; returns the paths of the frames."""
     folder.mkdir(parents=True, exist_ok=True)
     write_geotiff(folder / "terrain.tif", ground.grid, [(Quantity("elevation", "m", ""), ground.elevation)], {})
     paths = []
@@ -111,7 +111,7 @@ def write_frames(folder, ground, frames, **changes):
 
 
 def pixel_of(grid, x, y):
-    """(row, column) of the pixel that holds a point; a point on a border belongs to the larger row and column."""
+    """(row, column) of the pixel of a point; a point on a border belongs to the larger row and column."""
     t = grid.transform
     (row, column) = np.linalg.solve([[t.b, t.a], [t.e, t.d]], [x - t.c, y - t.f])
     return math.floor(round(row, 9)), math.floor(round(column, 9))

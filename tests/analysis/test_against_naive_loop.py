@@ -55,7 +55,7 @@ def test_any_percentile(percentile):
 
 
 def test_part_of_the_domain():
-    """What lies off the export grid is left out, never moved in."""
+    """Particles outside the export grid are ignored."""
     ground = terrain()
     grid = Grid(CRS, export_grid(ground.grid).transform, (9, 7))
     for dimension in (2, 3):

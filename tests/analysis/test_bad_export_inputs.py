@@ -1,4 +1,4 @@
-"""Wrong input of `mpmgis export-raster`: one line says what, the exit code is 2, and nothing is left behind."""
+"""Invalid input of `mpmgis export-raster`: a one-line error, exit code 2, and no files."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def listing(folder):
 
 
 def refused(capsys, folder, *words, says=()):
-    """Run the command on `folder`: it must refuse in one line that holds `says`, and leave all as it was."""
+    """Run the command on `folder`: it must fail with one line that contains `says`, and change no files."""
     before = listing(folder.parent)
     try:
         code = main(["export-raster", *map(str, words or [folder])])
@@ -371,7 +371,7 @@ def test_output_without_write_permission(run, capsys):
 
 
 def test_disk_full(run, capsys, monkeypatch):
-    """A failure half way leaves nothing, not even the folder in the making."""
+    """A failure during the export leaves no files."""
     from mpmgis.io import raster_output
 
     def full(*_, **__):
@@ -382,6 +382,6 @@ def test_disk_full(run, capsys, monkeypatch):
 
 
 def test_valid_run_is_accepted(run, capsys):
-    """The fixture that all others break."""
+    """The unchanged fixture."""
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
     assert "slide_0001.tif" in capsys.readouterr().out

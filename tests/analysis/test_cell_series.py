@@ -1,4 +1,4 @@
-"""Which cell a point lies in."""
+"""The cell of a point."""
 
 import numpy as np
 

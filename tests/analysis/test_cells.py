@@ -1,4 +1,4 @@
-"""What must hold of cells whatever the particles: conservation, coverage, percentiles, odd sizes."""
+"""Cell sums of any particles: conservation, coverage, percentiles, unusual sizes."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def flat(shape=(10, 12), slope=(0.0, 0.0), cell=5.0):
 
 
 def points(ground, x, y, distance, mass=1.0, velocity=(0.0, 0.0, 0.0)):
-    """Points at height `distance` over the bed, vertically, at x, y [m] from the raster's upper left corner."""
+    """Points at the vertical height `distance` above the bed, at x, y [m] from the raster's upper left corner."""
     x, y, distance = (np.asarray(v, float) for v in np.broadcast_arrays(x, y, distance))
     east, north = x + 600000.0, 5170000.0 - y
     height = ground.sample(east, north) + distance
@@ -56,7 +56,7 @@ def values_of(*args, min_depth=0.0, **kwargs):
     seed=st.integers(0, 1000),
 )
 def test_mass_is_conserved(affine, dimension, cell_size, seed):
-    """Cells and what is outside sum to the particles (design notes 5.3)."""
+    """Cells and mass outside sum to the mass of the particles."""
     ground = terrain(AFFINES[affine], holes=[(5, 5), (20, 20)])
     frame = random_frame(ground, 200, dimension, seed)
     grid = export_grid(ground.grid, cell_size)
@@ -113,7 +113,7 @@ def tiling(ground, side, rows, columns, west=0.0, north=0.0, thickness=2.0):
 @pytest.mark.parametrize("side", [0.3, 1.25, 2.0, 5.0, 7.7, 20.0])
 @pytest.mark.parametrize("shift", [0.0, 1.7])
 def test_columns_fill_their_cells_without_holes(side, shift):
-    """A tiling lattice covers every cell inside it evenly, whatever the two sizes."""
+    """A lattice without gaps covers every cell inside it evenly, for any sizes."""
     ground = flat((30, 30))
     count = int(np.ceil(60 / side))
     frame = tiling(ground, side, count, count, 20 + shift, 15 + shift)
@@ -277,7 +277,7 @@ def test_coordinates_beyond_integer_range_are_outside():
 
 
 def test_borders_have_one_owner():
-    """Ties go to the larger row and column, and the raster's far rim is outside (H24)."""
+    """Points on borders belong to the larger row and column; the last edge of the raster is outside (H24)."""
     ground = flat((4, 4))
     x, y = (v.ravel() for v in np.meshgrid(np.arange(0, 21, 5.0), np.arange(0, 21, 5.0)))
     position = np.stack([600000.0 + x, 5170000.0 - y, np.full(25, 101.0)], axis=1)
@@ -287,7 +287,7 @@ def test_borders_have_one_owner():
 
 
 def test_far_from_the_origin_nothing_changes():
-    """V22: a shift by 5e6 m in both frame and terrain leaves every value as it is."""
+    """V22: a shift of frame and terrain by 5e6 m changes no value."""
     near = flat(slope=(0.5, 0.1))
     moved = Grid.north_up(CRS, 600000.0 + 5e6, 5170000.0 + 5e6, 5.0, (10, 12))
     far = Terrain(moved, near.elevation)

@@ -23,7 +23,7 @@ SPACING = 5.0
 
 
 def sheared_flow(per_cell=4, seed=0):
-    """Columns of a flow that stretched and sheared: a lattice `per_cell` x `per_cell`, carried by a smooth map."""
+    """Columns of a stretched and sheared flow: a lattice `per_cell` x `per_cell`, moved by a smooth map."""
     side = SPACING / per_cell
     u, v = (values.ravel() for values in np.meshgrid(*(np.arange(0.0, 60.0, side) + 0.5 * side,) * 2))
     depth = 2.0 + np.sin(u / 9.0) + np.cos(v / 7.0)
@@ -121,7 +121,7 @@ def test_flow_has_no_holes_and_is_smooth(cell_size):
 
 
 def test_cells_are_the_integral_of_the_field_between_nodes():
-    """Against a fine quadrature of the bilinear field of `node_depths`, whatever the offset of the cells."""
+    """Against a fine quadrature of the bilinear field of `node_depths`, for any offset of the cells."""
     frame, ground, _, _ = reference()
     depth = node_depths(frame, ground, uprights(frame, ground))
     grid = export_grid(ground.grid, 3.3)
@@ -138,7 +138,7 @@ def test_cells_are_the_integral_of_the_field_between_nodes():
 @pytest.mark.parametrize("affine", sorted(AFFINES))
 @pytest.mark.parametrize("holes", [False, True])
 def test_volume_stays_on_the_ground(affine, holes):
-    """Beside nodata and at the DTM's edge every column gives all of its volume to cells that have ground."""
+    """Next to nodata and at the DTM's edge every column gives all of its volume to cells with ground."""
     transform = AFFINES[affine]
     ground = terrain(transform, holes=[(i, j) for i in range(14, 18) for j in range(10, 15)] if holes else ())
     random = np.random.default_rng(5)
@@ -161,7 +161,7 @@ def test_volume_stays_on_the_ground(affine, holes):
 
 
 def test_a_uniform_sheet_up_to_the_edge_of_the_terrain():
-    """Uniform inside, whole in volume; within the reach of a spline the edge is blurred, as it is for the solver."""
+    """Uniform inside, exact in volume; the edge is blurred within the width of a spline, as in the solver."""
     grid = Grid.north_up(CRS, WEST, NORTH, 5.0, (20, 20))
     ground = Terrain(grid, np.zeros((20, 20)))
     x, y = (values.ravel() for values in np.meshgrid(WEST + np.arange(0.5, 100), NORTH - np.arange(0.5, 100)))
@@ -189,7 +189,7 @@ def test_columns_of_a_seed_keep_their_squares():
 
 
 def test_tails_of_splines_are_not_maxima():
-    """The last centimetres beyond a front are resolution, not flow: maxima leave them out, as the solver's own do."""
+    """The last centimetres beyond a front are not flow: maxima ignore them, as in the solver."""
     from mpmgis.analysis.frame_values import Averaging, average_frame
     from mpmgis.analysis.maxima import PRODUCTS_NEEDED, RunningMaxima
 

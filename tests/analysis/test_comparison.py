@@ -1,4 +1,4 @@
-"""Footprints, runout and peaks of two results against answers known exactly."""
+"""Footprints, runout and peaks of two results against exact values."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_two_discs_overlap_as_geometry_says(cell, tolerance):
 
 
 def test_discs_on_different_grids_overlap_as_on_one():
-    """5 m cells beside 2 m cells that are neither aligned nor equally far: the rule is nearest, onto the finer ones."""
+    """5 m cells and 2 m cells that are not aligned: nearest resampling to the finer cells."""
     coarse, fine = grid_of(5.0, west=-13.0, south=-7.5), grid_of(2.0, west=1.3, south=2.1)
     first, second = disc(coarse, 80, 100, 50), disc(fine, 120, 100, 50)
     joint = joint_grid([coarse, fine], np.concatenate([mask_corners(first, coarse), mask_corners(second, fine)]))
@@ -77,7 +77,7 @@ def test_discs_on_different_grids_overlap_as_on_one():
 
 @pytest.mark.parametrize("shift", [0, 1, 7, 60])
 def test_a_square_shifted_by_whole_cells(shift):
-    """IoU of w cells shifted by s: (w - s) / (w + s), 0 beyond; the grids' origins do the shifting."""
+    """IoU of w cells shifted by s: (w - s) / (w + s), 0 beyond; the shift is in the grid origins."""
     values = np.zeros((80, 80))
     values[20:60, 20:60] = 1.0
     here, there = grid_of(2.0, 160.0), grid_of(2.0, 160.0, west=2.0 * shift)
@@ -198,7 +198,7 @@ def test_positions_on_and_beyond_a_bent_line():
 
 
 def test_the_extension_of_a_bent_line_is_not_a_short_cut():
-    """The straight continuation of a line that turns back passes its own upper part, which must not count there."""
+    """The straight extension of a line that turns back passes its upper part, which must be ignored there."""
     hook = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, -30.0], [60.0, -30.0], [60.0, -10.0]])
     assert positions_along(hook, [60.0], [0.0]) == pytest.approx([60.0])
     assert positions_along(hook, [60.0], [-8.0]) == pytest.approx([192.0])
@@ -272,7 +272,7 @@ def test_the_centre_line_continues_over_gaps_between_frames():
 
 
 def test_the_centre_line_of_many_cells_uses_coarser_cells():
-    """250 000 cells are put together to blocks of 3 x 3; the line stays in the middle."""
+    """250 000 cells are aggregated to blocks of 3 x 3; the line stays in the middle."""
     grid = Grid.north_up(None, 0.0, 500.0, 1.0, (500, 500))
     x, _ = grid.xy(*np.indices(grid.shape))
     mask = np.ones(grid.shape, bool)

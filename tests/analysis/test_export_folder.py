@@ -1,4 +1,4 @@
-"""`mpmgis export-raster` as a whole: the folder that it writes, from frames on disk."""
+"""The folder written by `mpmgis export-raster`, from frames on disk."""
 
 import hashlib
 import threading
@@ -16,7 +16,7 @@ from mpmgis.workflows.export import ExportRequest, export_raster
 
 
 def export(frames, **options):
-    """Export without QGIS unless asked; answers the folder."""
+    """Export, by default without QGIS files; returns the folder."""
     said = []
     options = {"qgis": False, "overwrite": True} | options
     paths = export_raster(ExportRequest(tuple(frames), **options), say=said.append)
@@ -251,7 +251,7 @@ def warnings_of(said):
 
 @pytest.mark.parametrize("options", [{}, {"time_step": 0.1}, {"time_step": 4.0}, {"time_step": "auto"}])
 def test_frames_too_far_apart_for_eq_17_are_reported(tmp_path, options):
-    """5 m cells at 10 m/s: Eq 17 wants 0.5 s. Frames 2 s apart are reported whatever --dt-e is."""
+    """5 m cells at 10 m/s: Eq 17 requires 0.5 s. Frames 2 s apart are reported for any --dt-e."""
     far = uniform_run(tmp_path / "far", speed=10.0, interval=2.0)
     _, said = export(far, output=tmp_path / "far_gis", **options)
     (warning,) = warnings_of(said)
@@ -269,7 +269,7 @@ def test_frames_close_enough_for_eq_17_are_not(tmp_path, options):
 
 
 def test_eq_17_has_the_largest_speed_of_all_frames_where_they_are_uneven(tmp_path):
-    """Fast in the first second, slow in the next twenty: Eq 17 wants 5 m over 10 m/s, not over 2 m/s."""
+    """Fast in the first second, slow in the next twenty: Eq 17 requires 5 m / 10 m/s, not 5 m / 2 m/s."""
     first, second = sheet_frames(10.0, [0.0, 1.0])
     far = write_frames(tmp_path / "far", terrain(), [first, second, *sheet_frames(2.0, [2.0, 22.0])])
     _, said = export(far, output=tmp_path / "far_gis")
@@ -343,7 +343,7 @@ def test_overwrite_replaces_the_whole_folder(run2, tmp_path):
 
 
 def test_memory_follows_the_flow_and_not_the_number_of_frames(tmp_path, monkeypatch):
-    """However many frames there are, the values of a few are alive at a time."""
+    """The values of only a few frames are in memory at a time."""
     from mpmgis.workflows import export_rasters
 
     frames = write_run(tmp_path / "slide", times=np.arange(24) * 0.1, dimension=3, count=50)
@@ -402,7 +402,7 @@ def test_local_frame_without_crs(tmp_path):
 
 
 def test_both_dimensions_in_one_run(tmp_path):
-    """Columns that become points on the way (a scene in stages)."""
+    """Columns that are converted to points (a scene in stages)."""
     frames = write_run(tmp_path / "slide", times=(0.0,), dimension=2)
     other = write_run(tmp_path / "other", times=(0.0,), dimension=3, digest="d" * 64)
     later = read_frame(other[0])

@@ -1,4 +1,4 @@
-"""What an export says and keeps of a series of frames: gaps, and the deposit at its end."""
+"""Export of a series of frames: gaps, and the final deposit."""
 
 import numpy as np
 import rasterio

@@ -1,4 +1,4 @@
-"""The flow's surface over a profile: depth is normal to the bed, the surface upright above it."""
+"""Free surface of a profile: depth is normal to the bed, the surface is vertically above it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Classes of guidelines: what the documents say, and what a table may be."""
+"""Classes of guidelines against the documents, and validation of tables."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Distances between outlines that are known."""
+"""Known distances between outlines."""
 
 import math
 
@@ -25,7 +25,7 @@ def test_a_wider_square_is_its_margin_apart_and_more_at_its_corners():
 
 @pytest.mark.parametrize("spacing", [2.5, 0.4])
 def test_the_mean_is_the_integral_over_the_outline(spacing):
-    """Of each side of 120 m 100 m are 10 m from the inner square; over the rest the distance goes up to its corner."""
+    """100 m of each 120 m side are 10 m from the inner square; on the rest the distance increases to the corner."""
     found = outline_distances(SQUARE, shapely.box(-10, -10, 110, 110), spacing)
     beside_a_corner = 50 * (2**0.5 + math.asinh(1))  # integral of sqrt(10^2 + t^2) from 0 to 10
     second = (100 * 10 + 2 * beside_a_corner) / 120

@@ -1,4 +1,4 @@
-"""Whether points fill their volume: lattices that do at any depth, slope and place, and such that do not."""
+"""Volume check of points: lattices with and without their full volume, at any depth, slope and position."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ depths = st.floats(0.5, 8.0)
 @settings(deadline=None, max_examples=40)
 @given(depths, st.floats(0.01, 50.0), st.sampled_from([2, 3]), st.floats(0.0, 2.0), st.floats(-0.2, 0.1))
 def test_a_layer_on_its_bed_keeps_its_volume_at_any_depth(cells, cell_size, along, slope, sunk):
-    """Slides rest up to a fifth of a cell lower than their lattice, or higher; columns of cells may be cut unevenly."""
+    """Slides rest up to a fifth of a cell below or above their lattice; columns may have unequal point numbers."""
     frame, height = layer(cells, cell_size, along)
     volume = found(frame, height + sunk * cell_size, slope, cell_size)
     assert volume.kept and volume.hanging_share == 0.0
@@ -55,7 +55,7 @@ def test_a_layer_compressed_to_a_third_is_detected(cells, cell_size):
 @settings(deadline=None, max_examples=40)
 @given(depths, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
 def test_a_layer_at_rest_above_the_bed_is_detected(cells, cell_size, slope):
-    """A gap of 1.6 cells along the normal, however steep the ground; what falls or slides that fast is in flight."""
+    """A gap of 1.6 cells along the normal, on any slope; fast falling or sliding mass is in flight."""
     lifted = 1.6 * cell_size * np.hypot(1.0, slope) + 0.5 * cell_size
     for speed, share in ((0.0, 1.0), (np.sqrt(2 * 9.81 * 1.6 * cell_size), 0.0)):
         frame, height = layer(cells, cell_size, speed=speed)
@@ -64,7 +64,7 @@ def test_a_layer_at_rest_above_the_bed_is_detected(cells, cell_size, slope):
 
 
 def test_a_gap_is_compared_with_the_depth_of_the_hanging_layer():
-    """0.7 cells under a deep layer is where fallen material rests; under one of one cell it is most of its depth."""
+    """A gap of 0.7 cells is normal below a deep layer of fallen material, but not below a layer of one cell."""
     for cells, share in ((4.0, 0.0), (1.0, 1.0)):
         frame, height = layer(cells)
         assert found(frame, height + 0.7).hanging_share == pytest.approx(share)
@@ -96,7 +96,7 @@ def test_lost_volume_is_reported_with_a_fix():
 @settings(deadline=None, max_examples=40)
 @given(st.floats(3.0, 8.0), st.floats(0.01, 50.0))
 def test_a_layer_compressed_by_a_quarter_has_missing_volume(cells, cell_size):
-    """No point of it is packed beyond 1.2 times its density where clearance is taken off, and yet volume is missing."""
+    """No point is packed beyond 1.2 times its density (with clearance), but volume is missing."""
     frame, height = layer(cells, cell_size)
     volume = found(frame, 0.75 * height, 0.0, cell_size)
     assert volume.missing_share == pytest.approx(0.25 - 0.25 / cells, abs=0.1) and not volume.kept

@@ -1,4 +1,4 @@
-"""A rotated or sheared DTM: exports on its own axes hold what those of the same scene, unrotated, hold."""
+"""Rotated or sheared DTM: exports on its axes equal those of the same unrotated scene."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ PRODUCTS = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N", "t_vol", "n", "mass", "p")
 
 
 def turned(ground, frame, angle):
-    """The same scene, turned by `angle` [degrees] around the DTM's first corner."""
+    """The same scene, rotated by `angle` [degrees] around the DTM's first corner."""
     t = ground.grid.transform
     grid = Grid(CRS, Affine.translation(t.c, t.f) * Affine.rotation(angle) * Affine(t.a, t.b, 0, t.d, t.e, 0),
                 ground.grid.shape)  # fmt: skip
@@ -132,7 +132,7 @@ def test_mesh_stack_and_outlines_match_the_rasters(affine, tmp_path, capsys):
 @pytest.mark.parametrize("affine", ["rotated", "sheared", "north-up"])
 @pytest.mark.parametrize("cell_size", [None, 2.0, 11.0])
 def test_solver_peaks_keep_their_position_on_any_axes(affine, cell_size):
-    """The solver's nodes run east and north, the cells along a rotated DTM: a linear field stays what it is."""
+    """The solver's nodes run east and north, the cells along a rotated DTM: a linear field is unchanged."""
     ground = terrain(AFFINES[affine])
     flat = Terrain(ground.grid, np.zeros(ground.grid.shape))
     x, y = np.meshgrid(WEST - 100.0 + 5.0 * np.arange(80), NORTH - 300.0 + 5.0 * np.arange(80))

@@ -1,4 +1,4 @@
-"""The words of a run's balances, by numbers that are given."""
+"""Text of a run's balances for given numbers."""
 
 from collections import defaultdict
 
@@ -8,7 +8,7 @@ from mpmgis.analysis.run_summary import account, extreme_lines, extremes
 
 
 def balances(**told):
-    """Balances that are 0 but for what is told."""
+    """Balances of 0, except the given ones."""
     places = {"thickness_max_at": [600000.0, 5100000.0], "speed_max_at": [600010.0, 5100020.0]}
     return defaultdict(float, {"barriers": {}, "mass_start": 200.0, "mass_released": 200.0} | places | told)
 

@@ -1,4 +1,4 @@
-"""Runout, drop and angles against geometry that is known; a line walked there and back."""
+"""Runout, drop and angles against known geometry; positions along a line and their inverse."""
 
 import math
 
@@ -95,7 +95,7 @@ def test_zero_length_has_no_angle():
 
 
 def test_ground_length_starts_at_zero_and_is_interpolated_over_nodata():
-    """Two sides of 3, 4, 5, a gap that is passed in a straight line, and level ground beyond the last height."""
+    """Two hypotenuses (3, 4, 5), a gap with a straight line, and level ground beyond the last height."""
     along, heights = np.array([0.0, 3.0, 6.0, 9.0, 14.0]), np.array([8.0, 4.0, np.nan, -4.0, np.nan])
     assert ground_lengths(along, heights) == pytest.approx([0.0, 5.0, 10.0, 15.0, 20.0])
     assert ground_lengths(along, np.full(5, np.nan)) == pytest.approx(along)

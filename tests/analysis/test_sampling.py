@@ -1,4 +1,4 @@
-"""Cell size, time step, steps and grid: Eqs 15 and 17 with the rules of design notes 5.3."""
+"""Cell size, time step, steps and grid: Eqs 15 and 17, and rules for empty cells."""
 
 import math
 
@@ -80,7 +80,7 @@ def test_cell_size_never_below_the_finer_grid():
 
 
 def test_columns_are_not_smoothed_away():
-    """A sheet that has spread thin is still whole: cells as wide as its columns show all of it."""
+    """A thin sheet has no gaps: cells as wide as its columns show all of it."""
     thin = facts(thickness=0.01, spacing=5.0, column_side=4.0)
     cell, why = automatic_cell_size([thin, thin._replace(spacing=16.0)], 10.0)
     assert cell == pytest.approx(5.0)
@@ -166,7 +166,7 @@ def test_survey_finds_the_flow():
 
 
 def test_standoff_of_a_code_with_particles_below_the_bed():
-    """Of 1000 particles a third rests below the bed: 1 % of the mass lies under the standoff."""
+    """A third of 1000 particles is below the bed: 1 % of the mass is below the standoff."""
     distance = np.linspace(-1.0, 2.0, 1000)
     share, offset = resting_offset(distance, np.ones(1000))
     assert share == pytest.approx(1 / 3, abs=2e-3)

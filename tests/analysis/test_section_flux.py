@@ -1,4 +1,4 @@
-"""Ways that cross a line, masses that do, and a section's flux where it is known."""
+"""Paths and masses that cross a line, and a known flux of a section."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_mass_beyond_is_the_sum_of_its_sources(before, after):
 
 
 def test_the_balance_closes_with_new_lost_and_growing_particles():
-    """5 kg cross and have taken up 2 before, 3 begin and 7 end beyond; 11 that grow to 13 there, 1 before it stay."""
+    """5 kg (2 kg entrained before) cross, 3 begin and 7 end beyond; 11 grow to 13 beyond; 1 stays before."""
     before = state([(-10, 0), (50, 5), (50, 9), (-10, 9)], [5, 7, 11, 1], [0, 1, 2, 3])
     after = state([(40, 0), (50, 9), (-10, 9), (60, 0)], [7, 13, 1, 3], [0, 2, 3, 4], time=1.0)
     counted = crossed_between(BENT, WHOLE, before, after)

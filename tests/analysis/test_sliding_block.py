@@ -1,7 +1,7 @@
 """V2a: the block of the paper's supplement S1 on its exact trajectory, through the exporter alone (Eqs S1 to S5).
 
 A block 0.1 m high and 0.3 m long slides without friction from rest down 22 m of a 30 degree plane and flies off a cliff
-of 10 m. What S1 to S5 say of a place is what the block's tail does there: it passes last, and has slid furthest.
+of 10 m. S1 to S5 at a position describe the tail of the block: it passes last, after the longest slide.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ ROWS = 4
 
 
 def tail_state(x):
-    """Height of the tail's foot, its velocity (horizontal, vertical) and whether it flies, where it is at `x`."""
+    """Height of the tail's foot, its velocity (horizontal, vertical) and whether it is in flight, at position `x`."""
     flies = x >= EDGE
     flown = np.maximum(x - EDGE, 0.0)
     across = TERMINAL * np.cos(SLOPE)
@@ -83,7 +83,7 @@ def tail(request):
 
 
 def sampled(centres, last):
-    """Where the tail was first or last seen within each cell."""
+    """First or last position of the tail within each cell."""
     west = centres - 0.5 * CELL
     first = 0.0025 + np.ceil((west - 0.0025) / (0.5 * CELL) - 1e-6) * 0.5 * CELL
     return first + 0.5 * CELL if last else first
@@ -133,7 +133,7 @@ def test_normal_velocity(tail):
 
 
 def test_the_papers_own_normals_lie_flat_at_the_cliff(tail):
-    """The dip that S1 admits belongs to Eq 4 and is there with --bed plane only."""
+    """The dip mentioned in S1 is due to Eq 4 and occurs with --bed plane only."""
     kind, peak, centres = tail
     beside = int(np.argmin(np.abs(centres - (EDGE - 0.5 * CELL))))
     expected = np.sqrt(2 * GRAVITY * EDGE * np.tan(SLOPE))

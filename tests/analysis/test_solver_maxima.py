@@ -1,4 +1,4 @@
-"""Peaks that the solver kept of every step, in the maxima of an export: exact fields, thresholds, the whole chain."""
+"""Solver peaks of every step in the maxima of an export: exact fields, thresholds, commands."""
 
 import json
 import shutil
@@ -32,7 +32,7 @@ DENSITY = 1200.0
 
 
 def peaks_of(thickness, speed=8.0, arrival=3.0, west=0.0, south=0.0, spacing=5.0, **more):
-    """Peaks at nodes [rows, columns] from the south-west one; dry nodes have no speed and never saw the flow."""
+    """Peaks at nodes [rows, columns] from the south-west one; dry nodes have no speed and no arrival."""
     thickness = np.asarray(thickness, np.float32)
     wet = thickness >= more.get("arrival_thickness", 0.05)
     speed = np.where(wet, speed, 0.0).astype(np.float32)
@@ -50,7 +50,7 @@ def plane(slope=(0.0, 0.0), transform=None, shape=(20, 20)):
 
 
 def resampled(peaks, ground, cell_size=None, min_depth=0.05):
-    """Name -> float64[rows, columns] on the terrain's grid or cells of `cell_size` [m]; NaN where nothing came."""
+    """Name -> float64[rows, columns] on the terrain's grid or cells of `cell_size` [m]; NaN without flow."""
     grid = export_grid(ground.grid, cell_size)
     bands = {}
     for index, values in peaks.on(grid, Bed.of(ground), min_depth):
@@ -67,7 +67,7 @@ def lattice(rows=21, columns=21, spacing=5.0):
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.75, 0.0), (-0.3, 0.6)])
 @pytest.mark.parametrize("cell_size", [5.0, 2.0, 1.25])
 def test_linear_fields_come_out_exactly_with_thickness_normal_to_the_bed(slope, cell_size):
-    """Cells as fine as the nodes or finer take the mean of the field; |U| is along the ground on both sides."""
+    """Cells not larger than the node spacing take the mean of the field; |U| is along the ground in both."""
     x, y = lattice()
     peaks = peaks_of(1.0 + 0.01 * x + 0.02 * y, speed=4.0, arrival=2.0 + 0.1 * x)
     found = resampled(peaks, plane(slope), cell_size)
@@ -99,7 +99,7 @@ def test_a_coarse_cell_has_the_largest_thickness_and_the_means_of_the_bands():
 
 @pytest.mark.parametrize("cell_size", [700.0, 1e6])
 def test_a_cell_far_larger_than_the_flow_is_sampled_where_the_flow_was(cell_size):
-    """Samples of a whole cell of 1000 km, a node apart, would be 4e10."""
+    """Sampling a whole 1000 km cell at node spacing would need 4e10 samples."""
     thickness = np.zeros((21, 21))
     thickness[4:8, 5:11] = 2.0
     thickness[9, 12] = 3.0
@@ -113,7 +113,7 @@ def test_a_cell_far_larger_than_the_flow_is_sampled_where_the_flow_was(cell_size
 
 
 def test_speed_and_arrival_do_not_fade_towards_the_rim():
-    """Half the cells beside the last wet node are dry at three corners: thickness fades, speed does not."""
+    """Half the cells next to the last wet node are dry at three corners: thickness decreases, speed does not."""
     thickness = np.zeros((21, 21))
     thickness[8:13, 8:13] = 2.0
     found = resampled(peaks_of(thickness), plane())
@@ -204,7 +204,7 @@ def kept(thickness=6.0, speed=60.0, arrival=0.25, columns=(14, 30)):
 
 
 def export(frames, output, **options):
-    """(maxima by band, tags, what was said) of an export without QGIS."""
+    """(maxima by band, tags, messages) of an export without QGIS files."""
     said = []
     export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options), say=said.append)
     return *read(output / "rasters" / f"{Path(frames[0]).parent.name}_max.tif"), said
@@ -444,7 +444,7 @@ def test_two_frames_with_peaks_equal_sixty_frames(site, capsys, cell_size):
 
 @pytest.mark.thorough
 def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
-    """From [output] through solver, frames and run.json to what the export says, tags and takes."""
+    """From [output] through solver, frames and run.json to messages, tags and values of the export."""
     scene = SCENE.format(end=4, interval=2, maxima="true") + "arrival_thickness = 0.5\n"
     (site / "thick.toml").write_text(scene)
     assert main(["run", str(site / "thick.toml"), "-q", "-o", str(site / "thick")]) == 0
@@ -477,7 +477,7 @@ def test_an_invalid_arrival_thickness_is_rejected(tmp_path, maxima, value, words
 
 @pytest.mark.thorough
 def test_peak_flow_thickness_for_the_intercomparison_is_that_of_sixty_frames(site, capsys):
-    """`t_vol` is over the whole cell, as the solver's field is, so that only the sampling remains."""
+    """`t_vol` is the mean over the cell, as the solver's field, so only sampling errors remain."""
     pft = {}
     for name in ("few", "off", "dense"):
         commanded(site, name, capsys, "--naming", "iseesnow")
@@ -488,7 +488,7 @@ def test_peak_flow_thickness_for_the_intercomparison_is_that_of_sixty_frames(sit
 
 
 def relative(values, reference, name):
-    """Sum of differences over the sum of the reference, where both have a value."""
+    """Sum of differences over sum of the reference, where both have values."""
     both = np.isfinite(values[name]) & np.isfinite(reference[name])
     return np.abs(values[name] - reference[name])[both].sum() / reference[name][both].sum()
 

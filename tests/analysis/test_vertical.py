@@ -1,4 +1,4 @@
-"""Vertical profiles of columns of points whose density and speed over the height are known."""
+"""Vertical profiles of columns of points with known density and speed over height."""
 
 import math
 
@@ -58,7 +58,7 @@ def test_a_uniform_column_has_its_density_and_speed_in_every_layer_of_any_height
 
 @pytest.mark.parametrize(("percentile", "below"), [(100.0, 8), (99.0, 8), (75.0, 6), (50.1, 5), (50.0, 4), (1.0, 1)])
 def test_the_depth_is_a_percentile_of_the_distances_by_mass(percentile, below):
-    """Of eight layers of equal mass, the middle of the one that `percentile` % of the mass reach up to."""
+    """For eight layers of equal mass: the middle of the layer at `percentile` % of the mass."""
     frame = column(4.0 * UP, 0.5)
     (found,) = vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5, percentile)
     (whole,) = vertical_profiles(frame, bed(), DENSITY, POINT, WIDTH, 0.5)

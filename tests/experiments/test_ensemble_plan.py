@@ -1,4 +1,4 @@
-"""What varies in many runs: distributions, samplings, keys, and the statistics of what comes out, against NumPy."""
+"""Ensemble plans: distributions, sampling, keys, and statistics against NumPy."""
 
 import numpy as np
 import pytest

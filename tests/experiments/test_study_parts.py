@@ -1,4 +1,4 @@
-"""The parts of a study held against cases that are known: laws of errors, fronts, knobs, losses of exports."""
+"""Parts of a study against known cases: error laws, Pareto fronts, parameters, losses of exports."""
 
 import math
 from dataclasses import replace
@@ -72,7 +72,7 @@ def test_pareto_front():
 
 
 def test_overlapping_times_are_ties():
-    """4 s is as quick as 3 s where their repeats overlap: neither is beaten for its time, the less right one is."""
+    """4 s is a tie with 3 s if their ranges overlap: only the less accurate setting is dominated."""
     spreads = [(0.9, 1.1), (2.8, 3.9), (3.5, 4.4)]
     assert convergence.ties(spreads).tolist() == [[False] * 3, [False, False, True], [False, True, False]]
     assert convergence.on_front(spreads, [0.4, 0.2, 0.2]).tolist() == [True, True, True]
@@ -84,7 +84,7 @@ def test_overlapping_times_are_ties():
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.floats(0.5, 0.99), st.floats(1.01, 2.0), st.floats(0.0, 1.0)), min_size=1, max_size=8))
 def test_noise_alone_gives_no_recommendation(rows):
-    """All settings take a second within their spread: none is over the front, and no gain costs or saves time."""
+    """All settings take a second within their range: none is over the front, and no gain changes the time."""
     spreads, errors = [row[:2] for row in rows], [row[2] for row in rows]
     assert convergence.time_over_front([sum(spread) / 2 for spread in spreads], spreads, errors).tolist() == [
         1.0
@@ -114,7 +114,7 @@ def test_gains_with_overlapping_times_are_ties():
 
 
 def test_runs_are_interleaved_and_every_second_turn_is_reversed():
-    """A machine that gets slower by as much with each run is the same to all settings over two turns."""
+    """A machine that slows down linearly affects all settings equally over two turns."""
     order, said, clock = [], [], iter(range(1000))
 
     class Flow:
@@ -150,7 +150,7 @@ def test_parameters_change_one_at_a_time_after_the_scene():
 
 
 def test_a_3d_scene_has_other_parameters():
-    names = {knob.name for knob in numerical_parameters.parameters_of(scene("points"))}
+    names = {parameter.name for parameter in numerical_parameters.parameters_of(scene("points"))}
     assert {"cell_size", "points_per_cell", "cfl", "stiffness"} <= names and "particles_per_cell" not in names
 
 

@@ -1,4 +1,4 @@
-"""What follows from a study's rows: errors with the reference's own, the choice for an error, others beside it."""
+"""Conclusions of a study: errors including the reference's, the choice for an error, results of other codes."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def outcome(made, seconds):
 
 
 def study(error_of, sizes=SIZES, reference=FINEST, beside=()):
-    """Cells of `sizes` around the scene's 4 m; `error_of` each is the error of thickness that was taken."""
+    """Cells of `sizes` around the scene's 4 m; `error_of` each is the measured error of thickness."""
     scene = scene_from_tables({
         "terrain": {"dem": "dtm.tif"}, "release": {"source": "a.shp", "thickness": 1.0},
         "friction": {"law": "Coulomb", "mu": 0.3}, "numerics": {"cell_size": 4.0},
@@ -58,7 +58,7 @@ def test_errors_without_a_law_are_not_extrapolated():
 
 
 def test_choice_is_the_fastest_accurate_setting_else_extrapolated():
-    """An exact answer; half the error of the finest cells takes cells of 2 m / 2^(1/2), and 2^1.5 times their time."""
+    """Exact solution: half the error of the finest cells needs cells of 2 m / 2^(1/2), and 2^1.5 times their time."""
     found = study(lambda dx: 0.01 * dx**2, reference=0.0)
     reached = found.choice(0.2)
     assert (reached.changes, reached.seconds, reached.estimated) == ({}, 8.0, False)
@@ -83,7 +83,7 @@ def test_results_of_other_codes_are_compared_with_the_fastest_accurate_setting()
 
 
 def test_overlapping_times_are_ties_in_text_table_and_choice(monkeypatch):
-    """Four settings of 10 s each, 9 to 12: none is over the front, and the most right of them is the choice."""
+    """Four settings of 10 s each, 9 to 12: none is over the front, and the most accurate is the choice."""
     monkeypatch.setattr("test_study_report.SECONDS", (10.0, 10.5, 9.5, 10.0))
     found = study(lambda dx: 0.01 * dx**2, reference=0.0)
     assert found.over_front.tolist() == [1.0] * 4 and found.front.sum() == 1

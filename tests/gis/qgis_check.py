@@ -1,4 +1,4 @@
-"""Opens an exported folder in a real QGIS, offscreen, and tells what it saw as one JSON object on stdout.
+"""Opens an exported folder in QGIS, offscreen, and prints facts as one JSON object on stdout.
 
 Run by a Python that has PyQGIS: `python3 qgis_check.py PROJECT FILE...`; FILE is a raster, a .gpkg or a mesh (.nc).
 """
@@ -37,7 +37,7 @@ BANDS_KNOW_TIME = Qgis.QGIS_VERSION_INT >= 33800
 
 
 def picture(layers, extent, crs, span=None):
-    """Bytes of what QGIS draws on nothing, and how many pixels it painted in how many colours."""
+    """Image bytes of a rendering without background, numbers of painted pixels and of colours."""
     settings = QgsMapSettings()
     settings.setLayers(layers)
     settings.setDestinationCrs(crs)
@@ -60,7 +60,7 @@ def picture(layers, extent, crs, span=None):
 
 
 def seen(layer, styled):
-    """What is to be known about one layer."""
+    """Facts about one layer."""
     extent = layer.extent()
     box = [extent.xMinimum(), extent.yMinimum(), extent.xMaximum(), extent.yMaximum()]
     extent.grow(0.05 * max(extent.width(), extent.height()))
@@ -78,7 +78,7 @@ def seen(layer, styled):
 
 
 def open_file(path):
-    """List of what QGIS sees of a file's layers when they are dropped on it without a project."""
+    """Facts about the layers of a file opened without a project."""
     if path.endswith(".nc"):
         layer = QgsMeshLayer(path, "mesh", "mdal")
         provider = layer.dataProvider()
@@ -121,7 +121,7 @@ def band_times(path):
 
 
 def open_project(path):
-    """What QGIS sees of the project, and whether it animates."""
+    """Facts about the project and its animation."""
     project = QgsProject.instance()
     read = project.read(path)
     root = project.layerTreeRoot()
@@ -161,7 +161,7 @@ def open_project(path):
 
 
 def switch_bands(layers, by_band, span):
-    """Do for an old QGIS what a new one does by itself: show the band whose time it is."""
+    """For an old QGIS: show the band of the time, as a new QGIS does automatically."""
     at = span.begin().toUTC().toString(Qt.DateFormat.ISODate)
     for layer in layers:
         for begin, end, band in by_band.get(layer.id(), ()):
@@ -170,7 +170,7 @@ def switch_bands(layers, by_band, span):
 
 
 def map_title(project, span):
-    """The text that the title decoration shows in a frame."""
+    """The text of the title decoration in a frame."""
     scope = QgsExpressionContextScope()
     scope.setVariable("map_start_time", span.begin())
     context = QgsExpressionContext()

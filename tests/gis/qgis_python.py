@@ -1,4 +1,4 @@
-"""A Python that has PyQGIS, and scripts run by it that answer with one JSON object."""
+"""A Python with PyQGIS, and scripts run by it that print one JSON object."""
 
 import json
 import os
@@ -25,7 +25,7 @@ def python_with_qgis():
 
 
 def clean_environment(python):
-    """The environment without what belongs to the Python of the tests.
+    """The environment without variables of the Python of the tests.
 
     The Python inside QGIS takes its library from beside the first `python3` on PATH, and dies where that is another
     version's: the folder of `python`, which has PyQGIS, stands first.
@@ -51,7 +51,7 @@ def qgis_process():
 
 
 def report_of(script, *arguments, timeout=120):
-    """What `script`, run by that Python, tells on stdout behind the word REPORT; skips where there is none."""
+    """The output of `script` after the word REPORT; skips without PyQGIS."""
     python = python_with_qgis()
     if python is None:
         pytest.skip("no PyQGIS on this machine (Debian: apt-get install python3-qgis)")

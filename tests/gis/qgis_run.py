@@ -1,4 +1,4 @@
-"""A small exported run made without a solver: a blob that slides down a rough hill, 12 steps of 0.2 s."""
+"""A small exported run without a solver: a blob that slides down a rough hill, 12 steps of 0.2 s."""
 
 import itertools
 import zipfile
@@ -91,7 +91,7 @@ def blob(x, y, progress, grid):
 
 
 def peak(peaks, fields, time):
-    """Running maxima with the fields of one more step; NaN where the flow never was."""
+    """Running maxima with the fields of one more step; NaN without flow."""
     wet = np.where(fields["h"] > 0, 1.0, np.nan)
     new = {f"{name}_max": fields[name] * wet for name in ("h", "t", "Un", "Ut", "p")}
     new |= {"Un_min": fields["Un"] * wet, "t_arrival": np.where(fields["h"] >= 0.05, time, np.nan)}
@@ -101,7 +101,7 @@ def peak(peaks, fields, time):
 
 
 def write(path, grid, descriptions, bands):
-    """A GeoTIFF laid out as the contract says."""
+    """A GeoTIFF with the layout of an export."""
     rows, columns = grid.shape
     path.parent.mkdir(exist_ok=True)
     with rasterio.open(
@@ -115,7 +115,7 @@ def write(path, grid, descriptions, bands):
 
 
 def steps(run, arrows=True, count=5000):
-    """What the exporter keeps of the steps: the blob's own values in its wet cells, a cloud of particles on it."""
+    """The StepSpool of the steps: values of the blob in wet cells, and a cloud of particles."""
     spool = StepSpool(run.folder.parent / f"{run.folder.name}_steps_{next(_numbers)}")
     x, y = run.grid.xy(*np.indices(run.grid.shape))
     x, y = x - run.grid.transform.c, y - run.grid.transform.f
@@ -144,7 +144,7 @@ def particles(run, count):
 
 
 def write_all(run, release=None, qgis_min="3.38"):
-    """Everything that goes beside the rasters, in the order of the export."""
+    """Write all files except the rasters, in the order of the export."""
     kept = steps(run)
     write_styles(run)
     write_stacks(run)

@@ -1,4 +1,4 @@
-"""Uses the toolbox in a real QGIS without a window, and tells what came of it as one JSON object on stdout.
+"""Uses the toolbox in QGIS without a window, and prints facts as one JSON object on stdout.
 
 Run by a Python that has PyQGIS: `python3 qgis_toolbox_check.py PLUGINS SITE COMMAND SLEEPER`; PLUGINS is the folder
 that holds the plugin, SITE one with dtm.tif and release.gpkg, COMMAND is `mpmgis`, SLEEPER a program that never ends.
@@ -36,7 +36,7 @@ DEM, RELEASE = os.path.join(SITE, "dtm.tif"), os.path.join(SITE, "release.gpkg")
 
 
 class Feedback(QgsProcessingFeedback):
-    """Keeps what is said; `stop_at` cancels at the first line that begins so."""
+    """Stores messages; cancels at the first line that begins with `stop_at`."""
 
     def __init__(self, stop_at=None):
         super().__init__(False)
@@ -58,7 +58,7 @@ class Feedback(QgsProcessingFeedback):
 
 
 def use(name, stop_at=None, project=None, **parameters):
-    """What an algorithm gave, said, printed, or the error that it ended with."""
+    """Results, messages and output of an algorithm, or its error."""
     import processing
 
     feedback, context = Feedback(stop_at), QgsProcessingContext()
@@ -90,7 +90,7 @@ def tree(node):
 
 
 def unsaved_release(of, crs="EPSG:32632"):
-    """The polygons of the release as a layer that is no file, in `crs`, or in none."""
+    """The polygons of the release as an unsaved layer, in `crs` or without CRS."""
     layer = QgsVectorLayer("Polygon?field=thickness:double", "unsaved", "memory")
     layer.setCrs(QgsCoordinateReferenceSystem(crs))
     for feature in QgsVectorLayer(of, "release", "ogr").getFeatures():
@@ -103,7 +103,7 @@ def unsaved_release(of, crs="EPSG:32632"):
 
 
 def unsaved_point():
-    """A point below the release, as a layer that is no file and was drawn in degrees."""
+    """A point below the release, as an unsaved layer in degrees."""
     layer = QgsVectorLayer("Point?crs=EPSG:4326&field=name:string", "gauge", "memory")
     feature = QgsFeature(layer.fields())
     transform = QgsCoordinateTransform(QgsCoordinateReferenceSystem("EPSG:32632"), layer.crs(), QgsProject.instance())
@@ -114,7 +114,7 @@ def unsaved_point():
 
 
 def in_background(name, **parameters):
-    """Whether an algorithm ends well in a task of its own thread, as QGIS' window runs it, and what it gave."""
+    """Success and results of an algorithm in a background task, as run by the QGIS window."""
     algorithm = QgsApplication.processingRegistry().createAlgorithmById(f"mpmgis:{name}")
     context, feedback, ended = QgsProcessingContext(), QgsProcessingFeedback(False), []
     task = QgsProcessingAlgRunnerTask(algorithm, parameters, context, feedback)
@@ -167,7 +167,7 @@ def check_simulation():
 
 
 def check_many_runs():
-    """A study and an ensemble of the scene that the form wrote; its maps go into a project that was emptied."""
+    """A study and an ensemble of the scene written by the form; the maps go into an empty project."""
     scene = os.path.join(SITE, "slide", "scene.toml")
     QgsProject.instance().clear()
     found = {"study": use("study", SCENE=scene, KNOBS="cfl", REPEATS=1, NO_EXPORTS=True, THREADS=1)}
@@ -180,7 +180,7 @@ def check_many_runs():
 
 
 def check_refusals():
-    """What the command refuses leaves the form's folder as it was, also where it would have replaced a scene."""
+    """Input rejected by the command leaves the form's folder unchanged, also with an existing scene."""
     new, earlier = os.path.join(SITE, "refused"), os.path.join(SITE, "slide")
     with open(os.path.join(earlier, "scene.toml")) as scene:
         before = scene.read()
@@ -193,7 +193,7 @@ def check_refusals():
 
 
 def check_forms():
-    """Every parameter's help, and what a user sees of each algorithm."""
+    """Help of every parameter, and texts of each algorithm."""
     provider = QgsApplication.processingRegistry().providerById("mpmgis")
     return {
         "help": {

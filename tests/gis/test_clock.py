@@ -1,4 +1,4 @@
-"""The clock of QGIS: whole seconds, never less than two apart, true times on top."""
+"""Time scale of QGIS: whole seconds, at least two apart, and simulated times."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The mesh: only wet cells, values of the rasters, true and stretched times, a CRS that QGIS can read."""
+"""The mesh: only wet cells, values of the rasters, simulated and stretched times, a CRS readable by QGIS."""
 
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,4 +1,4 @@
-"""The maps of many runs in a real QGIS: they open, they are styled, a probability is shown at first."""
+"""Ensemble maps in QGIS: they open with styles, and a probability is shown first."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ SHAPE = (120, 160)
 
 @pytest.fixture(scope="module")
 def maps(tmp_path_factory):
-    """Six members on a slope: stripes down it, each longer than the one before."""
+    """Six members on a slope: stripes of increasing length."""
     folder = tmp_path_factory.mktemp("ensemble")
     grid = Grid.north_up(CRS.from_epsg(32632), 686000.0, 5212000.0, 5.0, SHAPE)
     row, column = np.indices(SHAPE)

@@ -1,4 +1,4 @@
-"""The exported folder in a real QGIS: it opens, it is styled, it moves."""
+"""The exported folder in QGIS: it opens with styles and animation."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The project file by its structure: what QGIS needs, and what it would lose in silence."""
+"""Structure of the project file: requirements of QGIS, and settings that it would lose silently."""
 
 import re
 import shutil

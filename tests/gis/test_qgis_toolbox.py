@@ -1,4 +1,4 @@
-"""The toolbox in a real QGIS: it seeds, simulates, exports, opens what came of it, and fails in one line."""
+"""The toolbox in QGIS: seeding, simulation, export, opening of results, and one-line errors."""
 
 import os
 import subprocess

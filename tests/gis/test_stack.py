@@ -1,4 +1,4 @@
-"""Stacks hold the steps' own values, one band a step, by relative path."""
+"""Stacks have the values of the steps, one band per step, by relative path."""
 
 import shutil
 

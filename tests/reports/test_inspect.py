@@ -1,4 +1,4 @@
-"""Facts about every kind of file of the chain, and one line for everything else."""
+"""Facts about every type of file, and one-line errors for unknown files."""
 
 import dataclasses
 import json

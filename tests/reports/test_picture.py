@@ -1,4 +1,4 @@
-"""The picture: what it shows is where it should be."""
+"""Positions of the elements of the picture."""
 
 import matplotlib.image
 import numpy as np
@@ -24,7 +24,7 @@ def scene(progress=0.5):
 
 
 def coloured(path):
-    """Number of pixels that are no grey."""
+    """Number of pixels that are not grey."""
     image = matplotlib.image.imread(path)[..., :3]
     return np.count_nonzero(np.ptp(image, axis=-1) > 0.2)
 
