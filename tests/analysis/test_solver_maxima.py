@@ -21,6 +21,7 @@ from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.raster import read_terrain
+from mpmgis.messages import collected
 from mpmgis.scene import read_scene
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
@@ -205,8 +206,8 @@ def kept(thickness=6.0, speed=60.0, arrival=0.25, columns=(14, 30)):
 
 def export(frames, output, **options):
     """(maxima by band, tags, what was said) of an export without QGIS."""
-    said = []
-    export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options), say=said.append)
+    with collected() as said:
+        export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options))
     return *read(output / "rasters" / f"{Path(frames[0]).parent.name}_max.tif"), said
 
 

@@ -17,6 +17,7 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 from mpmgis.cli.main import main
 from mpmgis.errors import UnphysicalError
 from mpmgis.io import ensemble_folder
+from mpmgis.messages import collected
 from mpmgis.workflows import ensemble_member, workers
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
@@ -227,7 +228,7 @@ def worker_processes():
 @pytest.mark.thorough
 def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_there_are(done, site, tmp_path):
     """Two processes, one killed amid its work: all members are there, to the bytes of one process."""
-    said, killed, seen = [], [], []
+    killed, seen = [], []
 
     def kill(count, total, left):
         seen.append(count)
@@ -236,7 +237,8 @@ def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_
             os.kill(killed[0], signal.SIGKILL)
 
     request = EnsembleRequest(site / "scene.toml", tmp_path / "ensemble", vary=VARY, samples=5, workers=2)
-    found = ensemble(request, say=said.append, look=kill)
+    with collected() as said:
+        found = ensemble(request, look=kill)
     assert killed and found.statuses == {"finished": 5}
     assert sum("died" in line for line in said) <= 1  # none where its member was done at that very moment
     assert digests(tmp_path / "ensemble") == digests(done)

@@ -7,6 +7,7 @@ import pytest
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
+from mpmgis.messages import collected
 from mpmgis.scene.tables import read_toml
 from mpmgis.workflows import ensemble_member
 from mpmgis.workflows.ensemble_member import MemberTask, warmed
@@ -73,8 +74,8 @@ def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
             pass
 
     monkeypatch.setattr(warmup.threading, "Timer", Over)
-    said = []
-    rehearse(prepare(scene), said.append, first=1)
+    with collected() as said:
+        rehearse(prepare(scene), first=1)
     assert [line.split(" ready")[0] for line in said] == [
         "getting stage 2 of 3, of points,", "getting stage 3 of 3, of columns,"
     ]  # fmt: skip

@@ -15,6 +15,7 @@ from mpmgis.effects.slots import ColumnEffects
 from mpmgis.effects.still_water import NoStillWater, StillWater
 from mpmgis.effects.zones import FrictionZones, NoZones
 from mpmgis.errors import SceneError
+from mpmgis.messages import collected
 from mpmgis.solvers.effect_costs import STEPS, effect_costs, under_way, without_each
 from mpmgis.solvers.events import Events
 
@@ -69,9 +70,10 @@ class Timed:
 
 
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
-    effects, said = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0)), []
+    effects = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0))
     solver = Timed(effects, friction=0.03, cohesion=0.05, rest=0.02)
-    costs = effect_costs(solver, 3, said.append, lambda: solver.now)
+    with collected() as said:
+        costs = effect_costs(solver, 3, lambda: solver.now)
     assert costs.shares == pytest.approx({"friction": 0.3, "cohesion": 0.5})
     assert costs.noise == pytest.approx(0.0, abs=1e-9) and costs.step_seconds == pytest.approx(0.1)
     assert (costs.columns, costs.time) == (50, 7.0)
