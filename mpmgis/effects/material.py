@@ -260,8 +260,8 @@ class MuI(NamedTuple):
 class CohesiveMuI(NamedTuple):
     """`DruckerPrager` whose friction grows with the rate of shear: q <= cone(p') + sqrt(3) mu_r p' / (1 + I0 / I).
 
-    p' = p - K v_c, mu_r = mu2 - mu1 of `MuI`, I = rate d sqrt(rho_s / p') (Jop et al. 2006). The cone, cohesion and all,
-    is lost as `softening` has it; the growth is not. No growth in tension, and none for mu_r = 0, which is
+    p' = p - K v_c, mu_r = mu2 - mu1 of `MuI`, I = rate d sqrt(rho_s / p') (Jop et al. 2006). `softening` takes the cone
+    away, cohesion and all, but not the growth. No growth in tension, and none for mu_r = 0, which is
     `DruckerPrager` to the last bit; without cohesion and softening it is `MuI` of mu1 = slope / sqrt(3), to rounding.
     Solved for the rate at the end of the step, as `MuI`. Rate-dependent cohesive Drucker-Prager laws are in use for
     ice (Gaume et al., PARTICLES 2025, an abstract); parameters measured on ice avalanches were not found.

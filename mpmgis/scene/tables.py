@@ -161,8 +161,8 @@ class MaterialTable:
         None, kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
     )  # fmt: skip
     tension_limit: float | None = _key(
-        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; without it 10 times the cohesion", None, low=0.0, high=1e9,
-        example=1000.0,
+        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; without it 10 times the cohesion", None, low=0.0,
+        high=1e9, example=1000.0,
     )  # fmt: skip
     volume_correction: bool | None = _key(
         "not of Fluid and Elastic: what was pulled apart bears load only when pushed back; without it true", None,
