@@ -269,7 +269,7 @@ def hold_nodes(
                             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
                             u, v, w = u1, v1, w1
                             into = u * ox + v * oy + w * oz
-                            if away <= max(touching, 0.0) and into < 0.0 and oz > STEEPEST_LIFT:
+                            if away <= touching and into < 0.0 and oz > STEEPEST_LIFT:
                                 mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
                                 w -= into / oz
                         block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
