@@ -19,7 +19,7 @@ help:
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (AVAFRAME=2.1: beside AvaFrame's)"
 	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
 	@echo "make docs      tutorial, theory, formats and every function as web pages, docs/index.html"
-	@echo "make lint      style"
+	@echo "make lint      style and format"
 	@echo "make clean     remove the environment and what was made"
 
 demo: $(ENVIRONMENT)/installed
@@ -72,6 +72,7 @@ docs: $(ENVIRONMENT)/installed-docs
 
 lint: $(ENVIRONMENT)/installed-test
 	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
 
 # The stamps say what is installed, so that the second call is quick; a change of pyproject.toml installs again.
 $(ENVIRONMENT)/installed: pyproject.toml .ci/environment

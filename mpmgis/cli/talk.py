@@ -64,7 +64,6 @@ def show_messages():
     """Print what the package logs on stderr from now on."""
     if not any(isinstance(handler, _OnStderr) for handler in log.handlers):
         log.addHandler(_OnStderr())
-    log.propagate = False
 
 
 def notes_after_success():

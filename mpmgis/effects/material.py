@@ -257,6 +257,60 @@ class MuI(NamedTuple):
     state_count = eight
 
 
+class CohesiveMuI(NamedTuple):
+    """`DruckerPrager` whose friction grows with the rate of shear: q <= cone(p') + sqrt(3) mu_r p' / (1 + I0 / I).
+
+    p' = p - K v_c, mu_r = mu2 - mu1 of `MuI`, I = rate d sqrt(rho_s / p') (Jop et al. 2006). `softening` takes the cone
+    away, cohesion and all, but not the growth. No growth in tension, and none for mu_r = 0, which is
+    `DruckerPrager` to the last bit; without cohesion and softening it is `MuI` of mu1 = slope / sqrt(3), to rounding.
+    Solved for the rate at the end of the step, as `MuI`. Rate-dependent cohesive Drucker-Prager laws are in use for
+    ice (Gaume et al., PARTICLES 2025, an abstract); parameters measured on ice avalanches were not found.
+    """
+
+    bulk_modulus: float  # K [Pa]
+    shear_modulus: float  # G [Pa]
+    slope: float  # gamma [1]
+    strength: float  # q_c [Pa]
+    tension_limit: float  # [Pa], as that of `DruckerPrager`
+    rate_friction: float  # mu_r [1]
+    inertial_number: float  # I0 [1]
+    grain_diameter: float  # d [m]
+    grain_density: float  # rho_s [kg m-3]
+    volume_correction: float  # 1 or 0
+
+    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
+        """As that of `DruckerPrager`."""
+        slope, strength = softening.softened_cone(self.slope, self.strength, plastic_strain)
+        tension = min(strength / max(slope, TINY), self.tension_limit)
+        pull = self.bulk_modulus * (trace + opening)  # -p, v_c included
+        borne = max(strength - slope * pull, 0.0)
+        q = sqrt(6.0) * self.shear_modulus * norm
+        torn, sheared = pull >= tension, q > borne
+        pressure = max(-pull, 0.0)
+        growth, excess = self.rate_friction * pressure, max(q - borne, 0.0) / sqrt(3.0)  # as |s| / sqrt(2)
+        crossover = self.inertial_number * sqrt(pressure / self.grain_density) / self.grain_diameter  # rate [s-1] of I0
+        slow_limit = self.shear_modulus * time_step * crossover  # G dt times it
+        linear, product = slow_limit + growth - excess, excess * slow_limit
+        root = sqrt(linear * linear + 4.0 * product)
+        # x = G dt rate: positive root of x^2 + linear x - product = 0; growth x / (x + slow_limit) is borne beside it
+        slowed = 2.0 * product / max(root + linear, TINY) if linear > 0.0 else 0.5 * (root - linear)
+        borne = borne + sqrt(3.0) * growth * (slowed / max(slowed + slow_limit, TINY))
+        kept = 0.0 if torn else (borne / max(q, TINY) if sheared else 1.0)
+        elastic = tension / self.bulk_modulus if torn else trace
+        gained = self.volume_correction * (opening + trace - elastic) if torn else 0.0
+        plastic_strain = plastic_strain + sqrt(2.0 / 3.0) * (1.0 - kept) * norm
+        return elastic, kept, plastic_strain, gained, NO_TENSION if torn else ORDINARY, torn or sheared
+
+    stress_step = stress_step
+    stress_step_far = stress_step_far
+    state_at_stress = state_at_stress
+    stored_energy = stored_energy
+    volume_ratio = volume_ratio
+    wave_speed = wave_speed
+    viscosity = no_viscosity
+    state_count = eight
+
+
 def drucker_prager(
     bulk_modulus,
     shear_modulus,
@@ -280,3 +334,11 @@ def drucker_prager(
     slope, strength = cone(friction_angle, cohesion, match)
     limit = 10.0 * cohesion if tension_limit is None else tension_limit
     return DruckerPrager(bulk_modulus, shear_modulus, slope, strength, limit, 1.0 if volume_correction else 0.0)
+
+
+def cohesive_mu_i(friction_angle, cohesion, rate_friction, inertial_number, grain_diameter, grain_density, **cone):
+    """`CohesiveMuI` whose cone is that of `drucker_prager`, which has the moduli and its options from `cone`."""
+    at_rest = drucker_prager(friction_angle=friction_angle, cohesion=cohesion, **cone)
+    grows = {"rate_friction": rate_friction, "inertial_number": inertial_number,
+             "grain_diameter": grain_diameter, "grain_density": grain_density}  # fmt: skip
+    return CohesiveMuI(**at_rest._asdict(), **grows)

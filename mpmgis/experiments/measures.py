@@ -117,7 +117,7 @@ def outcomes(
     times: Sequence,
     repeats: int,
     predict: Callable,
-    say=lambda turn, number: None,
+    begun: Callable = lambda turn, number: None,
 ) -> list[Outcome]:
     """Run all `settings`, `repeats` times in turns; kernels are compiled before the first turn.
 

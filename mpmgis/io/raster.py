@@ -85,7 +85,7 @@ class TerrainFile:
 
     Parameters
     ----------
-    path, crs, band, say, fill_nodata : as for `read_terrain`
+    path, crs, band, fill_nodata : as for `read_terrain`
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class TerrainFile:
     """
 
     def __init__(self, path, crs=None, band=None, fill_nodata=None):
-        self._file, self._say, self._fills, self.fill = Path(path), say, fill_nodata == INTERPOLATE, None
+        self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = _band(source, path, band)

@@ -5,8 +5,9 @@ from math import exp, sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
+from .point_barriers import BARRIER, CREST, DEPTH, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
-from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z
+from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, edge_at, leaning_edge
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
@@ -201,10 +202,42 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
     return normal * nx + along * tx, normal * ny + along * ty, normal * nz + along * tz
 
 
+@jit_inline
+def between_faces(u, v, into, give, nx, ny, wall_x, wall_y):
+    """The contact with the ground of a flow that a wall of outward unit normal (wall_x, wall_y) may hold, too.
+
+    Where the ground alone sends the flow away from the wall, all stays as it is. Elsewhere both bear at once: the flow
+    keeps no speed into the wall, which takes what the ground gives towards it. One after the other they would push the
+    flow out of an acute corner without end: the wall would have taken a push that the ground gives anyway.
+
+    Answers the velocity (u, v) [m s-1], the speed `into` the ground and the speed out of it that a unit impulse along
+    its whole normal `give`s [kg-1], and the ground's normal (nx, ny) within the wall's face.
+    """
+    leans = nx * wall_x + ny * wall_y
+    across = u * wall_x + v * wall_y
+    if across + max(into, 0.0) * leans >= 0.0:
+        return u, v, into, give, nx, ny
+    u, v = u - across * wall_x, v - across * wall_y
+    return u, v, into + across * leans, give * (1.0 - leans * leans), nx - leans * wall_x, ny - leans * wall_y
+
+
+@jit_inline
+def _face_at(place, height, wall_x, wall_y):
+    """Outward unit normal of the barrier's side that holds the node column `place` at ground `height` [m].
+
+    (wall_x, wall_y) where none does: no barrier, an opening, or its top is nearer.
+    """
+    beneath = place[CREST] - height
+    if place[BARRIER] > 0.0 and place[SHARE] <= 0.0 and beneath >= 0.0 and place[DEPTH] <= beneath:
+        return place[WALL_X], place[WALL_Y]
+    return wall_x, wall_y
+
+
 @jit_parallel
 def press_on_ground(
     nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
-    yields, step, report, dx, dt, density, signal_speed, gravity, contact, zones,
+    barriers, yields, step, report, dx, dt, density, signal_speed, gravity, wall, cells_x, cells_y, contact, zones,
+    barrier,
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
@@ -218,6 +251,9 @@ def press_on_ground(
     ----------
     slots : int32[.]
         Touched block at each place of the window, or -1 (see `point_blocks.link_blocks`).
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+        What they and the `wall` around the domain of `cells_x` by `cells_y` take themselves comes later; the ground
+        beside them bears as if they held at the same time (see `between_faces`).
     yields : float64[2, rows, columns, YIELD_ENTRIES]
         Of the last step and of this one, by turns.
     step : int
@@ -248,14 +284,23 @@ def press_on_ground(
                 if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
                 law = zones.local(contact, zone_values, jj, ii)
-                into = -(u * nx + v * ny + w * nz)
-                normal = max(into, 0.0) / give
+                into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
+                wall_x, wall_y = 0.0, 0.0
+                if wall:
+                    inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
+                    wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
+                if barrier.barrier_active():
+                    wall_x, wall_y = _face_at(barriers[jj, ii], height, wall_x, wall_y)
+                if wall_x != 0.0 or wall_y != 0.0:
+                    u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
+                normal = max(into, 0.0) / push_give
                 if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
                     thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
                     weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
                     yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx, weighed)
                     impedance = signal_speed * heaviest / (dx * nz)
-                    normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
+                    normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
                     after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
-                jx, jy, jz = contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law)
+                jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
+                jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
                 _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, nx, ny, nz, mine)

@@ -98,22 +98,62 @@ def _is_at_wall(row, column, nx, ny):
     return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
 
 
+@jit_inline
+def edge_at(j, i, nx, ny):
+    """(east, north) parts, -1, 0 or 1, of the inward normals of the domain's edges that node column [j, i] is at."""
+    inward_x, inward_y = 0.0, 0.0
+    if i <= GHOSTS:
+        inward_x = 1.0
+    elif i >= GHOSTS + nx:
+        inward_x = -1.0
+    if j <= GHOSTS:
+        inward_y = 1.0
+    elif j >= GHOSTS + ny:
+        inward_y = -1.0
+    return inward_x, inward_y
+
+
+@jit_inline
+def leaning_edge(inward_x, inward_y, ground_x, ground_y):
+    """Of the edges `edge_at` a node column, that towards whose inside the ground's normal leans most."""
+    if inward_y == 0.0 or (inward_x != 0.0 and inward_x * ground_x >= inward_y * ground_y):
+        return inward_x, 0.0
+    return 0.0, inward_y
+
+
+@jit_inline
+def _held_before_ground(j, i, nx, ny, ground):
+    """As `edge_at`, but 0 for an edge that bears together with the ground (`point_contact.between_faces`)."""
+    inward_x, inward_y = edge_at(j, i, nx, ny)
+    jj, ii = min(j, ground.nodes.shape[0] - 1), min(i, ground.nodes.shape[1] - 1)
+    if fold_at(ground.folds, jj, ii)[2] == 0:
+        _, ground_x, ground_y, _ = plane_at(ground.nodes, jj, ii)
+        leaning_x, leaning_y = leaning_edge(inward_x, inward_y, ground_x, ground_y)
+        if leaning_x * ground_x + leaning_y * ground_y > 0.0:
+            return inward_x - leaning_x, inward_y - leaning_y
+    return inward_x, inward_y
+
+
 @jit_borrowing
-def _stop_at_walls(block, row, column, nx, ny, mine):
-    """Take the outward velocity from the nodes on and beyond the domain's edges, and book what the walls take up."""
+def _stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
+    """Take the outward velocity from the nodes on and beyond the domain's edges, and book what the walls take up.
+
+    Not `at_last` but before the ground: only where the ground's contact does not count with the wall.
+    """
     for j in range(BLOCK):
         for i in range(BLOCK):
-            west, east = column * BLOCK + i <= GHOSTS, column * BLOCK + i >= GHOSTS + nx
-            south, north = row * BLOCK + j <= GHOSTS, row * BLOCK + j >= GHOSTS + ny
-            if not (west or east or south or north):
+            inward_x, inward_y = edge_at(row * BLOCK + j, column * BLOCK + i, nx, ny)
+            if not at_last and (inward_x != 0.0 or inward_y != 0.0):
+                inward_x, inward_y = _held_before_ground(row * BLOCK + j, column * BLOCK + i, nx, ny, ground)
+            if inward_x == 0.0 and inward_y == 0.0:
                 continue
             for k in range(BLOCK):
                 n = ((k * BLOCK + j) * BLOCK + i) * 4
                 mass, u, v = block[n + NODE_MASS], block[n + NODE_X], block[n + NODE_Y]
-                if (west and u < 0.0) or (east and u > 0.0):
+                if inward_x * u < 0.0:
                     mine[WALL_X] -= mass * u
                     block[n + NODE_X] = 0.0
-                if (south and v < 0.0) or (north and v > 0.0):
+                if inward_y * v < 0.0:
                     mine[WALL_Y] -= mass * v
                     block[n + NODE_Y] = 0.0
 
@@ -157,7 +197,7 @@ def move_nodes(
             row, column = touched[t, 0], touched[t, 1]
             touches = _is_near_ground(touched[t, 2] * BLOCK, row, column, ground, dx)
             if wall and _is_at_wall(row, column, nx, ny):
-                _stop_at_walls(block, row, column, nx, ny, mine)
+                _stop_at_walls(block, row, column, nx, ny, ground, False, mine)
                 touches = True
             touches = touches or (barred and _has_barrier(row, column, barriers))
             free[t] = 0 if touches else 1
@@ -229,10 +269,10 @@ def hold_nodes(
                             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
                             u, v, w = u1, v1, w1
                             into = u * ox + v * oy + w * oz
-                            if away <= max(touching, 0.0) and into < 0.0 and oz > STEEPEST_LIFT:
+                            if away <= touching and into < 0.0 and oz > STEEPEST_LIFT:
                                 mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
                                 w -= into / oz
                         block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
             if wall and _is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
-                _stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, mine)
+                _stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
             mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))

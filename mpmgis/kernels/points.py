@@ -514,8 +514,9 @@ def advance(
             )  # fmt: skip
         press_on_ground(
             nodes, touched, n_touched, free, touched_slot, window[BLOCKS_WEST], window[BLOCKS_SOUTH], width, depth,
-            lowest, ground, zone_values, yields, counts[STEP] + 1, node_report, dx, dt, settings.density,
-            settings.signal_speed, gravity, effects.contact, effects.zones,
+            lowest, ground, zone_values, barriers, yields, counts[STEP] + 1, node_report, dx, dt, settings.density,
+            settings.signal_speed, gravity, settings.wall, settings.cells_x, settings.cells_y, effects.contact,
+            effects.zones, effects.barrier,
         )  # fmt: skip
         hold_nodes(
             nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, node_report,

@@ -6,23 +6,26 @@ from ..effects.contact import CoulombContact, StickingContact, VoellmyContact
 from ..effects.fluid import Fluid
 from ..effects.friction import LAWS as FRICTION_LAWS
 from ..effects.friction import Parameter
-from ..effects.material import DruckerPrager, Elastic, MuI, drucker_prager
+from ..effects.material import CohesiveMuI, DruckerPrager, Elastic, MuI, cohesive_mu_i, drucker_prager
 from ..effects.softening import NoSoftening, softening
 
 _BULK = Parameter("Pa", "bulk modulus K", 1.0, 1e12)
 _SHEAR = Parameter("Pa", "shear modulus G, at most 1.5 K", 1.0, 1e12)
+_CONE = {
+    "bulk_modulus": _BULK,
+    "shear_modulus": _SHEAR,
+    "friction_angle": Parameter("degrees", "internal friction angle phi", 0.0, 80.0),
+    "cohesion": Parameter("Pa", "cohesion c", 0.0, 1e9, 0.0),
+}
+_GRAINS = {
+    "inertial_number": Parameter("1", "I0, where friction is halfway between the two", 1e-6, 100.0, 0.279),
+    "grain_diameter": Parameter("m", "diameter of a grain", 1e-6, 100.0),
+    "grain_density": Parameter("kg m-3", "density of a grain", 1.0, 30000.0),
+}
 
 # name in a scene -> (law, {parameter: Parameter})
 MATERIALS = {
-    "DruckerPrager": (
-        DruckerPrager,
-        {
-            "bulk_modulus": _BULK,
-            "shear_modulus": _SHEAR,
-            "friction_angle": Parameter("degrees", "internal friction angle phi", 0.0, 80.0),
-            "cohesion": Parameter("Pa", "cohesion c", 0.0, 1e9, 0.0),
-        },
-    ),
+    "DruckerPrager": (DruckerPrager, _CONE),
     "MuI": (
         MuI,
         {
@@ -30,9 +33,15 @@ MATERIALS = {
             "shear_modulus": _SHEAR,
             "mu1": Parameter("1", "internal friction coefficient at rest", 0.0, 10.0),
             "mu2": Parameter("1", "internal friction coefficient of fast flow, above mu1", 0.0, 10.0),
-            "inertial_number": Parameter("1", "I0, where friction is halfway between the two", 1e-6, 100.0, 0.279),
-            "grain_diameter": Parameter("m", "diameter of a grain", 1e-6, 100.0),
-            "grain_density": Parameter("kg m-3", "density of a grain", 1.0, 30000.0),
+            **_GRAINS,
+        },
+    ),
+    "CohesiveMuI": (
+        CohesiveMuI,
+        {
+            **_CONE,
+            "rate_friction": Parameter("1", "mu2 - mu1, added to internal friction in fast flow", 0.0, 10.0),
+            **_GRAINS,
         },
     ),
     "Fluid": (
@@ -44,11 +53,12 @@ MATERIALS = {
     ),
     "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
 }
+CONES = ("DruckerPrager", "CohesiveMuI")  # what has a friction angle and a cohesion, and softens
 # keys of [material] beside parameters -> (laws that have it, what it is where the scene does not say)
 OPTIONS = {
-    "match": (("DruckerPrager",), "triaxial"),
-    "tension_limit": (("DruckerPrager",), None),
-    "volume_correction": (("DruckerPrager", "MuI"), True),
+    "match": (CONES, "triaxial"),
+    "tension_limit": (CONES, None),
+    "volume_correction": ((*CONES, "MuI"), True),
     "pressure": (("Fluid",), "linear"),
 }
 # what the 3D solver has on the bed: name -> (law, {parameter: Parameter})
@@ -79,6 +89,8 @@ def made_material(table):
               for key, (laws, default) in OPTIONS.items() if table.law in laws}  # fmt: skip
     if table.law == "DruckerPrager":
         return drucker_prager(**values, **chosen)
+    if table.law == "CohesiveMuI":
+        return cohesive_mu_i(**values, **chosen)
     if table.law == "MuI":
         return MuI(**values, volume_correction=1.0 if chosen["volume_correction"] else 0.0)
     if table.law == "Fluid":
@@ -87,7 +99,7 @@ def made_material(table):
 
 
 def made_softening(table, material):
-    """The law of a SofteningTable for the Drucker-Prager of a MaterialTable; null where nothing is lost."""
+    """The law of a SofteningTable for the cone of a MaterialTable; null where nothing is lost."""
     initial = material.parameters["friction_angle"], material.parameters["cohesion"]
     residual = table.residual_friction_angle, table.residual_cohesion
     if initial == residual:
@@ -106,7 +118,7 @@ def stiffened(material, bulk_modulus):
 def least_internal_friction(table, softening_table):
     """tan of the least friction angle inside a material [1], None for one that does not yield."""
     values = table.parameters
-    if table.law == "DruckerPrager":
+    if table.law in CONES:
         angles = [values["friction_angle"]]
         if softening_table is not None and softening_table.use != "off":
             angles.append(softening_table.residual_friction_angle)

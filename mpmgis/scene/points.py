@@ -6,7 +6,7 @@ from ..effects.barrier import Barrier
 from ..effects.softening import NoSoftening
 from ..fields import GRAVITY
 from .decisions import Decision, as_asked, by_number, not_called_for
-from .materials import least_internal_friction, made_material, made_softening, stiffened
+from .materials import CONES, least_internal_friction, made_material, made_softening, stiffened
 from .terrain_effects import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
@@ -92,10 +92,10 @@ def decide_elasticity(scene, facts, slots):
 def decide_plasticity(scene, facts, slots):
     """Yielding of solids that yield."""
     table, values = scene.material, scene.material.parameters
-    if table.law not in ("DruckerPrager", "MuI"):
+    if table.law not in (*CONES, "MuI"):
         return not_called_for("plasticity", f"{table.law} does not yield")
-    inside = tan(radians(values["friction_angle"])) if table.law == "DruckerPrager" else values["mu1"]
-    reason = "mu1 over the slope"
+    inside = tan(radians(values["friction_angle"])) if table.law in CONES else values["mu1"]
+    reason = "mu1 over the slope" if table.law == "MuI" else "internal friction, tan(phi), over the slope"
     if table.law == "DruckerPrager":
         reason = f"internal friction, tan(phi), over the slope; {COLLAPSE}"
     return as_asked("plasticity", "auto", reason, inside / max(facts.slope_median, 1e-6))
@@ -139,12 +139,13 @@ def _lost(values, table):
 def decide_mu_i(scene, facts, slots):
     """Whether the flow is fast enough for friction to grow with its rate."""
     table = scene.material
-    if table.law != "MuI":
+    if "grain_diameter" not in table.parameters or table.parameters.get("rate_friction") == 0.0:
         return not_called_for("mu_i", "the material's friction does not depend on its rate")
     values, cosine = table.parameters, cos(atan(facts.slope_median))
     depth = max(facts.release_thickness * cosine, 1e-6)
     number = 2.5 * largest_speed(facts) * values["grain_diameter"] / (depth * sqrt(GRAVITY * depth * cosine))
-    felt = "" if number > MU_I_THRESHOLD * values["inertial_number"] else "; DruckerPrager with tan(phi) = mu1 would do"
+    slower = "DruckerPrager with tan(phi) = mu1" if table.law == "MuI" else "DruckerPrager"
+    felt = "" if number > MU_I_THRESHOLD * values["inertial_number"] else f"; {slower} would do"
     reason = f"I / I0 of a flow at the energy line's speed{felt}"
     return as_asked("mu_i", "auto", reason, number / values["inertial_number"])
 
@@ -163,7 +164,7 @@ def decide_fluid_viscosity(scene, facts, slots):
 def decide_volume_correction(scene, facts, slots):
     """Whether material that was pulled apart remembers it."""
     table = scene.material
-    if table.law not in ("DruckerPrager", "MuI"):
+    if table.law not in (*CONES, "MuI"):
         return not_called_for("vol_correction", "the material remembers no gaps")
     use = "off" if table.volume_correction is False else "auto"
     return as_asked("vol_correction", use, "what was pulled apart bears load only when it is pushed back")

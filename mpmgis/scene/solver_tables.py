@@ -3,7 +3,7 @@
 from dataclasses import fields
 
 from ..errors import SceneError
-from .materials import OPTIONS
+from .materials import CONES, OPTIONS
 
 NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
 OTHER = {"columns": "points", "points": "columns"}
@@ -62,8 +62,8 @@ def check_points(scene, where):
             raise SceneError(f"{where} [material]: {key} belongs to {' and '.join(laws)}, not to {material.law}")
     if softening is None:
         return
-    if material.law != "DruckerPrager":
-        raise SceneError(f"{where} [softening]: only DruckerPrager softens, the material is {material.law}")
+    if material.law not in CONES:
+        raise SceneError(f"{where} [softening]: only {' and '.join(CONES)} soften, the material is {material.law}")
     for key in ("friction_angle", "cohesion"):
         initial, residual = material.parameters[key], getattr(softening, f"residual_{key}")
         if residual > initial:

@@ -157,13 +157,15 @@ class MaterialTable:
 
     law: str = _key("law of the material", kind=str, choices=tuple(materials.MATERIALS), example="DruckerPrager")
     match: str | None = _key(
-        "of DruckerPrager: where its cone meets Mohr-Coulomb; without it triaxial (too strong for slides)", None,
-        kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
+        "of DruckerPrager, CohesiveMuI: where the cone meets Mohr-Coulomb; without it triaxial (too strong for slides)",
+        None, kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
     )  # fmt: skip
-    tension_limit: float | None = _key("of DruckerPrager: largest tension [Pa]; without it 10 times the cohesion", None,
-                                       low=0.0, high=1e9, example=1000.0)  # fmt: skip
+    tension_limit: float | None = _key(
+        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; without it 10 times the cohesion", None, low=0.0,
+        high=1e9, example=1000.0,
+    )  # fmt: skip
     volume_correction: bool | None = _key(
-        "of DruckerPrager and MuI: what was pulled apart bears load only when pushed back; without it true", None,
+        "not of Fluid and Elastic: what was pulled apart bears load only when pushed back; without it true", None,
         kind=bool, example=True,
     )  # fmt: skip
     pressure: str | None = _key("of Fluid: K (1 / J - 1), or Tait's; without it linear", None, kind=str,
@@ -176,7 +178,7 @@ class MaterialTable:
 
 @dataclass(frozen=True)
 class SofteningTable:
-    """Strength that DruckerPrager loses for good where it is sheared."""
+    """Strength that DruckerPrager and CohesiveMuI lose for good where they are sheared."""
 
     residual_friction_angle: float = _key("what is left of friction_angle [degrees]", low=0.0, high=80.0, example=20.0)
     residual_cohesion: float = _key("what is left of cohesion [Pa]", 0.0, low=0.0, high=1e9)

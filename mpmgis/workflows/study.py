@@ -133,13 +133,20 @@ def _study(request, output, confirm, watch):
             rehearse(base)
         return tried(base, threads, TRIAL_SECONDS)
 
-    def run(settings, repeats, saying=lambda turn, number: None):
+    def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(
-            settings, muted()(lambda s: prepare_scene(s.scene)), muted()(rehearse), partial(_Flow, interval=times[0], watch=watch), cells,
-            times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]), saying,
-        )  # fmt: skip
+            settings,
+            muted()(lambda s: prepare_scene(s.scene)),
+            muted()(rehearse),
+            partial(_Flow, interval=times[0], watch=watch),
+            cells,
+            times,
+            repeats,
+            lambda p: predicted_cost(p, threads, machine(), interval=times[0]),
+            begun,
+        )
 
-    def saying(turn, number):
+    def log_turn(turn, number):
         log.info(
             f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}"
         )
@@ -148,7 +155,7 @@ def _study(request, output, confirm, watch):
     if finer is not None:
         log.info(f"the reference: {finer.name}")
         truth = run([finer], 1)[0].states
-    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, saying)]
+    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, log_turn)]
     exports = _exports(base) if request.exports else ()
     cell = 0.0 if finer is None else finer.cell_size
     made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))

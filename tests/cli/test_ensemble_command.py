@@ -12,12 +12,12 @@ import numpy as np
 import psutil
 import pytest
 import rasterio
-from mpmgis.messages import collected
 from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.errors import UnphysicalError
 from mpmgis.io import ensemble_folder
+from mpmgis.messages import collected
 from mpmgis.workflows import ensemble_member, workers
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
@@ -228,7 +228,7 @@ def worker_processes():
 @pytest.mark.thorough
 def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_there_are(done, site, tmp_path):
     """Two processes, one killed amid its work: all members are there, to the bytes of one process."""
-    said, killed, seen = [], [], []
+    killed, seen = [], []
 
     def kill(count, total, left):
         seen.append(count)

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 import shapely
-from mpmgis.messages import collected
 from slope_site import SCENE, slide, write_block_site, write_shapes
 
+from mpmgis.messages import collected
 from mpmgis.solvers.cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
 from mpmgis.workflows.run_setup import cost_prediction
 from mpmgis.workflows.run_setup.cost_prediction import (
@@ -96,11 +96,10 @@ def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
 
 def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, monkeypatch):
     """Two seconds of steps are waited for; a machine of a tenth of the typical speed takes ten times as long."""
-    run, said = prepared(site, "time = 2", "time = 5"), []
+    run = prepared(site, "time = 2", "time = 5")
     ahead = foreseen(run, 1, trial_from=1e9)
     monkeypatch.setattr(cost_prediction, "TELL_FROM", 0.0)
-    with collected() as said:
-        pace = OwnPace(run, 1, ahead)
+    pace = OwnPace(run, 1, ahead)
     nominal = 1e-9 * NANOSECONDS_PER_STEP + SECONDS_PER_STEP / 1000.0
 
     def look(solver, seconds, each):
@@ -108,16 +107,17 @@ def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, m
         steps = int(seconds / each / 1000.0)
         pace.look(SimpleNamespace(stage=stage, stepped=(seconds, 1000 * steps, steps)))
 
-    look("columns", 1.9, 10 * nominal)
-    assert pace.seconds == ahead.seconds and not said
-    look("columns", 2.1, 10 * nominal)
-    slow = predicted_cost(run, 1, Machine({"columns": 10.0}))
-    assert pace.seconds == pytest.approx(slow, rel=0.02) and pace.seconds > ahead.seconds
-    assert [f"at {1e10 * nominal:.0f} ns a column and step as measured" in line for line in said] == [True]
-    look("columns", 9.0, 99 * nominal)
-    assert pace.seconds == pytest.approx(slow, rel=0.02)
-    look("points", 2.1, 10 * nominal)
-    assert len(said) == 2 and "ns a column and" in said[1] and "ns a point and step" in said[1]
+    with collected() as said:
+        look("columns", 1.9, 10 * nominal)
+        assert pace.seconds == ahead.seconds and not said
+        look("columns", 2.1, 10 * nominal)
+        slow = predicted_cost(run, 1, Machine({"columns": 10.0}))
+        assert pace.seconds == pytest.approx(slow, rel=0.02) and pace.seconds > ahead.seconds
+        assert [f"at {1e10 * nominal:.0f} ns a column and step as measured" in line for line in said] == [True]
+        look("columns", 9.0, 99 * nominal)
+        assert pace.seconds == pytest.approx(slow, rel=0.02)
+        look("points", 2.1, 10 * nominal)
+        assert len(said) == 2 and "ns a column and" in said[1] and "ns a point and step" in said[1]
 
 
 def test_a_scene_without_stages_has_the_time_that_it_says(site):

@@ -10,11 +10,11 @@ import shapely
 from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.io.frames import read_frame
+from mpmgis.messages import collected
 from mpmgis.workflows.run_setup.prepare import prepare
 
 WEST, SOUTH, LENGTH, WIDTH, PIXEL = 600_000.0, 5_200_000.0, 400.0, 120.0, 5.0

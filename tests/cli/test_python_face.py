@@ -61,7 +61,7 @@ def test_options_are_those_of_the_commands():
     assert set(ExportOptions.__annotations__) == request - {"frames", "output"}
     assert set(AveragingOptions.__annotations__) < set(ExportOptions.__annotations__)
     assert set(ForeignOptions.__annotations__) < set(AveragingOptions.__annotations__)
-    own = set(inspect.signature(seed_file).parameters) - {"dem", "release", "output", "say", "options"}
+    own = set(inspect.signature(seed_file).parameters) - {"dem", "release", "output", "options"}
     numerics = {field.name for field in dataclasses.fields(SeedOptions)} - {"cell_size", "anchor"}
     assert set(SeedingOptions.__annotations__) == own | numerics
 

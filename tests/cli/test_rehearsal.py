@@ -4,10 +4,10 @@ import subprocess
 import sys
 
 import pytest
-from mpmgis.messages import collected
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
+from mpmgis.messages import collected
 from mpmgis.scene.tables import read_toml
 from mpmgis.workflows import ensemble_member
 from mpmgis.workflows.ensemble_member import MemberTask, warmed

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from mpmgis.messages import collected
 from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
+from mpmgis.messages import collected
 from mpmgis.workflows.run_setup.prepare import prepare
 
 SCENE = slide(4.0, 3, 0.5) + "maxima = true\n"

@@ -25,6 +25,9 @@ BED = '[friction]\nlaw = "Coulomb"\nmu = 0.3\n'
 MU_I = MATERIAL.replace("DruckerPrager", "MuI").replace("friction_angle = 35\ncohesion = 500\n", "").rstrip() + (
     "\nmu1 = 0.4\nmu2 = 0.7\ngrain_diameter = 0.01\ngrain_density = 2600\n"
 )
+COHESIVE_MU_I = MATERIAL.replace("DruckerPrager", "CohesiveMuI") + (
+    "rate_friction = 0.3\ngrain_diameter = 0.01\ngrain_density = 2600\n"
+)
 # A Python with KratosMultiphysics and KratosMPMApplication, where it is not this one
 KRATOS_PYTHON = os.environ.get("MPMGIS_KRATOS_PYTHON", sys.executable)
 # Runs the case for some steps and writes place, volume, mass and velocity of its material points, first and last.
@@ -69,6 +72,7 @@ def site(tmp_path, monkeypatch):
     (tmp_path / "soil.toml").write_text(MATERIAL)
     (tmp_path / "soil_on_bed.toml").write_text(MATERIAL + BED)
     (tmp_path / "mu_i.toml").write_text(MU_I)
+    (tmp_path / "cohesive.toml").write_text(COHESIVE_MU_I)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -163,6 +167,7 @@ REFUSED = {
     ("--for", "kratos", "--cell", "4", "--material", "half.toml"): "DruckerPrager needs shear_modulus [Pa]",
     ("--for", "kratos", "--cell", "4", "--material", "more.toml"): "[zones] stands in a file without [terrain]",
     ("--for", "kratos", "--cell", "4", "--material", "mu_i.toml"): "no counterpart of MuI",
+    ("--for", "kratos", "--cell", "4", "--material", "cohesive.toml"): "no counterpart of CohesiveMuI",
     ("--for", "mpm-geomechanics", "--cell", "4", "--material", "soil.toml"): "add [friction] to soil.toml",
     ("--for", "paraview", "--material", "soil.toml"): "ParaView needs no material; leave it out",
     ("--for", "paraview", "--to", "columns"): "--to columns: paraview starts from points",

@@ -22,9 +22,9 @@ HEAVY = {
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
 SEED = {
-    *("cli", "errors", "fields", "io", "kernels", "machine", "particles", "peaks", "seeding", "system", "terrain"),
-    "workflows",
-}  # fmt: skip
+    *("cli", "errors", "fields", "io", "kernels", "machine", "messages", "particles", "peaks", "seeding", "system"),
+    *("terrain", "workflows"),
+}
 EXPORT = SEED - {"seeding"} | {"analysis", "gis", "interop"}
 
 

@@ -4,10 +4,10 @@ import json
 
 import pytest
 import shapely
-from mpmgis.messages import collected
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
+from mpmgis.messages import collected
 from mpmgis.workflows.run import run as run_scene
 
 EAST, NORTH = WEST + PIXEL * COLUMNS, SOUTH + PIXEL * ROWS
@@ -174,7 +174,6 @@ def test_frames_on_a_map_and_a_dtm_that_is_said_to_have_no_place(site, capsys):
 
 def test_an_interrupted_run_says_how_it_goes_on(site):
     (site / "scene.toml").write_text(SHORT)
-    told = []
 
     def stop(now, end_time):
         raise KeyboardInterrupt

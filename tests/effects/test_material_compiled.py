@@ -10,13 +10,14 @@ from compiled import compiled
 from material_points import random_states
 
 from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, MuI, drucker_prager
+from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.kernels.jit import FASTMATH
 from mpmgis.kernels.lanes import get, put
 
 POINTS, ASKED, ANSWERED = 32, 17, 15
 ICE, NONE = drucker_prager(6.7e6, 4e6, 40.0, 1e3), NoSoftening()
+GROWING = cohesive_mu_i(40.0, 1e3, 0.26, 0.279, 0.1, 900.0, bulk_modulus=6.7e6, shear_modulus=4e6)
 CASES = {
     "elastic": (Elastic(6.7e6, 4e6), NONE),
     "frictional": (ICE, NONE),
@@ -24,6 +25,7 @@ CASES = {
     "softened-tangent": (ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0, form="tangent")),
     "softened-linear": (ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0, form="linear")),
     "inertial": (MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 1e-2, 2500.0, 1.0), NONE),
+    "cohesive-inertial": (GROWING, softening((40.0, 1e3), (20.0, 0.0), 10.0)),
     "fluid": (Fluid(7.1e6, 5.0, 0.0), NONE),
 }
 SOLIDS = [name for name in CASES if name != "fluid"]
@@ -87,7 +89,7 @@ def test_the_loop_runs_points_side_by_side(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["frictional", "softened", "inertial", "fluid"])
+@pytest.mark.parametrize("name", ["frictional", "softened", "inertial", "cohesive-inertial", "fluid"])
 def test_in_single_precision_all_of_it_is(name):
     """One source for both precisions: no double in between, and the answers of double to rounding."""
     law, soft = CASES[name]
@@ -115,7 +117,7 @@ def test_in_single_precision_small_steps_add_up():
     np.testing.assert_allclose(found[8:11], -(1e5 + 6.7e6 * 3 * 2e-9 * 20_000), rtol=2e-3)
 
 
-@pytest.mark.parametrize("name", ["elastic", "frictional", "inertial", "fluid"])
+@pytest.mark.parametrize("name", ["elastic", "frictional", "inertial", "cohesive-inertial", "fluid"])
 def test_far_path_and_energy_are_the_same_compiled(name):
     law, soft = CASES[name]
     far = compiled("stress_step_far", ASKED + 2)

@@ -23,7 +23,8 @@ WORDS = ["", " ", "nan", "inf", "-inf", "1e400", "-1", "0", "1", "1e9", "1e-9", 
          "out", "dtm.tif", "release.shp", "\u0000", "\ufeff", "\u202e", "\U0001f4a5", "ä" * 300, "a" * 5000, "\n", "\r",
          "\t", "#", "%s%n", "$(touch out/x)", "`id`", "__import__('os').system('id')", "1979-05-27", "1,5"]  # fmt: skip
 TEXT = (".toml", ".csv", ".geojson", ".json", ".vtp", ".vtu", ".pvd", ".res", ".msh", ".lammpstrj")
-LAWS = ["Voellmy", "Coulomb", "Bingham", "VoellmyModified", "Pouliquen", "Fluid", "MuI", "Elastic", "DruckerPrager"]
+LAWS = ["Voellmy", "Coulomb", "Bingham", "VoellmyModified", "Pouliquen", "Fluid", "MuI", "CohesiveMuI", "Elastic",
+        "DruckerPrager"]  # fmt: skip
 
 
 def damage(path, random):

@@ -9,7 +9,7 @@ from mpmgis.cli.main import main
 from mpmgis.effects.barrier import NoBarrier
 from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import DruckerPrager, Elastic, MuI
+from mpmgis.effects.material import CohesiveMuI, DruckerPrager, Elastic, MuI
 from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
 from mpmgis.effects.zones import NoZones
 from mpmgis.errors import SceneError
@@ -19,6 +19,8 @@ from mpmgis.scene.materials import MATERIALS
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 ICE = {"law": "DruckerPrager", **MODULI, "friction_angle": 40, "cohesion": 1000}
 GRAINS = {"law": "MuI", **MODULI, "mu1": 0.38, "mu2": 0.64, "grain_diameter": 0.1, "grain_density": 2500}
+RATE = {"rate_friction": 0.26, "grain_diameter": 0.5, "grain_density": 900}
+GROWING = {**ICE, "law": "CohesiveMuI", **RATE}
 WATER = {"law": "Fluid", "bulk_modulus": 2.2e9}
 ROCK = {"law": "Elastic", **MODULI}
 TABLES = {
@@ -48,7 +50,7 @@ def decided(given, facts=FACTS):
     return effects, {d.effect: d for d in decisions}
 
 
-@pytest.mark.parametrize("material", [ICE, GRAINS, WATER, ROCK])
+@pytest.mark.parametrize("material", [ICE, GRAINS, GROWING, WATER, ROCK])
 def test_every_material_comes_back_from_text(material):
     given = scene(material=material)
     again = scene_from_tables(tomllib.loads(scene_text(given)))
@@ -76,10 +78,14 @@ REFUSED = {
     "angle of a wall": ({"material": {**ICE, "friction_angle": 90}}, "at most 80"),
     "negative cohesion": ({"material": {**ICE, "cohesion": -1}}, "at least 0"),
     "mu2 below mu1": ({"material": {**GRAINS, "mu2": 0.3}}, "not above mu1 = 0.38"),
-    "match of a fluid": ({"material": {**WATER, "match": "triaxial"}}, "match belongs to DruckerPrager, not to Fluid"),
+    "match of a fluid": ({"material": {**WATER, "match": "triaxial"}}, "belongs to DruckerPrager and CohesiveMuI"),
+    "rate of plain ice": ({"material": {**ICE, "rate_friction": 0.2}}, "has no parameter 'rate_friction'"),
+    "friction that falls": ({"material": {**GROWING, "rate_friction": -0.1}}, "wanted at least 0"),
+    "no grains": ({"material": {**ICE, "law": "CohesiveMuI", "rate_friction": 0.2}}, "needs grain_diameter [m]"),
     "pressure of ice": ({"material": {**ICE, "pressure": "tait"}}, "pressure belongs to Fluid"),
     "unknown match": ({"material": {**ICE, "match": "plane"}}, "wanted triaxial, plane_strain"),
     "softening of a fluid": ({"material": WATER, "softening": {"residual_friction_angle": 20}}, "material is Fluid"),
+    "softening of beads": ({"material": GRAINS, "softening": {"residual_friction_angle": 20}}, "CohesiveMuI soften"),
     "softening that hardens": ({"softening": {"residual_friction_angle": 45}}, "softening takes away"),
     "cohesion that grows": ({"softening": {"residual_friction_angle": 20, "residual_cohesion": 2e3}}, "takes away"),
     "linear without a rate": (
@@ -139,6 +145,28 @@ def test_laws_fill_the_slots():
     assert (plain[0].material.volume_correction, plain[0].material.tension_limit) == (0.0, 10.0)
     assert plain[0].material.slope == pytest.approx(3**0.5 * 0.6427876)
     assert plain[1]["vol_correction"].state == "off"
+
+
+def test_cohesive_mu_i_has_its_cone_softening_and_rate():
+    effects, decisions = decided(scene(material=GROWING, softening={"residual_friction_angle": 20}))
+    law, cone = effects.material, decided(scene())[0].material
+    assert isinstance(law, CohesiveMuI) and isinstance(effects.softening, Softening)
+    assert (law.rate_friction, law.inertial_number, law.grain_diameter, law.grain_density) == (0.26, 0.279, 0.5, 900.0)
+    assert all(getattr(law, key) == value for key, value in cone._asdict().items())
+    for name in ("plasticity", "cohesion", "softening", "mu_i", "vol_correction"):
+        assert decisions[name].state == "on", name
+    assert "tan(phi)" in decisions["plasticity"].reason and "collapse" not in decisions["plasticity"].reason
+    strict = {"match": "plane_strain", "tension_limit": 10, "volume_correction": False}
+    law = decided(scene(material={**GROWING, **strict}))[0].material
+    assert (law.slope, law.tension_limit, law.volume_correction) == (pytest.approx(3**0.5 * 0.6427876), 10.0, 0.0)
+    assert mu_least(scene(material=GROWING, softening={"residual_friction_angle": 20})) == pytest.approx(
+        0.364, abs=1e-4
+    )
+    constant = decided(scene(material={**GROWING, "rate_friction": 0}))[1]["mu_i"]
+    assert constant.state == "off" and "does not depend on its rate" in constant.reason
+    slow = FACTS._replace(speed=0.0, release_thickness=50.0)
+    felt = decided(scene(material={**GROWING, "grain_diameter": 1e-3}), slow)[1]["mu_i"].reason
+    assert felt.endswith("; DruckerPrager would do")
 
 
 def test_drag_on_the_bed_is_left_out_where_it_is_not_felt():

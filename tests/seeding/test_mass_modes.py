@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from seed_sites import CENTRE, PIXELS, area_of, inclined, paper_hump, to_nodes
 
+from mpmgis.messages import collected
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid

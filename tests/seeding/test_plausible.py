@@ -3,10 +3,10 @@
 import shutil
 
 import pytest
-from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
+from mpmgis.messages import collected
 from mpmgis.seeding.options import Cures, tell_if_implausible
 from mpmgis.workflows.demo import sample_folder
 from mpmgis.workflows.run_setup.prepare import prepare

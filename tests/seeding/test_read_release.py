@@ -7,12 +7,12 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
 from mpmgis.io.raster import read_terrain
 from mpmgis.io.vector import read_release
+from mpmgis.messages import collected
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.release import ThicknessRaster
 

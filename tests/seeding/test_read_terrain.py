@@ -8,12 +8,12 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
 from mpmgis.io.raster import read_raster, read_terrain
+from mpmgis.messages import collected
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.georeference import metric_equivalent, name_of
 
@@ -239,7 +239,7 @@ def test_one_scene_on_all_pixels_is_one_mass(tmp_path):
 
 def test_a_vertical_datum_is_told_and_left_out(tmp_path):
     """Heights relate to what the DTM says; results carry the place on the map alone."""
-    heights, told = np.arange(12.0).reshape(3, 4), []
+    heights = np.arange(12.0).reshape(3, 4)
     write_raster(tmp_path / "d.tif", heights, Affine(10, 0, EAST, 0, -10, NORTH), crs="EPSG:25832+5783")
     with collected() as told:
         terrain = read_terrain(tmp_path / "d.tif")

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
-from mpmgis.messages import collected
 
 from mpmgis.effects.barrier import Barrier, NoBarrier
 from mpmgis.effects.cohesion import Cohesion
@@ -16,6 +15,7 @@ from mpmgis.effects.slots import ColumnEffects
 from mpmgis.effects.still_water import NoStillWater, StillWater
 from mpmgis.effects.zones import FrictionZones, NoZones
 from mpmgis.errors import SceneError
+from mpmgis.messages import collected
 from mpmgis.solvers.effect_costs import STEPS, effect_costs, under_way, without_each
 from mpmgis.solvers.events import Events
 
@@ -70,7 +70,7 @@ class Timed:
 
 
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
-    effects, said = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0)), []
+    effects = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0))
     solver = Timed(effects, friction=0.03, cohesion=0.05, rest=0.02)
     with collected() as said:
         costs = effect_costs(solver, 3, lambda: solver.now)

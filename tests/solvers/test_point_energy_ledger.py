@@ -9,7 +9,7 @@ from point_scenes import block_of, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, MuI, drucker_prager
+from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 
 CLOSES = 2.5  # [s-1] share of the energy put in that no taker explains, over the step: the swing of an elastic body
 MATERIALS = {
@@ -17,8 +17,10 @@ MATERIALS = {
     "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
     "fluid": Fluid(1e6, 10.0, 0.0),
     "granular": MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 0.01, 2500.0, 1.0),
+    "growing": cohesive_mu_i(30.0, 500.0, 0.3, 0.279, 0.05, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6),
 }
-SOLIDS = ("elastic", "frictional", pytest.param("granular", marks=pytest.mark.thorough))
+THOROUGH = (pytest.param(name, marks=pytest.mark.thorough) for name in ("granular", "growing"))
+SOLIDS = ("elastic", "frictional", *THOROUGH)
 SCENES = {
     "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
     "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),

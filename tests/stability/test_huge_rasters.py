@@ -9,13 +9,13 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 
 from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
 from mpmgis.io.frames import read_frame
 from mpmgis.io.raster import TerrainFile, read_terrain
+from mpmgis.messages import collected
 from mpmgis.workflows import seed as seeding
 from mpmgis.workflows.run_setup import prepare
 
@@ -98,19 +98,20 @@ def test_a_seed_has_the_bits_that_the_whole_gives(transform, how, tmp_path, monk
         with rasterio.open(dem) as file, rasterio.open(options["surface"], "w", **file.profile) as target:
             heights = file.read(1)
             target.write(np.where(heights > 0, heights + 1.5, heights), 1)
-    frames, said = [], []
+    frames, messages = [], []
     for limit in (seeding.READ_WHOLE, 0):
         monkeypatch.setattr(seeding, "READ_WHOLE", limit)
         path = tmp_path / f"{limit}.h5"
         with collected() as said:
             seeding.seed_file(dem, release, path, velocity=(1.0, 2.0), refine_slope=1.0, **options)
+        messages += said
         frames.append(read_frame(path))
     whole, part = frames
     for name, values in whole.particles.arrays().items():
         np.testing.assert_array_equal(values, getattr(part.particles, name), err_msg=name)
     assert str(whole.header) == str(part.header) and whole.origin == part.origin
     assert whole.dem_sha256 == part.dem_sha256 != ""
-    assert sum("only those around the release are read and checked" in text for text in said) == 1
+    assert sum("only those around the release are read and checked" in text for text in messages) == 1
 
 
 def test_cells_without_heights_are_named_as_in_the_whole(huge, tmp_path):
@@ -162,7 +163,7 @@ def test_a_run_says_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, 
 
 def test_a_run_that_has_the_memory_is_told_what_it_takes(tmp_path, monkeypatch):
     dem = written(tmp_path / "dtm.tif", (200, 200), Affine(5, 0, MIDDLE[0] - 500, 0, -5, MIDDLE[1] + 500))
-    scene, said = scene_on(dem, tmp_path), []
+    scene = scene_on(dem, tmp_path)
     monkeypatch.setattr(prepare, "READ_WHOLE", 10_000)
     with collected() as said:
         prepare.prepare(scene)

@@ -292,7 +292,7 @@ class OwnPace:
     """
 
     def __init__(self, prepared, threads, ahead):
-        self.seconds, self._ahead, self._say = ahead.seconds, ahead, say
+        self.seconds, self._ahead = ahead.seconds, ahead
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
     def look(self, sequence):

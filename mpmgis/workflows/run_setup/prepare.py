@@ -17,7 +17,7 @@ from ...io.raster import READ_WHOLE, TerrainFile
 from ...io.vector import with_crs_beside
 from ...kernels.laws import require_compiled, use_own_laws
 from ...machine import memory_lack
-from ...messages import log
+from ...messages import log, logged_once
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ...scene.tables import DENSITY
 from ...seeding.options import Cures, tell_if_implausible
@@ -142,9 +142,9 @@ def in_scene_words(message):
     return message
 
 
+@logged_once()
 def prepare_scene(scene):
     """As `prepare`, of a Scene that is read already."""
-    say = _once()
     terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene))
     scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
@@ -167,18 +167,6 @@ def prepare_scene(scene):
         scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
         fill,
     )  # fmt: skip
-
-
-def _once():
-    """`say` that tells nothing twice: what each stage reads anew."""
-    told = set()
-
-    def saying(text):
-        if text not in told:
-            told.add(text)
-            log.info(text)
-
-    return saying
 
 
 def _laid_on_it(scene):

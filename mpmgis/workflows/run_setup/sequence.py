@@ -88,7 +88,7 @@ class Sequence:
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None):
-        self.prepared, self.observe, self._say = prepared, observe, say
+        self.prepared, self.observe = prepared, observe
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
         self._peaks_before = {}  # of the stages that are over, as frames have them
         self.checks = self._resolution(prepared.stages[0], prepared.seen)

@@ -2,11 +2,13 @@
 
 import threading
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import replace
 
 import numpy as np
 
 from ...errors import MpmgisError
+from ...messages import log
 
 FEW = 16  # particles that go through the stages
 TELL_SECONDS = 3.0  # of getting a stage ready, above which it is said why: loading takes less
@@ -69,8 +71,8 @@ def _words(stage, number, stages):
 
 @contextmanager
 def _telling(words):
-    """Within this block `words` are said, if there are any, once it has taken TELL_SECONDS."""
-    waiting = threading.Timer(TELL_SECONDS, (words,))
+    """Log `words`, if there are any, when this block has taken TELL_SECONDS."""
+    waiting = threading.Timer(TELL_SECONDS, copy_context().run, (log.info, words))
     waiting.daemon = True
     if words:
         waiting.start()

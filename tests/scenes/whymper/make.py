@@ -1,6 +1,7 @@
 """NHESS 25:3897, section 3: an ice avalanche over crevasses and a cliff, on synthetic ground, through the commands.
 
-python tests/scenes/whymper/make.py FOLDER [--cell 2] [--end 150] [--no-crevasses] [--estimate] [--png FOLDER]
+python tests/scenes/whymper/make.py FOLDER [--cell 2] [--end 150] [--law CohesiveMuI] [--no-crevasses] [--estimate]
+                                           [--precision float32] [--frame-interval 1] [--evaluate] [--png FOLDER]
 """
 
 import argparse
@@ -34,6 +35,9 @@ GLACIERS = ((55.0, 398.0), (414.0, 640.0))  # [m] along the flow
 PERCENTILES = (100, 80, 60, 40, 20)
 PRODUCTS = ("t_vol", "detached", "n")
 MASS = 150_000.0 * 850.0  # [kg]
+# what CohesiveMuI has beside the scene's cone. Not in the paper: mu2 - mu1 and I0 of glass beads (Jop et al. 2006), the
+# density of ice; no measured size of what an ice avalanche breaks into was found
+GRAINS = {"rate_friction": 0.262, "inertial_number": 0.279, "grain_diameter": 0.3, "grain_density": 917.0}
 
 
 def bed(x, y, crevasses=True):
@@ -73,20 +77,38 @@ def write_inputs(folder, crevasses=True):
     chain.write_polygons(folder / "glacier.geojson", glaciers, CRS)
 
 
-def write_all(folder, cell=1.0, end=150.0, crevasses=True):
-    """Inputs and the scene in `folder`, emptied before; answers the folder."""
+def write_all(
+    folder, cell=1.0, end=150.0, crevasses=True, law="DruckerPrager", grains=GRAINS, precision="float64", interval=0.2
+):
+    """Inputs and the scene in `folder`, emptied before; answers the folder.
+
+    `law` is the material's, `grains` what CohesiveMuI has beside the cone, `interval` [s] that of frames.
+    """
     folder = chain.fresh(folder)
     write_inputs(folder, crevasses)
-    chain.write_scene("whymper", folder, cell_size=float(cell), end_time=float(end))
+    path = chain.write_scene("whymper", folder, cell_size=float(cell), end_time=float(end), frame_interval=interval)
+    text = path.read_text().replace("[numerics]\n", f'[numerics]\nprecision = "{precision}"\n')
+    if law == "CohesiveMuI":
+        keys = "".join(f"{key} = {value}\n" for key, value in grains.items())
+        text = text.replace('law = "DruckerPrager"\n', f'law = "{law}"\n{keys}')
+    path.write_text(text)
     return folder
 
 
-def make(folder, cell=1.0, end=150.0, crevasses=True):
-    """Inputs, `mpmgis run`, `mpmgis export-raster` in `folder`; answers (run.json, seconds of run and of export)."""
-    folder = write_all(folder, cell, end, crevasses)
+def make(folder, cell=1.0, end=150.0, crevasses=True, **given):
+    """Inputs, `mpmgis run`, `mpmgis export-raster` in `folder`; answers (run.json, seconds of run and of export).
+
+    `given` goes to `write_all`.
+    """
+    folder = write_all(folder, cell, end, crevasses, **given)
     record, running = chain.run_scene(folder)
-    _, exporting = chain.export(folder, "--cs-e", cell, "--dt-e", 0.2, "--no-qgis", products=PRODUCTS)
-    return record, running, exporting
+    return record, running, export(folder)
+
+
+def export(folder):
+    """`mpmgis export-raster` of the run in `folder`, also one that has not come to its end; answers the seconds."""
+    interval = chain.record(folder)["scene"]["output"]["frame_interval"]
+    return chain.export(folder, "--cs-e", _cell(folder), "--dt-e", interval, "--no-qgis", products=PRODUCTS)[1]
 
 
 def estimate(folder, cell=1.0, end=150.0, threads=2):
@@ -343,6 +365,11 @@ def main():
     parser.add_argument("--cell", type=float, default=2.0, help="of grid and export [m]; the paper's is 1")
     parser.add_argument("--end", type=float, default=150.0, help="time at the end [s]")
     parser.add_argument("--no-crevasses", action="store_true", help="the same slope without them")
+    parser.add_argument("--law", choices=["DruckerPrager", "CohesiveMuI"], default="DruckerPrager")
+    parser.add_argument("--grain", type=float, help="of CohesiveMuI: its grain_diameter [m]")
+    parser.add_argument("--precision", choices=["float64", "float32"], default="float64")
+    parser.add_argument("--frame-interval", type=float, default=0.2, help="[s]")
+    parser.add_argument("--evaluate", action="store_true", help="export and judge the run in FOLDER as far as it is")
     parser.add_argument("--estimate", action="store_true", help="tell what the run will take, and stop")
     parser.add_argument("--png", type=Path, help="folder for the figures (default: FOLDER)")
     asked = parser.parse_args()
@@ -350,13 +377,20 @@ def main():
         points, seconds, memory = estimate(asked.folder, asked.cell, asked.end)
         print(f"{points} points, on 2 threads {seconds / 60:.0f} minutes and {memory / 1e9:.1f} GB predicted")
         return
-    record, running, exporting = make(asked.folder, asked.cell, asked.end, not asked.no_crevasses)
+    if asked.evaluate:
+        running, exporting, record = 0.0, export(asked.folder), chain.record(asked.folder)
+    else:
+        grains = GRAINS | ({"grain_diameter": asked.grain} if asked.grain else {})
+        record, running, exporting = make(
+            asked.folder, asked.cell, asked.end, not asked.no_crevasses, law=asked.law, grains=grains,
+            precision=asked.precision, interval=asked.frame_interval,
+        )  # fmt: skip
     balances = record["balances"]
     print(f"{record['particles']} points, {record['steps']} steps, run {running:.0f} s, export {exporting:.0f} s")
     print({key: value for key, value in balances.items() if not isinstance(value, (dict, list))})
     print(chain.table([(key, f"{value:.4g}") for key, value in findings(asked.folder).items()], ("", "measured")))
     step = jump_step(asked.folder)
-    kept = percentile_findings(percentile_profiles(asked.folder, step, asked.cell), step)
+    kept = percentile_findings(percentile_profiles(asked.folder, step, _cell(asked.folder)), step)
     print(chain.table([(key, f"{value:.3g}") for key, value in kept.items()], ("", "measured")))
     figures(asked.folder, asked.png or asked.folder)
 

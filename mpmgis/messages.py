@@ -1,0 +1,72 @@
+"""Messages for the user: the logger `mpmgis`, and contexts that drop, collect or delay what is logged in them.
+
+From Python, `logging.basicConfig(level="INFO")` shows the messages; the command prints them on stderr.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+log = logging.getLogger("mpmgis")
+_sinks: ContextVar[tuple[Callable[[str], bool], ...]] = ContextVar("sinks", default=())
+
+
+def _passes_sinks(record: logging.LogRecord) -> bool:
+    """Offer a message to the contexts that are open, the innermost first; one that returns False keeps it."""
+    return all(sink(record.getMessage()) for sink in reversed(_sinks.get()))
+
+
+log.addFilter(_passes_sinks)
+
+
+@contextmanager
+def _sink(take: Callable[[str], bool]) -> Iterator[None]:
+    token, level = _sinks.set((*_sinks.get(), take)), log.level
+    if not log.isEnabledFor(logging.INFO):
+        log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        _sinks.reset(token)
+
+
+@contextmanager
+def muted() -> Iterator[None]:
+    """Drop the messages that are logged in this block, in this thread."""
+    with _sink(lambda text: False):
+        yield
+
+
+@contextmanager
+def collected() -> Iterator[list[str]]:
+    """Collect the messages that are logged in this block, in this thread; they are logged as well."""
+    notes: list[str] = []
+    with _sink(lambda text: notes.append(text) is None):
+        yield notes
+
+
+@contextmanager
+def logged_once() -> Iterator[None]:
+    """Log each message of this block once, in this thread, however often it is repeated."""
+    seen: set[str] = set()
+    with _sink(lambda text: not (text in seen or seen.add(text))):
+        yield
+
+
+@contextmanager
+def logged_after_success() -> Iterator[None]:
+    """Log the messages of this block after it, each once; none of them where the block raises an error."""
+    notes: list[str] = []
+    with _sink(lambda text: notes.append(text) is not None):
+        yield
+    for note in dict.fromkeys(notes):
+        log.info(note)
+
+
+@contextmanager
+def details() -> Iterator[None]:
+    """Log the messages of this block only where level DEBUG is enabled (`-v` of the command)."""
+    with _sink(lambda text: log.isEnabledFor(logging.DEBUG)):
+        yield
