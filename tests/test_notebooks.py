@@ -11,9 +11,10 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
 
 
-def test_readme_lists_every_notebook():
+def test_the_guide_lists_every_notebook():
     assert NOTEBOOKS
-    linked = re.findall(r"\(notebooks/(\w+)\.ipynb\)", (REPOSITORY / "README.md").read_text(encoding="utf-8"))
+    page = (REPOSITORY / "mpmgis" / "docs" / "guide" / "python.md").read_text(encoding="utf-8")
+    linked = re.findall(r"/notebooks/(\w+)\.ipynb\)", page)
     assert linked == [path.stem for path in NOTEBOOKS]
 
 
