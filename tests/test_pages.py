@@ -14,12 +14,14 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "mpmgis" / "docs"
 README = ROOT / "README.md"
 MOST_LINES, LARGEST_ARCHITECTURE = 150, 4096
-PAGES = sorted(
-    [README, ROOT / "CHANGELOG.md", ROOT / "mpmgis" / "ARCHITECTURE.md", *DOCS.rglob("*.md")]
-    + [*(ROOT / "tests").rglob("README.md"), *(ROOT / "sample_data").rglob("README.md")]
+PAGES = (
+    *(README, ROOT / "CHANGELOG.md", ROOT / "mpmgis" / "ARCHITECTURE.md", *sorted(DOCS.rglob("*.md"))),
+    *sorted((ROOT / "tests").rglob("README.md")),
+    *sorted((ROOT / "sample_data").rglob("README.md")),
 )
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^)\s]+)\)")
 MADE_BY_THE_SITE = {"notebooks/index", "cases/index", "architecture", "changelog"}  # in the table of contents only
 
@@ -93,7 +95,7 @@ def test_every_page_is_in_a_table_of_contents(path):
     listed = {
         (page.parent / line.strip()).resolve()
         for page in DOCS.rglob("*.md")
-        for block in re.findall(r"^```\{toctree\}\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        for block in TOCTREE.findall(page.read_text(encoding="utf-8"))
         for line in block.splitlines()
         if line and not line.startswith(":") and line not in MADE_BY_THE_SITE
     }

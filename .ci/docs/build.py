@@ -76,6 +76,7 @@ def notebook(path, execute):
 
         print(f"executing {path.name}", file=sys.stderr)
         made = nbformat.read(path, as_version=4)
+        os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the command mpmgis
         with tempfile.TemporaryDirectory() as folder:
             NotebookClient(made, timeout=600, resources={"metadata": {"path": folder}}).execute()
         EXECUTED.mkdir(parents=True, exist_ok=True)
@@ -95,8 +96,8 @@ def collect(stage, execute):
     made = pages.generated()
     for source, place in places.items():
         text = books.get(source) or relinked(source.read_text(encoding="utf-8"), source, places, stage)
-        text = MARK.sub(lambda _, name=place.with_suffix("").as_posix(): made.pop(name), text)
-        write(stage / place, text)
+        name = place.with_suffix("").as_posix()
+        write(stage / place, MARK.sub(made.pop(name).replace("\\", "\\\\"), text) if name in made else text)
     for name, text in made.items():
         write(stage / f"{name}.md", text + "\n")
     title = "# Notebooks\n\nFrom the folder `notebooks` of the repository.\n"
@@ -107,8 +108,8 @@ def collect(stage, execute):
 
 def list_of_pages(folder, places):
     """A table of contents of the pages of a folder."""
-    names = [place.relative_to(folder).with_suffix("").as_posix() for place in places.values() if place.parts[0] == folder]
-    listed = [name for name in names if name != "index"]
+    inside = [place.relative_to(folder) for place in places.values() if place.parts[0] == folder]
+    listed = [place.with_suffix("").as_posix() for place in inside if place.name != "index.md" or place.parts[1:]]
     return "\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(listed) + "\n```\n"
 
 

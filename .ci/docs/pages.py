@@ -3,6 +3,7 @@
 import argparse
 import ast
 import importlib
+import re
 import sys
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -55,7 +56,7 @@ def parser_of(verb):
 
 
 def command_pages():
-    from mpmgis.cli.main import VERBS, GROUPS
+    from mpmgis.cli.main import GROUPS, VERBS
 
     grouped = {verb for verbs in GROUPS.values() for verb in verbs}
     groups = {**GROUPS, "more": tuple(verb for verb in VERBS if verb not in grouped)}
@@ -91,7 +92,8 @@ def option(action):
     formatter = argparse.HelpFormatter("")
     name = formatter._format_action_invocation(action)
     text = formatter._expand_help(action) if action.help else ""
-    return f"`{name}`\n: " + " ".join(text.split()).replace("<", "\\<").replace("*", "\\*").replace("_", "\\_")
+    text = re.sub(r"[<*_]", r"\\\g<0>", " ".join(text.split()))
+    return f"`{name}`\n: " + re.sub(r"(?<![\w-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
 # -------------------------------------------------------------------------------------------------------------- scene
@@ -103,8 +105,8 @@ def scene_pages():
 
     parts = [
         "## Solver",
-        '`solver = "columns"` (default) selects the depth-averaged solver, `solver = "points"` the 3D solver. In a scene '
-        "with `[[stage]]` each stage has its own `solver`.",
+        '`solver = "columns"` (default) selects the depth-averaged solver, `solver = "points"` the 3D solver. In a '
+        "scene with `[[stage]]` each stage has its own `solver`.",
     ]
     for name, kind in TABLES.items():
         heading = f"[[{name}]]" if name in LISTED else f"[{name}]"
@@ -131,7 +133,9 @@ def key_row(f):
 
 
 def shown(value):
-    return str(list(value)) if isinstance(value, tuple) else str(value).lower() if isinstance(value, bool) else str(value)
+    if isinstance(value, tuple):
+        return str(list(value))
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def allowed(data):
@@ -168,7 +172,7 @@ def band_pages():
 
     head = ["name", "unit", "type", "description"]
     text = [
-        "## Raster bands", f"The description of a band is `name [unit]`. Nodata is {NODATA:g}.", table(head, rows(BAND)),
+        "## Raster bands", f"A band has the description `name [unit]`. Nodata is {NODATA:g}.", table(head, rows(BAND)),
         "## Particles", "Datasets of the group `particles` in a frame.", table(head, rows(PARTICLE)),
     ]  # fmt: skip
     return {"reference/bands": "\n\n".join(text)}
@@ -231,7 +235,8 @@ def public_entry(name):
 
     thing = getattr(mpmgis, name)
     if isinstance(thing, type):
-        return f"`mpmgis.{name}`\n: {{py:class}}`~{thing.__module__}.{name}`: {(thing.__doc__ or '').strip().split(chr(10))[0]}"
+        first = (thing.__doc__ or "").strip().split("\n")[0]
+        return f"`mpmgis.{name}`\n: {{py:class}}`~{thing.__module__}.{name}`: {first}"
     return f"```{{eval-rst}}\n.. autofunction:: {thing.__module__}.{name}\n   :no-index:\n```"
 
 
