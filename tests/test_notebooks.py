@@ -112,7 +112,7 @@ def test_runs_and_draws_what_it_promises(path, tmp_path, monkeypatch):
     cells = list(notebook.cells)
     notebook.cells.append(nbformat.v4.new_code_cell(textwrap.dedent(CHECKS[path.stem])))
     client = nbclient.NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+        notebook, timeout=1200, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     )
     client.execute()  # raises with the cell and its traceback where one fails
     for cell in cells:

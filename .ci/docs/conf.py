@@ -10,6 +10,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
+    "IPython.sphinxext.ipython_console_highlighting",  # commands of notebooks, with a leading !
 ]
 root_doc = "index"
 default_role = "code"
