@@ -7,6 +7,7 @@ they or the package change; with --no-notebooks they are shown as they are store
 """
 
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -61,6 +62,15 @@ def relinked(text, source, places, stage):
     return "".join([*parts, LINK.sub(replaced, text[end:])])
 
 
+def relinked_cells(text, source, places, stage):
+    """The JSON of a notebook whose cells of text have links that are right on the website."""
+    book = json.loads(text)
+    for cell in book["cells"]:
+        if cell["cell_type"] == "markdown":
+            cell["source"] = relinked("".join(cell["source"]), source, places, stage)
+    return json.dumps(book)
+
+
 def notebook(path, execute):
     """A notebook's JSON, executed or as it is stored."""
     import nbformat
@@ -95,7 +105,10 @@ def collect(stage, execute):
 
     made = pages.generated()
     for source, place in places.items():
-        text = books.get(source) or relinked(source.read_text(encoding="utf-8"), source, places, stage)
+        if source in books:
+            text = relinked_cells(books[source], source, places, stage)
+        else:
+            text = relinked(source.read_text(encoding="utf-8"), source, places, stage)
         name = place.with_suffix("").as_posix()
         write(stage / place, MARK.sub(made.pop(name).replace("\\", "\\\\"), text) if name in made else text)
     for name, text in made.items():
