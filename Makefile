@@ -18,7 +18,7 @@ help:
 	@echo "make bench     the benchmark table"
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (AVAFRAME=2.1: beside AvaFrame's)"
 	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
-	@echo "make docs      tutorial, theory, formats and every function as web pages, docs/index.html"
+	@echo "make docs      the website: guide, reference, theory, notebooks, functions; docs/index.html"
 	@echo "make lint      style and format"
 	@echo "make clean     remove the environment and what was made"
 
@@ -67,7 +67,7 @@ plugin: $(ENVIRONMENT)/installed
 	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite $(if $(HOMEPAGE),--homepage=$(HOMEPAGE)) $(if $(EMAIL),--email=$(EMAIL))
 
 docs: $(ENVIRONMENT)/installed-docs
-	@$(BIN)/python .ci/docs docs
+	@$(BIN)/python .ci/docs/build.py docs
 	@echo docs/index.html
 
 lint: $(ENVIRONMENT)/installed-test

@@ -103,6 +103,14 @@ def test_the_doors_are_of_libraries_in_use():
     assert set(DOORS) <= used
 
 
+@pytest.mark.parametrize("path", [path for path in SOURCES if path.name != "__init__.py"], ids=module_name)
+def test_the_first_line_of_a_module_says_what_it_is(path):
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    first, _, rest = docstring.partition("\n")
+    assert len(first.split()) >= 2, f"{path} has no docstring, or one whose first line says nothing"
+    assert not rest or first.endswith((".", ":")) or rest.startswith("\n"), f"{path}: {first} goes on in the next line"
+
+
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
 def test_only_the_command_line_prints(path):
     if unit_of(module_name(path)) == "cli":
@@ -115,8 +123,6 @@ def test_only_the_command_line_prints(path):
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
 def test_what_is_public_says_what_it_is(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    if path.name != "__init__.py":
-        assert ast.get_docstring(tree), f"{path} has no docstring"
     definitions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
     public = [node for node in tree.body if isinstance(node, definitions) and not node.name.startswith("_")]
     silent = [f"{path}:{node.lineno} {node.name}" for node in public if not ast.get_docstring(node)]

@@ -8,7 +8,7 @@ import pytest
 
 import mpmgis
 
-PAGE = Path(mpmgis.__file__).parent / "LIMITS.md"
+PAGE = Path(mpmgis.__file__).parent / "docs" / "limits.md"
 ROW = re.compile(r"^\| (?P<limit>[^|]+) \| (?P<number>[0-9.e+-]+)[^|]* \| `(?P<constant>[\w.]+)` \|", re.MULTILINE)
 ROWS = {found["limit"]: found for found in ROW.finditer(PAGE.read_text(encoding="utf-8"))}
 

@@ -27,8 +27,9 @@ ON_CONDA = {  # names that differ on conda-forge
 }  # fmt: skip
 NO_BACKEND = ("Could not find a version", "No matching distribution", "Connection", "Temporary failure", "Max retries")
 IN_THE_WHEEL = (
-    *("py.typed", "__init__.pyi", "ARCHITECTURE.md", "LIMITS.md", "docs/tutorial.md", "docs/formats.md"),
-    *("docs/theory.md", "docs/index.md", "docs/api/face.md", "io/guidelines.toml"),
+    *("py.typed", "__init__.pyi", "ARCHITECTURE.md", "docs/limits.md", "docs/tutorial.md", "docs/formats.md"),
+    *("docs/theory.md", "docs/index.md", "docs/api/index.md", "docs/guide/run-2d.md", "docs/reference/index.md"),
+    "io/guidelines.toml",
     *("qgis_plugin/mpmgis_qgis/metadata.txt", "qgis_plugin/mpmgis_qgis/icon.svg", "qgis_plugin/mpmgis_qgis/LICENSE"),
     *("sample_data/lava_falls/scene.toml", "sample_data/lava_falls/lava_falls_release.shp"),
     "sample_data/lava_falls/lava_falls_dem_utm12n_10m.tif",

@@ -12,7 +12,7 @@ import pytest
 import mpmgis
 
 PAGE = (Path(__file__).resolve().parents[1] / "mpmgis" / "docs" / "tutorial.md").read_text(encoding="utf-8")
-LONGER = "## How right is it"  # from here on many runs, and 3D: `make validate`
+LONGER = "## Accuracy"  # from here on many runs, and 3D: `make validate`
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SAVED = re.compile(r"[Ss]ave this as\s+`([^`]+)`:\s*$")
 NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")

@@ -1,5 +1,4 @@
-"""Release areas in: any vector file or raster that GDAL reads, GeoParquet besides (design note D2, D9, D10, H16 to
-H19)."""
+"""Release areas from any vector file or raster that GDAL reads, and GeoParquet (design notes D2, D9, D10, H16-H19)."""
 
 import difflib
 import math

@@ -1,4 +1,4 @@
-"""Errors of the depth-averaged solver against exact answers, at three resolutions: README's table of accuracy.
+"""Errors of the depth-averaged solver against exact answers, at three resolutions: the table of validation.md.
 
 The cases are those of the tests (design notes 6), with columns as `run` seeds them. Other codes were measured on the
 same cases with the same exact answers and norms: AvaFrame 2.1's com1DFA with its own test settings (SPH kernel as wide
@@ -26,7 +26,7 @@ DEFAULTS = {  # columns along a cell's side and Courant number, as `run` has the
     "per_side": round(NumericsTable().particles_per_cell ** 0.5), "cfl": CFL_ALONE,
 }  # fmt: skip
 
-HEADINGS = ("case", "cells", "error", "order", "asked for", "others, same cells")
+HEADINGS = ("case", "cells", "error", "order", "required", "other codes, same cells")
 
 
 def _water(tail):
@@ -117,7 +117,7 @@ def rows():
 
 
 def summary():
-    """(headings, rows of words): a row a case, as README has it."""
+    """(headings, rows of words): a row a case, as validation.md has it."""
     return HEADINGS, [_words(case) for case in CASES]
 
 

@@ -95,7 +95,7 @@ def rows():
 
 
 def summary():
-    """The table of README: a row for each cs_e, a column for each dt_e."""
+    """The table of performance.md: a row for each cs_e, a column for each dt_e."""
     cost, lost = measured()
     headings = ["cs_e", *(f"dt_e {step:g} s ({round(END_TIME / step)} frames)" for step in TIME_STEPS), "a frame"]
     lines = []

@@ -6,7 +6,7 @@ with its seeding and files), `export-raster` and `compare`, which gives the over
 ensemble's median, the area above 0.1 m, the runout of what was faster than 1 m/s along the intercomparison's own path,
 and the largest speed. Ratios are to the median of the twelve codes; of the overlap to the best of them, each of which
 was held against the median of the others; of the time to that of the base. With `--markdown` it is the base alone, as
-README has it.
+validation.md has it.
 """
 
 import csv
@@ -56,7 +56,7 @@ MEASURES = (  # name, unit, column of ensemble.csv
     ("runout above 1 m/s", "m", "runout_s_pfv_gt_1_m"),
     ("largest speed", "m s-1", "max_pfv_ms"),
 )
-HEADINGS = ("measure", "here", "the 12 codes", "their median")
+HEADINGS = ("measure", "mpmgis", "the 12 codes", "their median")
 ABSENT = "skipped: no ../shared/data/iseesnow_idealized"
 
 
@@ -81,7 +81,7 @@ def rows():
 
 
 def summary():
-    """(headings, rows of words): the base alone, as README has it."""
+    """(headings, rows of words): the base alone, as validation.md has it."""
     if not DATA.exists():
         return HEADINGS, [("ISeeSnow IdealizedTopo", ABSENT, "", "")]
     return HEADINGS, [

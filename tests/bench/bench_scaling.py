@@ -1,4 +1,4 @@
-"""Cost of a step of the depth-averaged solver from 1e4 to 1e7 columns, and README's plot of it.
+"""Cost of a step of the depth-averaged solver from 1e4 to 1e7 columns, and the plot of performance.md.
 
 Writes `sample_data/solver_cost.png`. Every scene is the sliding sheet of the benchmark `solver`, larger or smaller; the
 reference is the memory floor: the bytes that a step must move at the rate of a large copy on this machine.

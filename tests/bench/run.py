@@ -3,7 +3,7 @@
 Every `bench_NAME.py` beside this file offers `rows()`, which yields (case, value, unit, reference, ratio): what was
 measured, its number and unit, the named reference measured in the same run (or published), and value over reference.
 `value` may be None with the reason as `reference`: a case that this machine cannot run, said and not left out.
-With `--markdown` it is a table for README; a file may offer a shorter one of its own, `summary()`: headings and rows.
+With `--markdown` it prints a table for the documentation; a file may offer its own shorter `summary()`: headings, rows.
 """
 
 import argparse
@@ -94,7 +94,7 @@ def main():
     there = benchmarks()
     parser = argparse.ArgumentParser(description="Print the benchmark table.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(there)} (default: all)")
-    parser.add_argument("--markdown", action="store_true", help="print tables for README")
+    parser.add_argument("--markdown", action="store_true", help="print tables for the documentation")
     options = parser.parse_args()
     asked = options.names
     unknown = [name for name in asked if name not in there]

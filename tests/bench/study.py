@@ -1,7 +1,7 @@
 """What accuracy costs on the shipped cases: `python tests/bench/study.py [CASE...] [-o DIR]`, or `make study`.
 
 Each case is a folder with a terrain, a release, a scene and, where there is one, the exact answer; `mpmgis study` does
-the rest. Prints the table of README's chapter and leaves each case's own table and plot in its folder.
+the rest. Prints the table of the page performance.md and leaves each case's own table and plot in its folder.
 
 With `--avaframe PYTHON`, the Python of an environment of its own that has AvaFrame (`make study AVAFRAME=2.1` makes
 one), com1DFA runs two of the cases too, and is a point in their tables and plots.
@@ -30,7 +30,8 @@ from mpmgis.workflows.demo import sample_folder
 NODATA = -9999.0
 FINE = 25  # points along a pixel's side of which a mean is taken
 HEADINGS = (
-    "case", "the scene's settings", "error", "steps take", "over the front", "order", "pays most next", "no finer than",
+    "case", "the scene's settings", "error", "time of the steps", "time over the Pareto front", "order",
+    "best next refinement", "no finer than",
 )  # fmt: skip
 
 
@@ -278,7 +279,7 @@ def studied(name, folder, repeats, avaframe=None):
 
 
 def row(case, folder):
-    """The case's cells in README's table, out of its files."""
+    """The case's cells in the table of performance.md, out of its files."""
     with open(folder / "study.csv", newline="", encoding="utf-8") as file:
         scene = next(csv.DictReader(file))
     with open(folder / "summary.csv", newline="", encoding="utf-8") as file:

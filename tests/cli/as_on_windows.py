@@ -1,7 +1,7 @@
 """The rules of Windows, emulated on the Linux that the tests run on: files, locks, names, modules and signals.
 
 An emulation, not Windows: what is refused here is what Microsoft documents to be refused there. Its limits stand in
-mpmgis/LIMITS.md.
+mpmgis/docs/limits.md.
 """
 
 import errno

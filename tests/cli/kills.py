@@ -169,7 +169,7 @@ def _is_there(to, verb):
 def prepare(site, verbs):
     """Imports, whole results and costs: (whole, cost) by verb. Everything that is compiled is run in children."""
     for name in ("seed", "convert", "run", "export", "export_rasters"):
-        importlib.import_module(f"mpmgis.pipeline.{name}")
+        importlib.import_module(f"mpmgis.workflows.{name}")
     for name in ("particle_files", "qgis_folder", "outlines"):
         importlib.import_module(f"mpmgis.io.{name}")
     result = {}

@@ -1,6 +1,6 @@
 """Windows and macOS by construction: their rules emulated on Linux, and what may not stand in the sources.
 
-Neither system is here. What these tests cannot show is listed in mpmgis/LIMITS.md.
+Neither system is here. What these tests cannot show is listed in mpmgis/docs/limits.md.
 """
 
 import ast

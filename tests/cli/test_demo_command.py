@@ -14,7 +14,7 @@ STOPPED_WHILE_EXPORTING = """
 import os, sys
 from mpmgis.cli import demo as verb
 from mpmgis.cli.main import main
-from mpmgis.pipeline import demo as pipeline
+from mpmgis.workflows import demo as workflow
 
 def short_run(scene, output, **options):
     text = scene.read_text()
@@ -27,7 +27,7 @@ def progress(done, total):
     if done == 1:
         os.kill(os.getpid(), int(sys.argv[2]))
 
-run, pipeline.run, verb.frame_progress = pipeline.run, short_run, progress
+run, workflow.run, verb.frame_progress = workflow.run, short_run, progress
 raise SystemExit(main(["demo", "-o", sys.argv[1]]))
 """
 

@@ -476,7 +476,7 @@ def import_what_commands_import():
 
     answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical")
     for name in ("seed", "convert", "run", "export", "compare", "effects", "export_rasters", *answers):
-        importlib.import_module(f"mpmgis.pipeline.{name}")
+        importlib.import_module(f"mpmgis.workflows.{name}")
     for name in ("inspect", "particle_files", "qgis_folder", "outlines"):
         importlib.import_module(f"mpmgis.io.{name}")
     for name in ("seed", "convert", "run", "export_raster", "compare", "effects", "info", *answers):

@@ -8,13 +8,13 @@ import numpy as np
 import shapely
 from column_scenes import terrain_of
 from exact_solutions import G
-from mpmgis.geo.barriers import Wall
 from point_scenes import march_to, points_on
 from test_points_catalogue import cauchy_stress
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.particles import Frame, Particles
 from mpmgis.solvers.points import PointNumerics  # noqa: F401
+from mpmgis.spatial.barriers import Wall
 
 DENSITY = 1000.0
 TIMES = 16  # looks over the swings

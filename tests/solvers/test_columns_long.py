@@ -30,7 +30,7 @@ def test_dam_breaks_on_the_finest_cells_still_get_better(degrees, friction):
 
 @pytest.mark.skipif(not bench_iseesnow.DATA.exists(), reason=bench_iseesnow.ABSENT)
 def test_iseesnow_idealized_topography():
-    """V21b, through the commands: what README says; the twelve codes' own best overlap is 0.965 (asked: 0.93)."""
+    """V21b, through the commands, as in validation.md; the twelve codes' own best overlap is 0.965 (asked: 0.93)."""
     overlap, area, runout, speed = bench_iseesnow.base_beside_codes()
     assert overlap[2] >= 0.965
     for (*_, ours, codes), margin in ((area, 0.02), (runout, 0.005), (speed, 0.05)):

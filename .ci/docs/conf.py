@@ -1,0 +1,84 @@
+"""Settings of Sphinx for the website of mpmgis; `build.py` of this folder collects the pages and calls it."""
+
+import re
+
+project = "mpmgis"
+copyright = "the authors of mpmgis, BSD-3-Clause"
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+    "IPython.sphinxext.ipython_console_highlighting",  # commands of notebooks, with a leading !
+]
+root_doc = "index"
+default_role = "code"
+add_module_names = False
+smartquotes_action = "De"  # dashes and ellipses; quotes remain
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(?!mpmgis\.).*")]  # words such as `float` in types need no link
+suppress_warnings = ["mystnb.unknown_mime_type"]
+
+autodoc_preserve_defaults = True
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+python_use_unqualified_type_names = True
+napoleon_google_docstring = False
+napoleon_use_param = False  # types such as "float64[n, 3] [m]" are words, not links
+napoleon_use_rtype = False
+
+myst_enable_extensions = ["deflist"]  # no formulas in LaTeX: they would need a script from the network
+myst_heading_anchors = 4
+nb_execution_mode = "off"  # build.py executes the notebooks
+nb_merge_streams = True
+copybutton_prompt_text = "$ "
+
+html_theme = "pydata_sphinx_theme"
+html_title = "mpmgis"
+html_static_path = ["static"]
+html_css_files = ["mpmgis.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "logo": {"text": "mpmgis"},
+    "header_links_before_dropdown": 6,
+    "navbar_persistent": ["search-button"],
+    "navbar_end": ["theme-switcher"],
+    "show_toc_level": 2,
+    "show_prev_next": True,
+    "navigation_depth": 3,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+
+BACKTICKED = re.compile(r"(``.*?``|`[^`]*`)")
+
+
+def escaped(line):
+    """Bars of |U|, stars of `a *= b` and --options as written, where reStructuredText would read markup."""
+    parts = BACKTICKED.split(line)
+    return "".join(part if part.startswith("`") else _escaped_words(part) for part in parts)
+
+
+def _escaped_words(words):
+    words = re.sub(r"\||(?<!\*)\*(?=[\w=])(?!\*)|(?<=\w)_(?!\w)", r"\\\g<0>", words)
+    return re.sub(r"(?<![\w-])--[a-z][\w-]*", r"``\g<0>``", words)
+
+
+def escape_docstring(app, what, name, thing, options, lines):
+    """Docstrings contain formulas as plain text."""
+    lines[:] = [escaped(line) for line in lines]
+    if lines and what in ("property", "attribute", "data"):  # text before a colon would be read as a type
+        lines[0] = lines[0].replace(": ", " -- ", 1)
+
+
+def skip_fields(app, what, name, thing, skip, options):
+    """Fields of named tuples are in the signature already."""
+    return True if type(thing).__name__ == "_tuplegetter" else None
+
+
+def setup(app):
+    app.connect("autodoc-skip-member", skip_fields)
+    app.connect("autodoc-process-docstring", escape_docstring, priority=400)  # before napoleon
+    return {"parallel_read_safe": True}

@@ -1,0 +1,247 @@
+"""The generated pages of the website: commands, scene, bands, Python functions. Each returns page name -> Markdown."""
+
+import argparse
+import ast
+import importlib
+import re
+import sys
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "mpmgis"
+NOT_DOCUMENTED = {"cli", "qgis_plugin", "__main__", "__init__"}  # the commands have pages of their own
+PLAIN_TYPES = {float: "number", int: "whole number", str: "text", bool: "true, false", list: "list", dict: "table"}
+
+
+def cell(text):
+    """Text as a cell of a Markdown table."""
+    return " ".join(str(text).split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def table(head, rows):
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def toctree(names, **options):
+    settings = "".join(f":{name}: {value}\n" for name, value in ({"maxdepth": 1} | options).items())
+    return "```{toctree}\n" + settings + "\n" + "\n".join(names) + "\n```"
+
+
+# ----------------------------------------------------------------------------------------------------------- commands
+
+
+class _Caught(Exception):
+    pass
+
+
+def parser_of(verb):
+    """The argparse parser of a verb, as the command makes it."""
+    from mpmgis.cli import main
+
+    def catch(parser, *_):
+        raise _Caught(parser)
+
+    genuine = argparse.ArgumentParser.parse_args
+    argparse.ArgumentParser.parse_args = catch
+    try:
+        main.main([verb])
+    except _Caught as caught:
+        (verbs,) = (action for action in caught.args[0]._actions if isinstance(action, argparse._SubParsersAction))
+        return verbs.choices[verb]
+    finally:
+        argparse.ArgumentParser.parse_args = genuine
+    raise AssertionError(f"mpmgis {verb} did not parse its arguments")
+
+
+def command_pages():
+    from mpmgis.cli.main import GROUPS, VERBS
+
+    grouped = {verb for verbs in GROUPS.values() for verb in verbs}
+    groups = {**GROUPS, "more": tuple(verb for verb in VERBS if verb not in grouped)}
+    pages, index = {}, []
+    for title, verbs in groups.items():
+        if verbs:
+            rows = [[f"[mpmgis {verb}](commands/{verb}.md)", cell(VERBS[verb][1])] for verb in verbs]
+            index += [f"## {title[0].upper()}{title[1:]}", table(["command", "purpose"], rows)]
+    index.append(toctree([f"commands/{verb}" for verbs in groups.values() for verb in verbs], hidden=""))
+    pages["reference/commands"] = "\n\n".join(index)
+    for verb in VERBS:
+        pages[f"reference/commands/{verb}"] = command_page(parser_of(verb))
+    return pages
+
+
+def command_page(parser):
+    """One command: description, usage, options by group, example."""
+    parts = [f"# {parser.prog}", parser.description or ""]
+    usage = parser.format_usage().removeprefix("usage: ")
+    parts.append(f"```text\n{usage.rstrip()}\n```")
+    for group in parser._action_groups:
+        actions = [action for action in group._group_actions if action.help != argparse.SUPPRESS]
+        if actions:
+            parts += [f"## {group.title[0].upper()}{group.title[1:]}", "\n\n".join(map(option, actions))]
+    example = (parser.epilog or "").removeprefix("example:").strip()
+    if example:
+        parts += ["## Examples", "```sh\n" + "\n".join(line.strip() for line in example.splitlines()) + "\n```"]
+    return "\n\n".join(parts)
+
+
+def option(action):
+    """An option with its help as an entry of a definition list."""
+    formatter = argparse.HelpFormatter("")
+    name = formatter._format_action_invocation(action)
+    text = formatter._expand_help(action) if action.help else ""
+    text = re.sub(r"[<*_]", r"\\\g<0>", " ".join(text.split()))
+    return f"`{name}`\n: " + re.sub(r"(?<![\w-])--[a-z][\w-]*", r"`\g<0>`", text)
+
+
+# -------------------------------------------------------------------------------------------------------------- scene
+
+
+def scene_pages():
+    from mpmgis.scene.solver_tables import ONLY
+    from mpmgis.scene.tables import LISTED, TABLES
+
+    parts = [
+        "## Solver",
+        '`solver = "columns"` (default) selects the depth-averaged solver, `solver = "points"` the 3D solver. In a '
+        "scene with `[[stage]]` each stage has its own `solver`.",
+    ]
+    for name, kind in TABLES.items():
+        heading = f"[[{name}]]" if name in LISTED else f"[{name}]"
+        parts += [f"## `{heading}`", " ".join(kind.__doc__.split())]
+        if name in ONLY:
+            parts.append(f'Only with `solver = "{ONLY[name][0]}"`.')
+        rows = [key_row(f) for f in fields(kind) if "kind" in f.metadata]
+        parts.append(table(["key", "type", "default", "allowed", "description"], rows))
+        for f in fields(kind):
+            if "by_place" in f.metadata:
+                parts.append("In addition: parameters of the friction law, each a number, a column name or a raster.")
+            parts += [laws_text(f.metadata["parameters_of"])] if "parameters_of" in f.metadata else []
+    return {"reference/scene": "\n\n".join(parts)}
+
+
+def key_row(f):
+    """Cells about one key of a table."""
+    data = f.metadata
+    kinds = data["kind"] if isinstance(data["kind"], tuple) else (data["kind"],)
+    default = "required" if f.default is MISSING else "-" if f.default is None else f"`{shown(f.default)}`"
+    only = f' (`solver = "{data["solver"]}"` only)' if data.get("solver") else ""
+    words = " or ".join(PLAIN_TYPES[kind] for kind in kinds)
+    return [f"`{f.name}`", words, default, cell(allowed(data)), cell(data["doc"]) + only]
+
+
+def shown(value):
+    if isinstance(value, tuple):
+        return str(list(value))
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def allowed(data):
+    if data["choices"]:
+        return ", ".join(f"`{choice}`" for choice in data["choices"])
+    low, high = data["low"], data["high"]
+    lowest = None if low is None else (f"> {low:g}" if data["above"] else f">= {low:g}")
+    return ", ".join(bound for bound in (lowest, None if high is None else f"<= {high:g}") if bound)
+
+
+def laws_text(laws):
+    """The parameters of every law of a table."""
+    parts = []
+    for name, (law, parameters) in laws.items():
+        summary = (law.__doc__ or "").strip().split("\n\n")[0]
+        rows = [
+            [f"`{key}`", cell(p.unit), "required" if p.default is None else f"`{p.default:g}`",
+             f"{p.smallest:g} to {p.largest:g}", cell(p.meaning)]
+            for key, p in parameters.items()
+        ]  # fmt: skip
+        parts += [f'### `law = "{name}"`', cell(summary).replace("*", "\\*").replace("_", "\\_")]
+        parts += [table(["parameter", "unit", "default", "range", "description"], rows)] if rows else []
+    return "\n\n".join(parts)
+
+
+# -------------------------------------------------------------------------------------------------------------- bands
+
+
+def band_pages():
+    from mpmgis.fields import BAND, NODATA, PARTICLE
+
+    def rows(quantities):
+        return [[f"`{q.name}`", cell(q.unit), q.dtype, cell(q.long_name)] for q in quantities.values()]
+
+    head = ["name", "unit", "type", "description"]
+    text = [
+        "## Raster bands", f"A band has the description `name [unit]`. Nodata is {NODATA:g}.", table(head, rows(BAND)),
+        "## Particles", "Datasets of the group `particles` in a frame.", table(head, rows(PARTICLE)),
+    ]  # fmt: skip
+    return {"reference/bands": "\n\n".join(text)}
+
+
+# --------------------------------------------------------------------------------------------------- Python functions
+
+
+def summary_of(path):
+    """First line of a module's docstring."""
+    return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n")[0]
+
+
+def modules():
+    """Page name -> modules on it, by the folders of the package; modules at the top share the page `mpmgis`."""
+    pages = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        if parts[0] not in NOT_DOCUMENTED and parts[-1] != "__init__":
+            pages.setdefault(".".join(parts[:-1]) or "mpmgis", []).append((".".join(("mpmgis", *parts)), path))
+    return pages
+
+
+def api_pages():
+    pages = {}
+    for name, found in modules().items():
+        title = "Particles, fields, errors" if name == "mpmgis" else f"mpmgis.{name}"
+        package = PACKAGE.joinpath(*name.split("."), "__init__.py")
+        intro = summary_of(package) if package.is_file() else ""
+        rows = [[f"[`{module}`](#{module.lower().replace('.', '')})", cell(summary_of(path))] for module, path in found]
+        parts = [f"# {title}", intro, table(["module", "contents"], rows)]
+        for module, _ in found:
+            directive = f".. automodule:: {module}\n   :members:\n   :ignore-module-all:"
+            parts.append(f"## `{module}`\n\n```{{eval-rst}}\n{directive}\n```")
+        pages[f"api/{name}"] = "\n\n".join(part for part in parts if part)
+    rows = [[f"[{name}](api/{name}.md)".replace("(api/", "("), str(len(found))] for name, found in modules().items()]
+    tail = ["## All modules", table(["package", "modules"], rows), toctree(list(modules()), hidden="")]
+    pages["api/index"] = "\n\n".join([public_text(), *tail])
+    return pages
+
+
+def public_text():
+    """The public names of `import mpmgis` by the task of the command of the same name."""
+    import mpmgis
+    from mpmgis.cli.main import GROUPS
+
+    left, parts = sorted(mpmgis.__all__), []
+    tasks = {title: [verb.replace("-", "_") for verb in verbs] for title, verbs in GROUPS.items()}
+    tasks |= {"results, particles and errors": list(left)}
+    for title, names in tasks.items():
+        here = [name for name in names if name in left]
+        left = [name for name in left if name not in here]
+        if here:
+            parts += [f"## {title[0].upper()}{title[1:]}", *map(public_entry, here)]
+    return "\n\n".join(parts)
+
+
+def public_entry(name):
+    import mpmgis
+
+    thing = getattr(mpmgis, name)
+    if isinstance(thing, type):
+        first = (thing.__doc__ or "").strip().split("\n")[0]
+        return f"`mpmgis.{name}`\n: {{py:class}}`~{thing.__module__}.{name}`: {first}"
+    return f"```{{eval-rst}}\n.. autofunction:: {thing.__module__}.{name}\n   :no-index:\n```"
+
+
+def generated():
+    """Page name -> the generated part of it."""
+    sys.path.insert(0, str(ROOT))
+    importlib.invalidate_caches()
+    return {**command_pages(), **scene_pages(), **band_pages(), **api_pages()}
