@@ -139,8 +139,8 @@ def outcomes(
         Ascending, the last the end.
     predict : callable
         prepared -> seconds.
-    say : callable
-        Told (turn, number of the setting) before each run, both from 0.
+    begun : callable
+        Called with (turn, number of the setting) before each run, both from 0.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def outcomes(
     for turn in range(repeats):
         order = range(len(found))
         for number in order if turn % 2 == 0 else reversed(order):
-            say(turn, number)
+            begun(turn, number)
             flow = begin(prepare(settings[number]))
             spent, states = _integrated(flow, cells, times)
             known = found[number]
