@@ -80,7 +80,7 @@ def test_user_guidelines_replace_and_add(tmp_path):
     mine = choose_guideline("mine", path)
     assert mine.bands == ("h_max", "Ut_max", "p_max")
     assert mine.classes[0].words() == "h >= 1 m or vh >= 2 m2/s and p >= 3 kPa"
-    with pytest.raises(InputError, match="there are swiss-debris-flow"):
+    with pytest.raises(InputError, match="choose from swiss-debris-flow"):
         choose_guideline("theirs", path)
 
 
@@ -91,15 +91,15 @@ GOOD = {"source": "s", "class": [{"name": "a", "colour": "#000000", "when": [{"h
     ("change", "words"),
     [
         ({"source": 3}, "expected text"),
-        ({"klass": []}, "no key 'klass'"),
+        ({"klass": []}, "unknown key 'klass'"),
         ({"class": []}, "one or more"),
         ({"class": [{"name": "a", "colour": "red", "when": [{}]}]}, "expected #rrggbb"),
         ({"class": [{"name": "a", "colour": "#000000"}]}, "when is missing"),
         ({"class": [{"name": "a", "colour": "#000000", "when": {"h": 1}}]}, "list of conditions"),
-        ({"class": [{"name": "a", "colour": "#000000", "when": [{"depth": 1}]}]}, "no quantity 'depth'"),
+        ({"class": [{"name": "a", "colour": "#000000", "when": [{"depth": 1}]}]}, "unknown quantity 'depth'"),
         ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": True}]}]}, "expected a number above 0"),
         ({"class": [{"name": "a", "colour": "#000000", "when": [{"h": float("nan")}]}]}, "expected a number above 0"),
-        ({"class": ["a"]}, "wanted a table"),
+        ({"class": ["a"]}, "expected a table"),
     ],
 )
 def test_invalid_tables_are_rejected(change, words):

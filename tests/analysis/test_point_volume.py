@@ -90,7 +90,7 @@ def test_lost_volume_is_reported_with_a_fix():
     frame, height = layer(1.0)
     words = volume_words(found(frame, height + 3.0).as_numbers())
     assert "hangs above the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
-    assert volume_words(found(frame, height).as_numbers()).endswith(": kept")
+    assert volume_words(found(frame, height).as_numbers()).endswith(": conserved")
 
 
 @settings(deadline=None, max_examples=40)

@@ -14,7 +14,7 @@ def balances(**told):
 
 
 def test_points_moved_back_onto_the_ground_are_reported():
-    said = "% of the mass came more than a cell under the ground"
+    said = "% of the mass was more than a cell below the ground"
     assert not any(said in line for line in account(balances(), "points"))
     assert any(line.startswith(f"0.25 {said}") for line in account(balances(mass_lifted_onto_ground=0.5), "points"))
 
@@ -49,7 +49,7 @@ def test_energy_sources_and_sinks_of_columns_are_reported():
     assert line == (
         "energy: 900 J at the start, 50 J entered later, 50 J with eroded mass; 100 J lost: 60 J to friction on the "
         "bed, 45 J to acceleration of eroded mass, -5 J to bends of the bed; kinetic now 3 J; the balance closes to "
-        "0.0002 of what was put in"
+        "0.0002 of the input"
     )
     told["energy_error_relative"] = -2e-3
     assert any("is off by -0.2 %" in line for line in account(told, "columns"))

@@ -11,6 +11,7 @@ import pytest
 import rasterio
 from affine import Affine
 from exporting import AFFINES, NORTH, WEST, terrain, write_run
+from mpmgis.messages import collected
 
 from mpmgis.analysis import maxima as solver_maxima
 from mpmgis.analysis.cells import Bed

@@ -84,7 +84,7 @@ def test_refusals_are_one_line(tmp_path, run, capsys):
     broken = tmp_path / "broken.toml"
     broken.write_text("[mine\n")
     for arguments, words in (
-        (("--guideline", "swiss"), "there are swiss-debris-flow"),
+        (("--guideline", "swiss"), "choose from swiss-debris-flow"),
         (("--guideline", "mine", "--guidelines", broken), "not a readable TOML"),
         (("--guideline", "mine", "--guidelines", tmp_path / "none.toml"), "no such file"),
         (("--guideline", "swiss-flood", "--min-depth", 9), "smaller --min-depth"),

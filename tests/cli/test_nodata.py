@@ -10,6 +10,7 @@ import shapely
 from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from mpmgis.messages import collected
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError

@@ -4,6 +4,7 @@ import json
 
 import pytest
 import shapely
+from mpmgis.messages import collected
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main

@@ -109,7 +109,7 @@ def test_values_are_set_in_the_scene_tables():
         ({"friction.mu": "0.1,0.2,99"}, ("member 3", "99", "at most")),
         ({"friction.mu": "normal:0.2:0.2"}, ("member", "mu = -", "at least 0")),
         ({"zones.mu": "0.1:0.3"}, ("zones.1.KEY",)),
-        ({"zones.3.mu": "0.1:0.3"}, ("The scene has 2",)),
+        ({"zones.3.mu": "0.1:0.3"}, ("the scene has 2",)),
         ({"friction": "0.1:0.3"}, ("friction.KEY",)),
         ({"friction.mu.x": "0.1:0.3"}, ("friction.KEY",)),
         ({"numerics.particles_per_cell": "4:16"}, ("member 1", "a whole number")),

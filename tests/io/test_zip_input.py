@@ -74,7 +74,7 @@ def test_a_directory_that_lies_about_the_size(tmp_path, capfd):
     path = write_zip(tmp_path / "p.qgz", {"p.qgs": b"<qgis>" + b" " * size})
     raw = path.read_bytes().replace((size + 6).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
     path.write_bytes(raw)
-    assert "not a readable QGIS project" in refused(capfd, path)
+    assert "no readable QGIS project" in refused(capfd, path)
 
 
 def test_many_small_elements_take_no_memory(tmp_path):

@@ -110,7 +110,7 @@ def test_a_truncated_table_is_a_one_line_error(seeds, tmp_path, suffix):
     [
         ("1,2,3,4,5,6,7", "has no column 'w'"),
         ("1,2,3,4,5,6,7,nan", "column 'w' has 1 NaN or infinite values, the first in row 0"),
-        ("1,2,3,4,5,6,7,fast", "column 'w' holds"),
+        ("1,2,3,4,5,6,7,fast", "column 'w' has values"),
     ],
 )
 def test_a_table_with_a_wrong_column_is_a_one_line_error(tmp_path, row, says):

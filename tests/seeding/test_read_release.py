@@ -7,6 +7,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from mpmgis.messages import collected
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
