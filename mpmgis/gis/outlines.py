@@ -15,7 +15,7 @@ import shapely
 
 from ..errors import OutputError, one_line
 from ..io.exported import moved_corner
-from ..io.ogr import pyogrio
+from ..io.libraries import pyogrio
 from ..kernels import rings
 from .clock import BASE, Clock
 from .markup import reference_text

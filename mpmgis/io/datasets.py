@@ -20,8 +20,9 @@ from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import require_metric
 from ..terrain.grid import Grid
+from .dtm import mask_false_heights
 from .exported import open_steps, read_part
-from .raster import mask_false_heights, open_raster
+from .raster import open_raster
 from .raster_output import SparseBands
 
 

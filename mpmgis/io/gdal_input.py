@@ -12,8 +12,7 @@ from xml.etree import ElementTree
 
 from .. import system
 from ..errors import FormatError, one_line
-from .input_files import require_file_or_folder
-from .trust import is_trusted
+from .input_files import is_trusted, require_file_or_folder
 
 HEAD = 2048  # bytes in which GDAL looks for what a file is
 LARGEST_VRT = 20_000_000  # [bytes]; one of 10 000 tiles has 5 MB

@@ -15,8 +15,7 @@ import h5py
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
-from .input_files import require_file
-from .trust import is_trusted
+from .input_files import is_trusted, require_file
 
 
 @contextmanager

@@ -1,12 +1,35 @@
-"""Input files of unknown origin: no pipes or devices, and zip archives within the free memory."""
+"""Input files of unknown origin: trust (`--trust`), no pipes or devices, zip archives within the free memory."""
 
 import zipfile
 import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
+
+_trusted = ContextVar("mpmgis_trusted", default=False)
+
+
+@contextmanager
+def trusting(trust: bool = True) -> Iterator[None]:
+    """Within this block, where `trust` is true, files may refer to other files and to the network.
+
+    This holds for the threads of a FramePool that start within the block, not for other processes. `gdal_input` and
+    `hdf5` decide which references are followed.
+    """
+    token = _trusted.set(bool(trust))
+    try:
+        yield
+    finally:
+        _trusted.reset(token)
+
+
+def is_trusted() -> bool:
+    """Whether files may refer to other files and to the network now; false unless the user gives `--trust`."""
+    return _trusted.get()
 
 
 def require_file(path):

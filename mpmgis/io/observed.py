@@ -8,7 +8,7 @@ from rasterio.features import geometry_mask
 from ..errors import GeoreferenceError, InputError
 from ..terrain.georeference import horizontal, name_of, same_place
 from ..terrain.release import polygons_only
-from .vector import transformer_to
+from .reprojection import transformer_to
 from .vector_table import KINDS, names_of, read_table
 
 

@@ -15,8 +15,8 @@ import pyproj
 
 from ..errors import OutputError
 from .atomic import whole_file
-from .extras import needed_for
 from .frames import write_frame_slabs
+from .libraries import needed_for
 from .tables import append_rows
 
 

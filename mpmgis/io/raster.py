@@ -1,12 +1,10 @@
-"""Rasters in: a DTM with every refusal that design note D4 to D7 and D12 ask for, and any other raster."""
+"""Rasters of any kind as arrays on a Grid, with errors in one line."""
 
 import hashlib
-import math
 import re
 import sys
 import warnings
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,140 +13,15 @@ import rasterio
 from affine import Affine
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.windows import Window
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
-from ..terrain.elevation import Terrain
-from ..terrain.georeference import (
-    LOCAL,
-    horizontal,
-    name_of,
-    parse_crs,
-    require_metric,
-    same_place,
-    scale_command,
-    warp_command,
-)
+from ..terrain.georeference import horizontal, warp_command
 from ..terrain.grid import Grid
 from .gdal_input import require_undisguised
-from .nodata_fill import INTERPOLATE, filled
 
-METRES = {"", "m", "metre", "metres", "meter", "meters"}
-_OTHER_UNITS = {  # unit type of a band -> metres
-    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "intlft": 0.3048,
-    "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937, "us survey feet": 1200 / 3937, "ftus": 1200 / 3937,
-    "sftus": 1200 / 3937, "foot_us": 1200 / 3937, "us_survey_foot": 1200 / 3937, "us foot": 1200 / 3937,
-    "km": 1000.0, "kilometre": 1000.0, "dm": 0.1, "cm": 0.01, "centimetre": 0.01, "mm": 0.001, "yd": 0.9144,
-    "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
-}  # fmt: skip
-_USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
-_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
 _SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
-STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
-READ_WHOLE = 25_000_000  # pixels up to which a DTM is read and checked whole, whatever of it is needed: 0.2 GB
-_ROWS_AT_ONCE = 512
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
-
-
-class WithoutCRS(GeoreferenceError):
-    """A DTM that carries no CRS; `bounds` are its (west, south, east, north)."""
-
-    bounds = None
-
-
-def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
-    """The DTM at `path`, or a refusal with its cure.
-
-    Parameters
-    ----------
-    path : str or Path
-        Any raster that GDAL reads; north-up, south-up, rotated, non-square.
-    crs : str, optional
-        ``EPSG:n`` or ``local`` (metres without a place) for a file that carries none.
-    band : int, optional
-        Counted from 1; needed where there are several.
-    say : callable, optional
-        Told in one line what the user should know.
-    fill_nodata : {"interpolate"}, optional
-        What to do with holes amid the DTM (`io.nodata_fill`).
-
-    Raises
-    ------
-    FormatError, GeoreferenceError, InputError
-    """
-    return TerrainFile(path, crs, band, say, fill_nodata).whole()
-
-
-class TerrainFile:
-    """A DTM whose place is known and whose heights are read, and looked at, where they are asked for.
-
-    Its pieces have the bits that the same pieces of the whole `Terrain` have.
-
-    Parameters
-    ----------
-    path, crs, band, say, fill_nodata : as for `read_terrain`
-
-    Attributes
-    ----------
-    grid : Grid
-        Of the whole file.
-    path : str
-    fill : NodataFill or None
-        What was filled of the piece that was read last.
-
-    Raises
-    ------
-    FormatError, GeoreferenceError, InputError
-    """
-
-    def __init__(self, path, crs=None, band=None, say=None, fill_nodata=None):
-        say = say or (lambda text: None)
-        self._file, self._say, self._fills, self.fill = Path(path), say, fill_nodata == INTERPOLATE, None
-        self.path = str(self._file)
-        with open_raster(path) as source:
-            self._band = _band(source, path, band)
-            crs = _terrain_crs(source, path, crs, say)
-            _require_metres_up(source, path, self._band, say)
-            self.grid = Grid(crs, _transform(source, path, local=crs is None), source.shape)
-            if min(self.grid.shape) < 2:
-                raise InputError(f"{path} has {source.height} x {source.width} cells, wanted at least 2 x 2")
-            if crs is not None:
-                require_metric(_crs(source, path) or crs, self.grid.bounds, self.path, say)
-
-    @property
-    def pixels(self):
-        """Number of pixels of the whole file."""
-        return self.grid.shape[0] * self.grid.shape[1]
-
-    @cached_property
-    def sha256(self):
-        """Hex digest of the whole file."""
-        return file_sha256(self._file)
-
-    def whole(self):
-        """The Terrain of all pixels."""
-        return self._terrain(self.grid, None)
-
-    def part(self, rows, columns):
-        """The Terrain of two slices, of `rows` and of `columns`."""
-        shape = rows.stop - rows.start, columns.stop - columns.start
-        return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
-
-    def cropped(self, bounds, margin):
-        """As `Terrain.cropped`."""
-        return self.part(*self.grid.window(bounds, margin))
-
-    def _terrain(self, grid, window):
-        with open_raster(self._file) as source:
-            elevation = _values(source, self._file, self._band, window=window)
-        mask_false_heights(elevation, self._file, self._say)
-        terrain = Terrain(grid, elevation, self.path, self.sha256)
-        if self._fills:
-            terrain, self.fill = filled(terrain)
-            for line in self.fill.lines(grid.cell_size):
-                self._say(line)
-        _tell_of_cliffs(terrain, self._file, self._say)
-        return terrain
+_VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
 def read_raster(path, band=None, may_be_empty=False):
@@ -162,8 +35,8 @@ def read_raster(path, band=None, may_be_empty=False):
     """
     path = Path(path)
     with open_raster(path) as source:
-        band = _band(source, path, band, option="a file with one band")
-        return _values(source, path, band, may_be_empty), grid_of(source, path)
+        band = band_number(source, path, band, option="a file with one band")
+        return band_values(source, path, band, may_be_empty), grid_of(source, path)
 
 
 def raster_files(path):
@@ -174,7 +47,7 @@ def raster_files(path):
 
 def grid_of(source, path):
     """Grid of an open raster; its crs is the horizontal one, None where the file has none."""
-    return Grid(horizontal(_crs(source, path)), _transform(source, path, local=True), source.shape)
+    return Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
 
 
 @contextmanager
@@ -206,9 +79,6 @@ def open_raster(path):
                 yield source
             except CPLE_BaseError as error:  # what GDAL found wrong may be raised by any later look at the dataset
                 raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
-
-
-_VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
 def _require_directory(path):
@@ -264,7 +134,7 @@ def _reason(error, path):
     return one_line(error).replace(str(path), path.name)[:120]
 
 
-def _band(source, path, band, option="--dem-band N"):
+def band_number(source, path, band, option="--dem-band N"):
     if band is None:
         if source.count > 1:
             raise InputError(f"{path} has {source.count} bands; say which holds the values with {option}")
@@ -280,7 +150,7 @@ def _band(source, path, band, option="--dem-band N"):
     return band
 
 
-def _values(source, path, band, may_be_empty=False, window=None):
+def band_values(source, path, band, may_be_empty=False, window=None):
     """float64[rows, columns]: band values with scale and offset applied, NaN for nodata, mask and infinities."""
     try:
         data = source.read(band, out_dtype="float64", window=window)
@@ -303,7 +173,7 @@ def _values(source, path, band, may_be_empty=False, window=None):
     return data
 
 
-def _transform(source, path, local):
+def transform_of(source, path, local):
     """The pixel-corner transform (GDAL honours AREA_OR_POINT); identity means that there is none."""
     t = source.transform
     numbers = np.array(t[:6], dtype=float)
@@ -328,7 +198,7 @@ def _transform(source, path, local):
     return t
 
 
-def _crs(source, path):
+def crs_of(source, path):
     if source.crs is None or not source.crs.to_wkt():
         return None
     try:
@@ -340,87 +210,3 @@ def _crs(source, path):
     epsg = crs.to_epsg()  # the register's own entry knows the area of use, a file's WKT does not
     registered = pyproj.CRS.from_epsg(epsg) if epsg else crs
     return registered if registered.equals(crs, ignore_axis_order=True) else crs
-
-
-def _terrain_crs(source, path, asked, say):
-    """The DTM's horizontal CRS, None for a local frame; what was asked for must not contradict the file."""
-    own = _crs(source, path)
-    given = parse_crs(asked) if asked is not None else None
-    if own is not None and own.is_engineering:  # a local frame by its own word
-        own = None
-        asked = asked or LOCAL
-        say(f"{path}: its CRS is a local frame; taken as metres without a place")
-    if own is None:
-        if asked is None:
-            error = WithoutCRS(
-                f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place (in "
-                f"a scene: crs in [terrain])"
-            )
-            error.bounds = tuple(source.bounds)
-            raise error
-        return horizontal(given)
-    if asked is not None and (given is None or not same_place(own, given)):
-        tag = "--unset-crs" if given is None else f"--crs {asked}"
-        reproject = "" if given is None else f", or reproject it: {warp_command(path, asked)}"
-        raise GeoreferenceError(
-            f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
-            f"or correct a false tag (rio edit-info FILE {tag}){reproject}"
-        )
-    plane = horizontal(own)
-    if own.is_compound:
-        say(
-            f"{path}: its CRS names a vertical datum too ({one_line(own.name)}); heights are taken as they are, and "
-            f"results carry the horizontal part, {name_of(plane)}"
-        )
-    return plane
-
-
-def _require_metres_up(source, path, band, say):
-    """Refuse a band whose unit is a known one but metre (D7); an unknown unit is said."""
-    unit = (source.units[band - 1] or "").strip()
-    factor = _OTHER_UNITS.get(unit.lower())
-    if factor is not None:
-        raise GeoreferenceError(
-            f"{path}: heights are in {unit}, wanted metres; convert them, for example: "
-            f"{scale_command(path, factor)}, and set the unit to m"
-        )
-    if unit.lower() not in METRES:
-        say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
-
-
-def mask_false_heights(elevation, path, say):
-    """Turn undeclared nodata into NaN, and say so; refuse heights that are none (D12)."""
-    for value in _USUAL_NODATA:
-        false = elevation == value
-        count = int(false.sum())
-        if count:
-            elevation[false] = np.nan
-            say(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
-    if not np.isfinite(elevation).any():
-        raise InputError(f"{path}: every cell is nodata")
-    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
-    if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
-        raise InputError(
-            f"{path}: heights reach from {lowest:g} to {highest:g}, wanted metres between {_BELOW_EARTH:g} and "
-            f"{_ABOVE_EARTH:g}; declare its nodata value (rio edit-info FILE --nodata N), or choose the band "
-            "that holds heights"
-        )
-
-
-def _tell_of_cliffs(terrain, path, say):
-    """Warn where more than 1 % of the cells are steeper than 85 degrees: a mix-up of units or nodata (D7)."""
-    limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
-    rows = terrain.grid.shape[0]
-    for first in range(0, rows, _ROWS_AT_ONCE):
-        last = min(first + _ROWS_AT_ONCE, rows)
-        low, high = max(first - 1, 0), min(last + 1, rows)
-        heights = terrain.elevation[low:high]
-        band = Terrain(Grid(None, terrain.grid.transform, heights.shape), heights)
-        slope = np.hypot(band.gradient[..., 0], band.gradient[..., 1])[first - low : last - low]
-        steep += int(np.count_nonzero(slope > limit))
-        total += int(np.count_nonzero(np.isfinite(slope)))
-    if total and steep > STEEP_SHARE * total:
-        say(
-            f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
-            f"units (feet, degrees) and its nodata value"
-        )

@@ -9,7 +9,7 @@ from ..errors import GeoreferenceError, InputError
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from .raster import read_raster
-from .vector import repaired, require_lies_on, to_terrain
+from .reprojection import repaired, require_lies_on, to_terrain
 from .vector_table import names_of, read_table, require_polygons
 
 

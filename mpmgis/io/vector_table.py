@@ -9,10 +9,9 @@ import pyproj
 import shapely
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
-from .extras import needed_for
 from .gdal_input import require_undisguised
 from .input_files import require_zip_fits
-from .ogr import pyogrio
+from .libraries import needed_for, pyogrio
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words

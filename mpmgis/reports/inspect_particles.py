@@ -15,10 +15,10 @@ from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..interop.frame_list import foreign_frames
 from ..interop.georeferencing import foreign_particles, named_columns, series_place, times_of, untold
 from ..interop.readers.parsing import Form, read_rows
-from ..io.extras import needed_for
 from ..io.frame_digest import check_content
 from ..io.frames import read_frame, read_maxima
 from ..io.hdf5 import opened_whole
+from ..io.libraries import needed_for
 from ..peaks import largest_peaks
 from ..terrain.georeference import name_of
 

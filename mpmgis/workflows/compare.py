@@ -19,8 +19,8 @@ from ..interop.frame_list import foreign_files
 from ..interop.readers.registry import OWN, reader_of
 from ..io.exported import is_export
 from ..io.observed import cells_within, read_outline
+from ..io.reprojection import is_raster
 from ..io.results import UNNAMED, names_rasters, open_result
-from ..io.vector import is_raster
 from ..reports.comparison import MapSide, write_classes, write_comparison_map, write_table
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid

@@ -26,7 +26,7 @@ from ..gis.outlines import StepSpool
 from ..interop.declarations import ForeignTerms
 from ..interop.frame_list import OWN, list_frames, missing_frames
 from ..io.atomic import whole_folder
-from ..io.ogr import pyogrio
+from ..io.libraries import pyogrio
 from ..io.raster_output import require_square
 from ..terrain.elevation import Terrain
 from .export_inputs import (

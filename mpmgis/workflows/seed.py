@@ -8,9 +8,10 @@ import numpy as np
 from .. import system
 from ..errors import OutputError
 from ..io.atomic import refuse_existing
+from ..io.dtm import READ_WHOLE, TerrainFile, read_terrain
 from ..io.particle_files import require_format, write_columns
-from ..io.raster import READ_WHOLE, TerrainFile, read_terrain
-from ..io.vector import read_release, with_crs_beside
+from ..io.release_areas import read_release
+from ..io.reprojection import with_crs_beside
 from ..particles import Particles
 from ..seeding.columns import plan_seed
 from ..seeding.options import Cures, tell_if_implausible

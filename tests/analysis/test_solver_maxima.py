@@ -20,7 +20,7 @@ from mpmgis.analysis.sampling import export_grid
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.interop.frame_list import list_frames
-from mpmgis.io.raster import read_terrain
+from mpmgis.io.dtm import read_terrain
 from mpmgis.scene import read_scene
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid

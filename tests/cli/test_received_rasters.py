@@ -11,7 +11,8 @@ from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, SceneError
 from mpmgis.io.gdal_input import require_local, require_undisguised
 from mpmgis.io.raster import open_raster
-from mpmgis.io.vector import is_raster, read_table
+from mpmgis.io.reprojection import is_raster
+from mpmgis.io.vector_table import read_table
 from mpmgis.workflows.run_setup.prepare import scene_to_prepare
 
 VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><SRS>EPSG:32632</SRS>

@@ -14,7 +14,7 @@ from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
 from mpmgis.interop.readers.npz import open_file, read_members
-from mpmgis.io.vector import read_table
+from mpmgis.io.vector_table import read_table
 from mpmgis.reports.inspect_maps import project_facts
 
 PROJECT = """<!DOCTYPE qgis><qgis version="3.40.1"><projectCrs><spatialrefsys><authid>EPSG:2056</authid></spatialrefsys>

@@ -10,8 +10,8 @@ from affine import Affine
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.raster import read_terrain
-from mpmgis.io.vector import read_release
+from mpmgis.io.dtm import read_terrain
+from mpmgis.io.release_areas import read_release
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.release import ThicknessRaster
 

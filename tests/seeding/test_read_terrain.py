@@ -12,7 +12,8 @@ from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.raster import read_raster, read_terrain
+from mpmgis.io.dtm import read_terrain
+from mpmgis.io.raster import read_raster
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.georeference import metric_equivalent, name_of
 

@@ -13,8 +13,8 @@ from affine import Affine
 from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
+from mpmgis.io.dtm import TerrainFile, read_terrain
 from mpmgis.io.frames import read_frame
-from mpmgis.io.raster import TerrainFile, read_terrain
 from mpmgis.workflows import seed as seeding
 from mpmgis.workflows.run_setup import prepare
 
@@ -27,7 +27,7 @@ UPRIGHT = Affine(PIXEL, 0, WEST, 0, PIXEL, NORTH)  # south-up
 CHILD = """
 import resource, sys
 from mpmgis.cli.main import main
-from mpmgis.io.raster import TerrainFile
+from mpmgis.io.dtm import TerrainFile
 from mpmgis.kernels import sampling
 def peak():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)

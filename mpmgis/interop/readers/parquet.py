@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from ...errors import FormatError, one_line
-from ...io.extras import needed_for
+from ...io.libraries import needed_for
 from .base import ForeignReader, require_readable, require_room
 from .parsing import (
     frame_of_rows,

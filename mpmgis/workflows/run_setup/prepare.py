@@ -12,9 +12,9 @@ from ...effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ...errors import InputError, SceneError
 from ...experiments.numerical_parameters import default_courant_number
 from ...fields import GRAVITY
+from ...io.dtm import READ_WHOLE, TerrainFile
 from ...io.gdal_input import require_local
-from ...io.raster import READ_WHOLE, TerrainFile
-from ...io.vector import with_crs_beside
+from ...io.reprojection import with_crs_beside
 from ...kernels.laws import require_compiled, use_own_laws
 from ...machine import memory_lack
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ...errors import MpmgisError
 from ...io.raster import raster_files
+from ...io.reprojection import is_raster
 from ...io.spatial_inputs import read_placed_raster, read_polygons, read_walls
-from ...io.vector import is_raster
 from ...spatial.declared import KnownByPlace
 from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls
 

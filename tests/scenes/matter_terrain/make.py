@@ -20,8 +20,8 @@ import profiles
 from mpmgis.cli.main import main
 from mpmgis.interop.declarations import ForeignTerms
 from mpmgis.interop.frame_list import list_frames
+from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.io.raster import read_terrain
 
 DATA = Path(__file__).resolve().parents[3] / "../shared/data/matter_terrain"
 CRS, ORIGIN, AXES, DENSITY = "EPSG:32632", (600000.0, 5170000.0, 0.0), ("e", "u", "-n"), 1500.0

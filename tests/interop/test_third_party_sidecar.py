@@ -6,7 +6,7 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
-from foreign_writers import COUNT, MASS, csv_writer, table, write_kratos_gid, write_npz
+from third_party_writers import COUNT, MASS, csv_writer, table, write_kratos_gid, write_npz
 
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, MpmgisError

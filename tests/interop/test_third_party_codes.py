@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from foreign_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud, write_anura3d, write_geotaichi
+from third_party_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud, write_anura3d, write_geotaichi
 
 from mpmgis.cli.main import main
 from mpmgis.interop.declarations import ForeignTerms

@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from foreign_writers import (
+from third_party_writers import (
     CODES,
     cbgeo_table,
     cloud,

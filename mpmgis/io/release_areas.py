@@ -1,0 +1,173 @@
+"""Release areas from a vector file or a raster, with their thickness."""
+
+import difflib
+import math
+from pathlib import Path
+
+from ..errors import InputError
+from ..terrain.release import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
+from .raster import file_sha256
+from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
+from .reprojection import RASTER_SUFFIXES, is_raster, repaired, to_terrain
+from .vector_table import LAYER, names_of, read_table, require_polygons
+
+USUAL_COLUMNS = ("thickness", "d0", "relth")
+
+
+def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None, say=None):
+    """The release areas at `path`, in the terrain's CRS, with their thickness.
+
+    Parameters
+    ----------
+    path : str or Path
+        Vector file (polygons; ``file.gpkg|layername=name`` picks a layer) or raster (mask, or thickness per cell).
+    terrain : Terrain or TerrainFile
+    thickness : float, str or Path, optional
+        A number [m], a column's name, or a raster's path. Without it the first of the columns thickness, d0, relth is
+        used, or the values of a release raster.
+    thickness_mode : {"normal", "vertical"}
+    surface : str or Path, optional
+        Raster of the material's surface [m]: thickness is surface minus bed, vertical, clipped at 0.
+    say : callable, optional
+        Told in one line what was assumed, repaired or reprojected.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    from ..seeding.bed import bed_under  # brings the kernels of seeding, which outlines do without
+
+    say = say or (lambda text: None)
+    if surface is not None and thickness is not None:
+        raise InputError("--thickness and --surface exclude each other; give one of them")
+    wanted = _Thickness.parse(thickness, surface)
+    if is_raster(path):
+        features, own = area_of_raster(path, terrain, wanted, say)
+    else:
+        features, own = _vector_features(path, terrain, wanted, say), None
+    record = {}
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    bed_under(features, terrain)
+    if wanted.raster is not None:
+        own = (
+            surface_thickness(wanted.raster, terrain, features, record, say)
+            if surface is not None
+            else (thickness_raster(wanted.raster, terrain, say))
+        )
+    if own is not None:
+        features = [within_thickness(part, own, say) for part in features]
+    plain = Path(str(path).split(LAYER)[0])
+    return ReleaseArea(
+        without_overlaps(features, say),
+        VERTICAL if surface is not None else thickness_mode,
+        name=plain.stem,
+        path=str(plain),
+        sha256=file_sha256(plain),
+        record=record,
+    )
+
+
+def read_outlines(path, terrain):
+    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as `read_release` has them.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def say(text):
+        """No release is seeded here: nobody needs to know what was assumed."""
+
+    wanted = _Thickness(number=1.0)
+    if is_raster(path):
+        features, _ = area_of_raster(path, terrain, wanted, say)
+    else:
+        features = _vector_features(path, terrain, wanted, say)
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    return [part.polygon for part in without_overlaps(features, say)]
+
+
+class _Thickness:
+    """What --thickness or --surface asks for: a number, a column's name, or a raster."""
+
+    def __init__(self, number=None, column=None, raster=None):
+        self.number, self.column, self.raster = number, column, raster
+
+    @classmethod
+    def parse(cls, thickness, surface):
+        if surface is not None:
+            return cls(raster=Path(surface))
+        if thickness is None:
+            return cls()
+        try:
+            return cls(number=require_thickness(float(thickness), "--thickness"))
+        except (TypeError, ValueError):
+            pass
+        text = str(thickness)
+        if Path(text).exists() or Path(text).suffix.lower() in RASTER_SUFFIXES or "/" in text:
+            return cls(raster=Path(text))
+        return cls(column=text)
+
+
+def require_thickness(value, where):
+    """`value` [m] if it is a finite number above 0; `where` names it in the refusal."""
+    if not math.isfinite(value) or value <= 0:
+        raise InputError(f"{where}: thickness is {value:g}, wanted a number of metres above 0")
+    return value
+
+
+def _vector_features(path, terrain, wanted, say):
+    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
+    table = read_table(path)
+    table = require_polygons(table, path, say)
+    names = names_of(table)
+    heights = _feature_thickness(table, names, path, wanted, say)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
+    shapes = [repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
+    return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
+
+
+def _feature_thickness(table, names, path, wanted, say):
+    """Thickness [m] per feature: the number, or the column's values; NaN where a raster gives it."""
+    if wanted.raster is not None:
+        return [math.nan] * len(names)
+    if wanted.number is not None:
+        return [wanted.number] * len(names)
+    column = _thickness_column(table, path, wanted.column, say)
+    values = table.columns[column]
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"{path}: column {column!r} holds {_kind(values)}, wanted numbers (thickness in metres)")
+    values = values.astype(float).tolist()
+    return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
+
+
+def _kind(values):
+    return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
+
+
+def _thickness_column(table, path, asked, say):
+    """The column to use: the one asked for, or the first of the usual ones (which is said)."""
+    columns = list(table.columns)
+    if asked is None:
+        lower = {c.lower(): c for c in reversed(columns)}
+        found = next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
+        if found is None:
+            raise InputError(
+                f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
+                f"or thickness in the scene's table, as a number of metres, a column or a raster"
+            )
+        say(f"{path}: thickness is taken from column {found!r}")
+        return found
+    if asked in columns:
+        return asked
+    near = difflib.get_close_matches(asked, columns, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise InputError(
+        f"--thickness {asked!r} is no number, no raster and no column of {path}; {hint}{_listing(columns)}"
+    )
+
+
+def _listing(columns):
+    return f"it has {', '.join(columns[:8])}" if columns else "it has no columns"
