@@ -32,33 +32,33 @@ _OTHER_UNITS = {  # unit type of a band -> metres
     "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
 }  # fmt: skip
 _USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
-_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] no bed of the Earth lies beyond
-STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01  # design note D7
-READ_WHOLE = 25_000_000  # pixels up to which a DTM is read and checked whole, whatever of it is needed: 0.2 GB
+_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
+STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
+READ_WHOLE = 25_000_000  # pixels up to which a DTM is always read and checked completely: 0.2 GB
 _ROWS_AT_ONCE = 512
 
 
 class WithoutCRS(GeoreferenceError):
-    """A DTM that carries no CRS; `bounds` are its (west, south, east, north)."""
+    """A DTM without a CRS; `bounds` are its (west, south, east, north)."""
 
     bounds = None
 
 
 def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
-    """The DTM at `path`, or a refusal with its cure.
+    """The DTM at `path` as a Terrain.
 
     Parameters
     ----------
     path : str or Path
         Any raster that GDAL reads; north-up, south-up, rotated, non-square.
     crs : str, optional
-        ``EPSG:n`` or ``local`` (metres without a place) for a file that carries none.
+        ``EPSG:n`` or ``local`` (metres without a georeference) for a file without a CRS.
     band : int, optional
-        Counted from 1; needed where there are several.
+        Counted from 1; required where there are several bands.
     say : callable, optional
-        Told in one line what the user should know.
+        Gets one-line messages for the user.
     fill_nodata : {"interpolate"}, optional
-        What to do with holes amid the DTM (`io.nodata_fill`).
+        Treatment of holes in the DTM (`io.nodata_fill`).
 
     Raises
     ------
@@ -68,9 +68,9 @@ def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
 
 
 class TerrainFile:
-    """A DTM whose place is known and whose heights are read, and looked at, where they are asked for.
+    """A DTM whose georeference is read at once and whose elevations are read and checked in parts, on demand.
 
-    Its pieces have the bits that the same pieces of the whole `Terrain` have.
+    Parts have the same bits as the same parts of the whole `Terrain`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class TerrainFile:
         Of the whole file.
     path : str
     fill : NodataFill or None
-        What was filled of the piece that was read last.
+        Filled holes of the part that was read last.
 
     Raises
     ------
@@ -99,7 +99,7 @@ class TerrainFile:
             _require_metres_up(source, path, self._band, say)
             self.grid = Grid(crs, transform_of(source, path, local=crs is None), source.shape)
             if min(self.grid.shape) < 2:
-                raise InputError(f"{path} has {source.height} x {source.width} cells, wanted at least 2 x 2")
+                raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
             if crs is not None:
                 require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path, say)
 
@@ -118,7 +118,7 @@ class TerrainFile:
         return self._terrain(self.grid, None)
 
     def part(self, rows, columns):
-        """The Terrain of two slices, of `rows` and of `columns`."""
+        """The Terrain of a slice of `rows` and a slice of `columns`."""
         shape = rows.stop - rows.start, columns.stop - columns.start
         return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
 
@@ -135,22 +135,22 @@ class TerrainFile:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
                 self._say(line)
-        _tell_of_cliffs(terrain, self._file, self._say)
+        _warn_of_steep_cells(terrain, self._file, self._say)
         return terrain
 
 
 def _terrain_crs(source, path, asked, say):
-    """The DTM's horizontal CRS, None for a local frame; what was asked for must not contradict the file."""
+    """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
     own = crs_of(source, path)
     given = parse_crs(asked) if asked is not None else None
-    if own is not None and own.is_engineering:  # a local frame by its own word
+    if own is not None and own.is_engineering:  # declared as a local frame
         own = None
         asked = asked or LOCAL
-        say(f"{path}: its CRS is a local frame; taken as metres without a place")
+        say(f"{path}: its CRS is a local frame; coordinates are metres without a georeference")
     if own is None:
         if asked is None:
             error = WithoutCRS(
-                f"{path} has no CRS; name it with --crs EPSG:n, or --crs local for metres without a place (in "
+                f"{path} has no CRS; give --crs EPSG:n, or --crs local for metres without a georeference (in "
                 f"a scene: crs in [terrain])"
             )
             error.bounds = tuple(source.bounds)
@@ -160,52 +160,52 @@ def _terrain_crs(source, path, asked, say):
         tag = "--unset-crs" if given is None else f"--crs {asked}"
         reproject = "" if given is None else f", or reproject it: {warp_command(path, asked)}"
         raise GeoreferenceError(
-            f"{path} is in {name_of(own)} already, --crs {asked} is only for a DTM that carries none; leave --crs out, "
-            f"or correct a false tag (rio edit-info FILE {tag}){reproject}"
+            f"{path} is already in {name_of(own)}, --crs {asked} is only for a DTM without a CRS; omit --crs, "
+            f"or correct a wrong tag (rio edit-info FILE {tag}){reproject}"
         )
     plane = horizontal(own)
     if own.is_compound:
         say(
-            f"{path}: its CRS names a vertical datum too ({one_line(own.name)}); heights are taken as they are, and "
-            f"results carry the horizontal part, {name_of(plane)}"
+            f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations are used unchanged, and "
+            f"results have the horizontal part, {name_of(plane)}"
         )
     return plane
 
 
 def _require_metres_up(source, path, band, say):
-    """Refuse a band whose unit is a known one but metre (D7); an unknown unit is said."""
+    """Refuse a band with a known unit other than metre; an unknown unit is reported."""
     unit = (source.units[band - 1] or "").strip()
     factor = _OTHER_UNITS.get(unit.lower())
     if factor is not None:
         raise GeoreferenceError(
-            f"{path}: heights are in {unit}, wanted metres; convert them, for example: "
+            f"{path}: elevations are in {unit}, expected metres; convert them, for example: "
             f"{scale_command(path, factor)}, and set the unit to m"
         )
     if unit.lower() not in METRES:
-        say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
+        say(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
 
 
 def mask_false_heights(elevation, path, say):
-    """Turn undeclared nodata into NaN, and say so; refuse heights that are none (D12)."""
+    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
     for value in _USUAL_NODATA:
         false = elevation == value
         count = int(false.sum())
         if count:
             elevation[false] = np.nan
-            say(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
+            say(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
     if not np.isfinite(elevation).any():
         raise InputError(f"{path}: every cell is nodata")
     lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
     if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
         raise InputError(
-            f"{path}: heights reach from {lowest:g} to {highest:g}, wanted metres between {_BELOW_EARTH:g} and "
-            f"{_ABOVE_EARTH:g}; declare its nodata value (rio edit-info FILE --nodata N), or choose the band "
-            "that holds heights"
+            f"{path}: elevations are from {lowest:g} to {highest:g}, expected metres between {_BELOW_EARTH:g} and "
+            f"{_ABOVE_EARTH:g}; declare the nodata value (rio edit-info FILE --nodata N), or choose the band "
+            "of the elevations"
         )
 
 
-def _tell_of_cliffs(terrain, path, say):
-    """Warn where more than 1 % of the cells are steeper than 85 degrees: a mix-up of units or nodata (D7)."""
+def _warn_of_steep_cells(terrain, path, say):
+    """Warn where more than 1 % of the cells are steeper than 85 degrees: wrong units or nodata."""
     limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
     rows = terrain.grid.shape[0]
     for first in range(0, rows, _ROWS_AT_ONCE):

@@ -30,8 +30,8 @@ def read_raster(path, band=None, may_be_empty=False):
     Raises
     ------
     FormatError, InputError
-        Missing, unreadable, without a georeference, with several bands where none is named, or nodata everywhere
-        unless it `may_be_empty`.
+        Missing, unreadable, without a georeference, several bands without a band number, or nodata everywhere unless
+        it `may_be_empty`.
     """
     path = Path(path)
     with open_raster(path) as source:
@@ -40,25 +40,25 @@ def read_raster(path, band=None, may_be_empty=False):
 
 
 def raster_files(path):
-    """Paths of all files that GDAL reads for the raster at `path`: sources of a virtual one, masks, world files."""
+    """Paths of all files that GDAL reads for the raster at `path`: sources of a virtual raster, masks, world files."""
     with open_raster(path) as source:
         return [Path(name) for name in source.files]
 
 
 def grid_of(source, path):
-    """Grid of an open raster; its crs is the horizontal one, None where the file has none."""
+    """Grid of an open raster; its crs is the horizontal CRS, None where the file has none."""
     return Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
 
 
 @contextmanager
 def open_raster(path):
-    """rasterio's dataset at `path`, with its errors and warnings turned into one line."""
+    """The rasterio dataset at `path`; errors and warnings become one line."""
     path = Path(path)
     if not _GDAL_NAME.match(str(path)):
         if not path.exists():
             raise FormatError(f"{path}: no such file")
         if path.is_file() and path.stat().st_size == 0:
-            raise FormatError(f"{path} is empty (0 bytes), wanted a raster")
+            raise FormatError(f"{path} is empty (0 bytes), expected a raster")
         require_undisguised(path)
         _require_directory(path)
     with warnings.catch_warnings(), _messages_of_any_bytes():
@@ -67,22 +67,22 @@ def open_raster(path):
             source = rasterio.open(path)
         except (RasterioError, OSError, ValueError) as error:
             reason = _reason(error, path)
-            swapped = "; vector files are for releases, lines and areas: were two options swapped?"
+            swapped = "; vector files are for releases, lines and areas: check whether two options are swapped"
             vector = path.suffix.lower() in _VECTOR_SUFFIXES
             raise FormatError(
-                f"{path} is no raster that GDAL reads, or a truncated one ({reason}){swapped if vector else ''}"
+                f"{path} is not a raster that GDAL can read, or is truncated ({reason}){swapped if vector else ''}"
             ) from error
         with source:
             if source.count == 0:
-                raise FormatError(f"{path} holds no band; name one of its subdatasets (QGIS lists them)")
+                raise FormatError(f"{path} contains no band; give one of its subdatasets (QGIS lists them)")
             try:
                 yield source
-            except CPLE_BaseError as error:  # what GDAL found wrong may be raised by any later look at the dataset
+            except CPLE_BaseError as error:  # any later access to the dataset can raise errors of GDAL
                 raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
 
 
 def _require_directory(path):
-    """Refuse a TIFF whose first directory lies beyond its end: libtiff itself writes to stderr about that."""
+    """Refuse a TIFF whose first directory is beyond its end: libtiff would write to stderr."""
     if not path.is_file():
         return
     with open(path, "rb") as handle:
@@ -94,15 +94,15 @@ def _require_directory(path):
     offset = int.from_bytes(head[8:16] if kind == 43 else head[4:8], order) if kind in (42, 43) else 0
     if offset > size:
         raise FormatError(
-            f"{path} is no raster that GDAL reads, or a truncated one (its directory lies at byte {offset} of {size})"
+            f"{path} is not a raster that GDAL can read, or is truncated (its directory is at byte {offset} of {size})"
         )
 
 
 @contextmanager
 def _messages_of_any_bytes():
-    """GDAL's messages quote a damaged file's bytes; where these are no UTF-8 rasterio fails to log them, unheard.
+    """Suppress UnicodeDecodeErrors of rasterio's log: GDAL's messages quote bytes of damaged files.
 
-    Cython tells of such a failure twice, through either hook.
+    Cython reports such an error through both hooks.
     """
     before = sys.excepthook, sys.unraisablehook
 
@@ -110,9 +110,9 @@ def _messages_of_any_bytes():
         if not isinstance(error, UnicodeDecodeError):
             before[0](kind, error, trace)
 
-    def unraisable(told):
-        if not isinstance(told.exc_value, UnicodeDecodeError):
-            before[1](told)
+    def unraisable(report):
+        if not isinstance(report.exc_value, UnicodeDecodeError):
+            before[1](report)
 
     sys.excepthook, sys.unraisablehook = printed, unraisable
     try:
@@ -122,7 +122,7 @@ def _messages_of_any_bytes():
 
 
 def file_sha256(path):
-    """Hex digest of a file; '' for what is no plain file (a folder, a GDAL virtual path)."""
+    """Hex digest of a file; '' for folders and GDAL virtual paths."""
     path = Path(path)
     if not path.is_file():
         return ""
@@ -137,16 +137,16 @@ def _reason(error, path):
 def band_number(source, path, band, option="--dem-band N"):
     if band is None:
         if source.count > 1:
-            raise InputError(f"{path} has {source.count} bands; say which holds the values with {option}")
+            raise InputError(f"{path} has {source.count} bands; choose the band of the values with {option}")
         band = 1
     if not 1 <= band <= source.count:
-        raise InputError(f"{path}: band {band} asked for, but it has {source.count} (counted from 1)")
+        raise InputError(f"{path}: got band {band}, but it has {source.count} (counted from 1)")
     if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette:
         raise InputError(
-            f"{path} is a picture with a palette, wanted numbers in metres; use the raster it was made from"
+            f"{path} is an image with a palette, expected numbers in metres; use the raster it was made from"
         )
     if np.dtype(source.dtypes[band - 1]).kind not in "fiu":
-        raise InputError(f"{path}: band {band} holds {source.dtypes[band - 1]}, wanted real numbers")
+        raise InputError(f"{path}: band {band} has type {source.dtypes[band - 1]}, expected real numbers")
     return band
 
 
@@ -168,28 +168,28 @@ def band_values(source, path, band, may_be_empty=False, window=None):
         if window is not None:
             last = window.row_off + window.height - 1, window.col_off + window.width - 1
             first = window.row_off, window.col_off
-            where = f" in rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}, where it is needed,"
+            where = f" in the needed rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}"
         raise InputError(f"{path}: every cell{where} is nodata")
     return data
 
 
 def transform_of(source, path, local):
-    """The pixel-corner transform (GDAL honours AREA_OR_POINT); identity means that there is none."""
+    """The pixel-corner transform (GDAL respects AREA_OR_POINT); identity means no georeference."""
     t = source.transform
     numbers = np.array(t[:6], dtype=float)
     if not np.isfinite(numbers).all() or abs(t.a * t.e - t.b * t.d) <= 0:
         raise GeoreferenceError(
-            f"{path}: its transform {tuple(numbers.tolist())} cannot be inverted; georeference it anew"
+            f"{path}: the transform {tuple(numbers.tolist())} cannot be inverted; georeference the raster again"
         )
     sides, farthest = np.hypot(numbers[[0, 1]], numbers[[3, 4]]), np.abs(numbers).max()
     if sides.min() < _SMALLEST_PIXEL or farthest * max(source.shape) > _FARTHEST:
         raise GeoreferenceError(
-            f"{path}: its pixels of {sides[0]:.3g} x {sides[1]:.3g} at {t.c:.3g}, {t.f:.3g} lie on no map; "
-            "georeference it anew"
+            f"{path}: invalid georeference (pixels of {sides[0]:.3g} x {sides[1]:.3g} at {t.c:.3g}, {t.f:.3g}); "
+            "georeference the raster again"
         )
     if source.gcps[0] and t == Affine.identity():
         raise GeoreferenceError(
-            f"{path} is placed by control points only; warp it first: {warp_command(path, 'EPSG:n')}"
+            f"{path} is georeferenced by control points only; warp it first: {warp_command(path, 'EPSG:n')}"
         )
     if t == Affine.identity() and not local:
         raise GeoreferenceError(
@@ -205,8 +205,8 @@ def crs_of(source, path):
         crs = pyproj.CRS.from_user_input(source.crs.to_wkt())
     except pyproj.exceptions.CRSError as error:
         raise GeoreferenceError(
-            f"{path}: its CRS cannot be read ({one_line(error)[:80]}); set it anew (rio edit-info FILE --crs EPSG:n)"
+            f"{path}: its CRS cannot be read ({one_line(error)[:80]}); set it again (rio edit-info FILE --crs EPSG:n)"
         ) from error
-    epsg = crs.to_epsg()  # the register's own entry knows the area of use, a file's WKT does not
+    epsg = crs.to_epsg()  # the EPSG entry has the area of use, the WKT of a file has not
     registered = pyproj.CRS.from_epsg(epsg) if epsg else crs
     return registered if registered.equals(crs, ignore_axis_order=True) else crs

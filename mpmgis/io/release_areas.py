@@ -20,26 +20,26 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     Parameters
     ----------
     path : str or Path
-        Vector file (polygons; ``file.gpkg|layername=name`` picks a layer) or raster (mask, or thickness per cell).
+        Vector file (polygons; ``file.gpkg|layername=name`` selects a layer) or raster (mask, or thickness per cell).
     terrain : Terrain or TerrainFile
     thickness : float, str or Path, optional
-        A number [m], a column's name, or a raster's path. Without it the first of the columns thickness, d0, relth is
-        used, or the values of a release raster.
+        A number [m], the name of a column, or the path of a raster. Default: the first of the columns thickness, d0,
+        relth, or the values of a release raster.
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
-        Raster of the material's surface [m]: thickness is surface minus bed, vertical, clipped at 0.
+        Raster of the material's surface [m]: vertical thickness is surface minus bed, clipped at 0.
     say : callable, optional
-        Told in one line what was assumed, repaired or reprojected.
+        Gets one-line messages about assumptions, repairs and reprojections.
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
-    from ..seeding.bed import bed_under  # brings the kernels of seeding, which outlines do without
+    from ..seeding.bed import bed_under  # imports the kernels of seeding; not needed for outlines
 
     say = say or (lambda text: None)
     if surface is not None and thickness is not None:
-        raise InputError("--thickness and --surface exclude each other; give one of them")
+        raise InputError("--thickness and --surface exclude each other; give only one")
     wanted = _Thickness.parse(thickness, surface)
     if is_raster(path):
         features, own = area_of_raster(path, terrain, wanted, say)
@@ -69,7 +69,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
 
 
 def read_outlines(path, terrain):
-    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as `read_release` has them.
+    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as in `read_release`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def read_outlines(path, terrain):
     """
 
     def say(text):
-        """No release is seeded here: nobody needs to know what was assumed."""
+        """No release is seeded, so that assumptions are not reported."""
 
     wanted = _Thickness(number=1.0)
     if is_raster(path):
@@ -90,7 +90,7 @@ def read_outlines(path, terrain):
 
 
 class _Thickness:
-    """What --thickness or --surface asks for: a number, a column's name, or a raster."""
+    """The thickness by --thickness or --surface: a number, the name of a column, or a raster."""
 
     def __init__(self, number=None, column=None, raster=None):
         self.number, self.column, self.raster = number, column, raster
@@ -112,14 +112,14 @@ class _Thickness:
 
 
 def require_thickness(value, where):
-    """`value` [m] if it is a finite number above 0; `where` names it in the refusal."""
+    """`value` [m] if it is a finite number above 0; `where` is for the error message."""
     if not math.isfinite(value) or value <= 0:
-        raise InputError(f"{where}: thickness is {value:g}, wanted a number of metres above 0")
+        raise InputError(f"{where}: thickness is {value:g}, expected a number of metres above 0")
     return value
 
 
 def _vector_features(path, terrain, wanted, say):
-    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
+    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster gives it later."""
     table = read_table(path)
     table = require_polygons(table, path, say)
     names = names_of(table)
@@ -130,7 +130,7 @@ def _vector_features(path, terrain, wanted, say):
 
 
 def _feature_thickness(table, names, path, wanted, say):
-    """Thickness [m] per feature: the number, or the column's values; NaN where a raster gives it."""
+    """Thickness [m] per feature: the number or the values of the column; NaN where a raster gives it later."""
     if wanted.raster is not None:
         return [math.nan] * len(names)
     if wanted.number is not None:
@@ -138,7 +138,7 @@ def _feature_thickness(table, names, path, wanted, say):
     column = _thickness_column(table, path, wanted.column, say)
     values = table.columns[column]
     if values.dtype.kind not in "fiu":
-        raise InputError(f"{path}: column {column!r} holds {_kind(values)}, wanted numbers (thickness in metres)")
+        raise InputError(f"{path}: column {column!r} contains {_kind(values)}, expected numbers (thickness in metres)")
     values = values.astype(float).tolist()
     return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
 
@@ -148,7 +148,7 @@ def _kind(values):
 
 
 def _thickness_column(table, path, asked, say):
-    """The column to use: the one asked for, or the first of the usual ones (which is said)."""
+    """The thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
     columns = list(table.columns)
     if asked is None:
         lower = {c.lower(): c for c in reversed(columns)}
@@ -158,14 +158,14 @@ def _thickness_column(table, path, asked, say):
                 f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
                 f"or thickness in the scene's table, as a number of metres, a column or a raster"
             )
-        say(f"{path}: thickness is taken from column {found!r}")
+        say(f"{path}: thickness is read from column {found!r}")
         return found
     if asked in columns:
         return asked
     near = difflib.get_close_matches(asked, columns, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
-        f"--thickness {asked!r} is no number, no raster and no column of {path}; {hint}{_listing(columns)}"
+        f"--thickness {asked!r} is neither a number, a raster nor a column of {path}; {hint}{_listing(columns)}"
     )
 
 

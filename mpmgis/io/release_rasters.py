@@ -16,9 +16,9 @@ from ..terrain.release import ReleasePart, ThicknessRaster, polygons_only
 from .raster import read_raster
 from .reprojection import require_lies_on, transformer_to
 
-_ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] a raster of larger values so near to the ground holds elevations
-_SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so finely, memory permitting
-_AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
+_ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] larger values this close to the terrain are elevations
+_SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # subdivision of the pixels of a surface, limited by memory
+_AFFINE_PIXELS = 0.25  # largest misfit [pixel] of the affine transform that approximates a reprojection
 
 
 def area_of_raster(path, terrain, wanted, say):
@@ -31,19 +31,19 @@ def area_of_raster(path, terrain, wanted, say):
     grid = _grid_on_terrain(values, grid, terrain, path, say)
     inside = np.isfinite(values) & (values != 0)
     if not inside.any():
-        raise InputError(f"{path}: no cell holds a value other than 0, wanted a mask or a thickness in metres")
+        raise InputError(f"{path}: all values are 0 or nodata, expected a mask or a thickness in metres")
     own, number = None, math.nan
     if wanted.number is not None:
         number = wanted.number
     elif wanted.raster is None:
         if set(np.unique(values[inside]).tolist()) == {1.0}:
             raise InputError(
-                f"{path} holds only 0 and 1, which is a mask; give --thickness, or thickness in the scene's table, as "
-                f"a number of metres or a raster"
+                f"{path} contains only 0 and 1, i.e. a mask; give --thickness, or thickness in the table of the scene, "
+                f"as a number of metres or a raster"
             )
         _refuse_elevations(values, inside, grid, terrain, path)
         own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
-        say(f"{path}: its values are taken as thickness in metres")
+        say(f"{path}: its values are used as thickness in metres")
     return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
 
 
@@ -55,13 +55,13 @@ def _refuse_elevations(values, inside, grid, terrain, path):
     least, most = values[inside].min(), values[inside].max()
     if np.isfinite(apart).any() and least > _ELEVATION and np.nanmedian(apart) < _NEAR_GROUND:
         raise InputError(
-            f"{path} holds elevations as the DTM does ({least:.6g} to {most:.6g}), wanted a mask or a thickness in "
-            "metres; the surface of the material belongs to --surface, with the release area beside it"
+            f"{path} contains elevations like the DTM ({least:.6g} to {most:.6g}), expected a mask or a thickness in "
+            "metres; for the surface of the material give --surface and a release area"
         )
 
 
 def _outline(inside, grid):
-    """The union of the pixel squares that are `inside` (design note D9: no contour through centres)."""
+    """The union of the pixel squares that are `inside` (not a contour through the centres)."""
     shapes = rasterio.features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4)
     pieces = [shapely.geometry.shape(shape) for shape, _ in shapes]
     whole = shapely.union_all(pieces)
@@ -78,14 +78,14 @@ def _require_no_negative(values, path):
         row, column = np.argwhere(bad)[0].tolist()
         raise InputError(
             f"{path}: thickness is {values[row, column]:g} in {int(bad.sum())} cells, the first in row {row}, column "
-            f"{column}; wanted metres above 0; declare the nodata value (rio edit-info FILE --nodata N), or use "
+            f"{column}; expected metres above 0; declare the nodata value (rio edit-info FILE --nodata N), or use "
             "--surface"
         )
     return values
 
 
 def thickness_raster(path, terrain, say):
-    """The thickness raster at `path` on its own grid, expressed in the terrain's CRS; 0 and nodata are no material."""
+    """The thickness raster at `path` on its own grid, in the terrain's CRS; 0 and nodata mean no material."""
     values, grid = read_raster(path)
     grid = _grid_on_terrain(values, grid, terrain, path, say)
     _require_no_negative(values, path)
@@ -94,10 +94,10 @@ def thickness_raster(path, terrain, say):
 
 
 def surface_thickness(path, terrain, features, record, say):
-    """Surface minus bed on the finer of the two grids, clipped at 0; what was clipped under the release is said (D2).
+    """Surface minus bed on the finer of the two grids, clipped at 0; clipped volumes in the release are reported.
 
-    Pixels are cut into smaller ones before clipping, so that the material ends where surface and bed meet and not at
-    the border of a pixel.
+    Pixels are subdivided before clipping, so that the material ends where surface and bed intersect, not at the border
+    of a pixel.
     """
     values, grid = read_raster(path)
     grid = _grid_on_terrain(values, grid, terrain, path, say)
@@ -116,21 +116,21 @@ def surface_thickness(path, terrain, features, record, say):
     count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
     record.update(clipped_cells=count, clipped_volume=volume)
     if count:
-        say(f"{path}: lies below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+        say(f"{path}: is below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
     fine = _finer(whole)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
 
 
 def _bed_at(terrain, x, y):
-    """Elevation [m] at map points [m]; of a TerrainFile only the pixels around them are read."""
+    """Elevation [m] at map points [m]; a TerrainFile reads only the pixels around them."""
     rows, columns = terrain.grid.window((x.min(), y.min(), x.max(), y.max()), 2)
     row, column = terrain.grid.rowcol(x, y)
     return bilinear(terrain.part(rows, columns).elevation, row - rows.start, column - columns.start)
 
 
 def _finer(raster):
-    """`raster` with every pixel cut into up to 8 x 8, bilinear."""
+    """`raster` with every pixel divided into up to 8 x 8, bilinear."""
     cut = int(np.clip(np.sqrt(_MOST_PIXELS / raster.values.size), 1, _SURFACE_CUT))
     rows, columns = (n * cut for n in raster.grid.shape)
     row, column = np.ogrid[:rows, :columns]
@@ -140,7 +140,7 @@ def _finer(raster):
 
 
 def within_thickness(part, thickness, say):
-    """`part` cut to the pixels that hold a thickness; what falls away is said."""
+    """`part` clipped to the pixels with a thickness; the lost area is reported."""
     near = _cropped(thickness, part.polygon.bounds)
     valid = np.isfinite(near.values)
     polygon = part.polygon
@@ -150,26 +150,26 @@ def within_thickness(part, thickness, say):
         polygon = polygons_only(polygon.intersection(corners))
     if polygon.is_empty or polygon.area <= 0:
         raise InputError(
-            f"release '{part.name}' has zero thickness everywhere: the thickness raster holds nothing above 0 there"
+            f"release '{part.name}' has zero thickness everywhere: the thickness raster has no value above 0 there"
         )
     lost = part.polygon.area - polygon.area
     if lost > 1e-9 * part.polygon.area:
         say(
             f"release '{part.name}': {lost:.4g} m2 ({100 * lost / part.polygon.area:.1f} %) without thickness are "
-            "left out"
+            "ignored"
         )
     return ReleasePart(part.name, polygon, thickness)
 
 
 def _cropped(thickness, bounds):
-    """The part of a ThicknessRaster that meets `bounds` [m], one cell at least."""
+    """The part of a ThicknessRaster within `bounds` [m], at least one cell."""
     rows, columns = around = _pixels_around(thickness.grid, bounds)
     values = thickness.values[around]
     return ThicknessRaster(values, thickness.grid.part(rows.start, columns.start, values.shape))
 
 
 def _pixels_around(grid, bounds):
-    """(slice of rows, slice of columns) of the pixels whose values count in `bounds` [m], one at least."""
+    """(slice of rows, slice of columns) of the pixels needed for values in `bounds` [m], at least one pixel."""
     west, south, east, north = bounds
     places = grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
     slices = []
@@ -180,7 +180,7 @@ def _pixels_around(grid, bounds):
 
 
 def _grid_on_terrain(values, grid, terrain, path, say):
-    """The raster's grid in the terrain's CRS; another CRS is met by the affine that fits it over the valued pixels."""
+    """The grid of the raster in the terrain's CRS; another CRS is approximated by an affine over the valid pixels."""
     target = terrain.grid.crs
     if grid.crs is None or target is None:
         require_lies_on(grid.bounds, grid.crs, terrain, path, say)
@@ -189,7 +189,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
         return Grid(target, grid.transform, grid.shape)
     rows, columns = np.nonzero(np.isfinite(values) & (values != 0))
     if rows.size == 0:
-        raise InputError(f"{path}: no cell holds a value other than 0")
+        raise InputError(f"{path}: all values are 0 or nodata")
     i = np.linspace(rows.min() - 0.5, rows.max() + 0.5, 9)
     j = np.linspace(columns.min() - 0.5, columns.max() + 0.5, 9)
     i, j = (a.ravel() for a in np.meshgrid(i, j))
@@ -197,7 +197,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     x, y = transformer.transform(*grid.xy(i, j))
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise GeoreferenceError(
-            f"{path} is in {name_of(grid.crs)} and cannot be brought to {name_of(target)}; check its CRS"
+            f"{path} is in {name_of(grid.crs)} and cannot be reprojected to {name_of(target)}; check its CRS"
         )
     design = np.column_stack((j + 0.5, i + 0.5, np.ones_like(i)))
     (a, d), (b, e), (c, f) = np.linalg.lstsq(design - [0, 0, 0], np.column_stack((x, y)), rcond=None)[0]
@@ -207,11 +207,11 @@ def _grid_on_terrain(values, grid, terrain, path, say):
     if misfit > _AFFINE_PIXELS:
         code = target.to_epsg() or "n"
         raise GeoreferenceError(
-            f"{path} is in {name_of(grid.crs)} and too large to be placed in {name_of(target)} without resampling; "
+            f"{path} is in {name_of(grid.crs)} and too large for {name_of(target)} without resampling; "
             f"reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
     say(
-        f"{path}: placed from {name_of(grid.crs)} in {name_of(target)}, the terrain's CRS (within {misfit:.2g} of a "
-        "pixel)"
+        f"{path}: transformed from {name_of(grid.crs)} to {name_of(target)}, the terrain's CRS (within {misfit:.2g} "
+        "of a pixel)"
     )
     return placed

@@ -16,15 +16,15 @@ import numpy as np
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..interop.declarations import FORMAT as SIDECAR_FORMAT
-from ..interop.declarations import SUFFIX, ForeignTerms, find_sidecar, read_sidecar
-from ..interop.frame_list import foreign_files
+from ..interop.declarations import SUFFIX, Declarations, find_sidecar, read_sidecar
+from ..interop.frame_list import third_party_files
 from ..interop.readers.hdf5 import MAGIC
 from ..interop.readers.registry import OWN, head_of, reader_of
 from ..interop.writers.registry import SOLVER_FILES
 from ..io.ensemble_folder import MAPS, read_ensemble_record
 from ..io.frame_digest import check_result
 from ..io.gdal_input import require_local
-from ..io.hdf5 import opened_whole, require_room
+from ..io.hdf5 import opened_whole, require_memory
 from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 from ..scene import read_scene
 from ..terrain.georeference import name_of
@@ -83,10 +83,10 @@ def _first_line(path):
 
 def _of_series(folder):
     """Number, mass and place of the frames of points in a folder."""
-    reader, files = foreign_files(folder)
+    reader, files = third_party_files(folder)
     if not files:
         raise FormatError(f"{folder} holds no points any more; write it anew")
-    facts = foreign_facts(files, reader, ForeignTerms())
+    facts = foreign_facts(files, reader, Declarations())
     names = ("frames", "first_time", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed", "series", "lost")
     first = (facts.get("series") or [facts])[0]
     kept = {name: facts[name] for name in names if name in facts}
@@ -115,7 +115,7 @@ LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames that are read throu
 
 
 def inspect(path, terms=None):
-    """Facts about the file or folder at `path`; `terms` (ForeignTerms) is what is said about another code's files.
+    """Facts about the file or folder at `path`; `terms` (Declarations) is what is said about another code's files.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def inspect(path, terms=None):
     FormatError
         Missing, empty, damaged, or nothing of this chain.
     """
-    path, terms = Path(path), terms or ForeignTerms()
+    path, terms = Path(path), terms or Declarations()
     return _plain(_facts(path, terms))
 
 
@@ -161,7 +161,7 @@ def _plain(value):
 
 
 def _refuse_idle(path, terms):
-    idle = terms.only_for_foreign()
+    idle = terms.only_for_third_party()
     if idle:
         raise InputError(f"{path} is no particle file of another code, which {', '.join(idle)} is about; leave it out")
 
@@ -180,7 +180,7 @@ def _folder_facts(path, terms):
     if any(reader_of(frame) == OWN for frame in frames):
         _refuse_idle(path, terms)
         return _results_facts(path, frames)
-    reader, files = foreign_files(path, terms.reader)
+    reader, files = third_party_files(path, terms.reader)
     if files:
         return foreign_facts(files, reader, terms)
     _refuse_idle(path, terms)
@@ -330,7 +330,7 @@ def _require_own_values(path):
         with opened_whole(path) as file:
             for name in ("t_s", "time"):
                 if isinstance(file.get(name), h5py.Dataset):
-                    require_room(f"{path}: {name}", 1, 8, file[name])
+                    require_memory(f"{path}: {name}", 1, 8, file[name])
 
 
 def _map_facts(path):

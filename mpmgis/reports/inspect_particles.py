@@ -12,8 +12,14 @@ import pyogrio
 import pyproj
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
-from ..interop.frame_list import foreign_frames
-from ..interop.georeferencing import foreign_particles, named_columns, series_place, times_of, untold
+from ..interop.frame_list import third_party_frames
+from ..interop.georeferencing import (
+    missing_declarations,
+    named_columns,
+    series_position,
+    third_party_particles,
+    times_of,
+)
 from ..interop.readers.parsing import Form, read_rows
 from ..io.frame_digest import check_content
 from ..io.frames import read_frame, read_maxima
@@ -59,7 +65,7 @@ def frame_facts(path):
 
 
 def foreign_facts(paths, reader, terms):
-    """Facts about another code's files, with what `terms` (ForeignTerms) says besides; what nobody says is None.
+    """Facts about another code's files, with what `terms` (Declarations) says besides; what nobody says is None.
 
     Of several frames, in a file or in several: those of the last, and number and mass of each.
 
@@ -67,12 +73,12 @@ def foreign_facts(paths, reader, terms):
     ------
     FormatError, InputError
     """
-    frames, terms = foreign_frames(paths, reader, terms)
+    frames, terms = third_party_frames(paths, reader, terms)
     try:
         times = times_of(frames, terms)
     except InputError:
         times = [None] * len(frames)  # --times of another number than there are frames here
-    series = sorted(zip(frames, times, strict=True), key=lambda entry: series_place(entry[0]))
+    series = sorted(zip(frames, times, strict=True), key=lambda entry: series_position(entry[0]))
     if len(series) == 1:
         return {"kind": "particles", **_foreign_frame_facts(*series[0], reader, terms)}
     shown = series if len(series) <= MOST_FRAMES_READ else [series[0], series[-1]]
@@ -88,7 +94,7 @@ def foreign_facts(paths, reader, terms):
 
 def _foreign_frame_facts(frame, time, reader, terms):
     """Facts about one frame of another code."""
-    particles = foreign_particles(frame, terms)
+    particles = third_party_particles(frame, terms)
     origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)
     facts = particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume)
     if terms.axes is None or terms.origin is None:
@@ -110,7 +116,7 @@ def _foreign_frame_facts(frame, time, reader, terms):
         "cell_size": frame.cell_size,
         "particle_volume": frame.particle_volume,
         "arrays": list(frame.columns),
-        "to_be_told": untold(frame, terms),
+        "to_be_told": missing_declarations(frame, terms),
     }
 
 

@@ -15,7 +15,7 @@ from ..analysis.runout import ends_along, heights_under
 from ..errors import GeoreferenceError, InputError
 from ..fields import Quantity
 from ..gis.outlines import mask_outline
-from ..interop.frame_list import foreign_files
+from ..interop.frame_list import third_party_files
 from ..interop.readers.registry import OWN, reader_of
 from ..io.exported import is_export
 from ..io.observed import cells_within, read_outline
@@ -132,7 +132,7 @@ def _reader(path, asked):
         return None
     if any(reader_of(frame) == OWN for frame in path.glob("*.h5")):
         return OWN
-    reader, files = foreign_files(path, asked)
+    reader, files = third_party_files(path, asked)
     return reader if files else None
 
 

@@ -11,7 +11,7 @@ from ..io.atomic import refuse_existing
 from ..io.dtm import READ_WHOLE, TerrainFile, read_terrain
 from ..io.particle_files import require_format, write_columns
 from ..io.release_areas import read_release
-from ..io.reprojection import with_crs_beside
+from ..io.reprojection import with_crs_hint
 from ..particles import Particles
 from ..seeding.columns import plan_seed
 from ..seeding.options import Cures, tell_if_implausible
@@ -65,7 +65,7 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = with_crs_beside(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, say))
+    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, say))
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
@@ -103,7 +103,7 @@ def seed_frame(
     **options,
 ):
     """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
-    terrain = with_crs_beside(
+    terrain = with_crs_hint(
         release, lambda: read_terrain(dem, crs=crs, band=dem_band, say=say, fill_nodata=fill_nodata)
     )
     area = read_release(release, terrain, thickness, thickness_mode, surface, say)

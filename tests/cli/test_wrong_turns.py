@@ -42,7 +42,7 @@ def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
     table = json.loads((site / "release.geojson").read_text())
     del table["crs"]
     (site / "release.geojson").write_text(json.dumps(table))
-    assert "without a CRS inside, GeoJSON is in degrees" in refused(site, capsys, SCENE)
+    assert "GeoJSON without a CRS is in degrees" in refused(site, capsys, SCENE)
     write_shapes(site / "release.geojson", [shapely.box(60, 150, 160, 250)], crs="EPSG:4326")
     assert run(site, SHORT) == 0
 
@@ -59,7 +59,7 @@ def test_the_wrong_file_is_told_what_the_right_one_is(site, capsys):
     assert main(["run", str(site)]) == 2
     assert "a folder; name the file in it" in capsys.readouterr().err
     assert main(["runout", str(site / "dtm.tif")]) == 2
-    assert "name the folder of a run, its frame_*.h5" in capsys.readouterr().err
+    assert "give the folder of a run, its frame_*.h5" in capsys.readouterr().err
 
 
 def test_an_export_says_what_to_open(site, capsys):

@@ -34,16 +34,16 @@ from third_party_writers import (
 
 from mpmgis.cli.main import main
 from mpmgis.errors import MpmgisError
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.interop.readers.registry import FOREIGN
 
-TOLD = ForeignTerms(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, time_step=1.0)
+TOLD = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, time_step=1.0)
 
 
 def read_all(path, reader):
     """Read every frame in a file or folder with a reader."""
-    terms = ForeignTerms(**{**vars(TOLD), "reader": reader})
+    terms = Declarations(**{**vars(TOLD), "reader": reader})
     return [entry.read() for entry in list_frames([path], terms)]
 
 
@@ -220,8 +220,8 @@ def test_a_load_step_that_has_several_files_asks_for_their_times(tmp_path):
         )
     terms = {**vars(TOLD), "time_step": None}
     with pytest.raises(MpmgisError, match="its time"):
-        list_frames([tmp_path], ForeignTerms(**terms))
-    entries = list_frames([tmp_path], ForeignTerms(**{**terms, "times": (0.0, 1.0, 2.0, 3.0)}))
+        list_frames([tmp_path], Declarations(**terms))
+    entries = list_frames([tmp_path], Declarations(**{**terms, "times": (0.0, 1.0, 2.0, 3.0)}))
     assert [entry.path.name[-13:-4] for entry in entries][1:3] == ["001000010", "001000020"]
 
 
@@ -242,7 +242,7 @@ def test_entities_are_not_expanded(tmp_path):
         ("ascii", b" 30.0 ", b" high ", "something else than numbers"),
         ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "wanted 183"),
         ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="many"', "whole number"),
-        ("ascii", b"</Points>", b"</Dots>", "no readable XML"),
+        ("ascii", b"</Points>", b"</Dots>", "not readable XML"),
         ("ascii", b"UnstructuredGrid", b"ImageData       ", "wanted PolyData"),
         ("raw", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "wanted 732"),
         ("raw", b'header_type="UInt32"', b'header_type="UInt99"', "header_type"),
@@ -363,7 +363,7 @@ def test_a_parquet_with_rows_missing_or_text_for_numbers_is_refused(tmp_path):
     write_parquet(tmp_path)
     path = tmp_path / "slide.parquet"
     path.write_bytes(path.read_bytes()[:-9])
-    assert "no readable Parquet" in refusal(path, "parquet")
+    assert "not a readable Parquet" in refusal(path, "parquet")
     columns = table(0) | {"x": [str(value) for value in table(0)["x"]]}
     pyarrow.parquet.write_table(pyarrow.table(columns), path)
     assert "which columns are x " in refusal(path, "parquet")

@@ -177,7 +177,7 @@ def poke(name, value):
 
 BROKEN = {
     "another format": (lambda f: f.attrs.update(format="other"), "format 'other', wanted 'mpmgis-frame'"),
-    "no format": (lambda f: f.attrs.__delitem__("format"), "it is no mpmgis frame"),
+    "no format": (lambda f: f.attrs.__delitem__("format"), "not an mpmgis frame"),
     "newer format": (lambda f: f.attrs.update(format_version=2), "format version 2, this mpmgis reads up to 1; update"),
     "version a word": (lambda f: f.attrs.update(format_version="two"), "format_version is 'two', wanted a number"),
     "dimension 4": (lambda f: f.attrs.update(dimension=4), "dimension 4, wanted 2 or 3"),
@@ -202,8 +202,8 @@ BROKEN = {
         "attribute note of /state is '.udcff', wanted UTF-8",
     ),
     "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', wanted a number"),
-    "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "wanted three finite numbers"),
-    "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "wanted three finite numbers"),
+    "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "expected three finite numbers"),
+    "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "expected three finite numbers"),
     "crs junk": (lambda f: f.attrs.update(crs="somewhere"), "wanted EPSG:n, WKT or a PROJ string"),
     "no particles": (lambda f: f.__delitem__("particles"), "no group 'particles'"),
     "no position": (lambda f: f["particles"].__delitem__("position"), "no particles/position"),
@@ -241,7 +241,7 @@ BROKEN = {
     ),
     "id not whole": (lambda f: replace(f, "id", np.arange(COUNT) + 0.5), "particles/id is not made of whole"),
     "id negative": (lambda f: replace(f, "id", np.arange(COUNT) - 1), "particles/id is not made of whole"),
-    "no rows": (without_rows, "no particle in it"),
+    "no rows": (without_rows, "contains no particle"),
 }
 
 
@@ -275,7 +275,7 @@ def test_junk_is_refused_in_one_line(tmp_path, content):
 def test_a_missing_file_and_a_folder_are_named_as_such(tmp_path):
     with pytest.raises(FormatError, match=r"none\.h5: no such file"):
         read_frame(tmp_path / "none.h5")
-    with pytest.raises(FormatError, match="is a folder, not a frame; name its files"):
+    with pytest.raises(FormatError, match="is a folder, not a frame; give its files"):
         read_frame(tmp_path)
 
 

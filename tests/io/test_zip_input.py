@@ -128,7 +128,7 @@ def test_a_header_that_says_to_be_long(tmp_path):
     del raw
     tracemalloc.start()
     try:
-        with pytest.raises(FormatError, match="is no array of NumPy"):
+        with pytest.raises(FormatError, match="is not an array of NumPy"):
             read_members(path)
         assert tracemalloc.get_traced_memory()[1] < 1e7
     finally:

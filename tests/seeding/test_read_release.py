@@ -146,7 +146,7 @@ def test_points_and_lines_are_refused(tmp_path, terrain):
     features(shapely.LineString(ring().exterior.coords), d0=[1.0]).to_file(tmp_path / "l.gpkg")
     features(shapely.Point(X, Y), d0=[1.0]).to_file(tmp_path / "p.gpkg")
     for name, kind in (("l", "LineString"), ("p", "Point")):
-        with pytest.raises(InputError, match=f"holds {kind}, wanted polygons"):
+        with pytest.raises(InputError, match=f"holds {kind}, expected polygons"):
             read_release(tmp_path / f"{name}.gpkg", terrain)
 
 

@@ -242,4 +242,4 @@ def test_a_vertical_datum_is_told_and_left_out(tmp_path):
     write_raster(tmp_path / "d.tif", heights, Affine(10, 0, EAST, 0, -10, NORTH), crs="EPSG:25832+5783")
     terrain = read_terrain(tmp_path / "d.tif", say=told.append)
     assert terrain.grid.crs.to_epsg() == 25832
-    assert ["DHHN92" in line and "heights are taken as they are" in line for line in told] == [True]
+    assert ["DHHN92" in line and "elevations are used unchanged" in line for line in told] == [True]

@@ -14,7 +14,7 @@ from ...experiments.numerical_parameters import default_courant_number
 from ...fields import GRAVITY
 from ...io.dtm import READ_WHOLE, TerrainFile
 from ...io.gdal_input import require_local
-from ...io.reprojection import with_crs_beside
+from ...io.reprojection import with_crs_hint
 from ...kernels.laws import require_compiled, use_own_laws
 from ...machine import memory_lack
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
@@ -30,8 +30,8 @@ from ...spatial.placement import levelled
 from ...terrain.nodata import nodata_in_reach
 from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ...terrain.release import tell_of_cliffs
-from .cost_prediction import require_room
-from .scene_files import read_places, trial_parameters
+from .cost_prediction import require_memory
+from .scene_files import read_positions, trial_parameters
 from .sources import read_point_start, read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
@@ -144,10 +144,10 @@ def in_scene_words(message):
 def prepare_scene(scene, say=lambda text: None):
     """As `prepare`, of a Scene that is read already."""
     say = _once(say)
-    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene, say))
+    terrain, fill = with_crs_hint(_laid_on_it(scene), lambda: _terrain(scene, say))
     scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
-    require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
+    require_memory(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
     require_inflow_over(scene.stage, start.events)
@@ -246,7 +246,7 @@ def _stage(scene, terrain, grid, start, reached, later, say):
     `reached` (mu) answers as `_reached`.
     """
     at_start = start.frame if start.frame.dimension == 2 else start.seen
-    known = read_places(scene, terrain, grid, at_start, start.seen, say)
+    known = read_positions(scene, terrain, grid, at_start, start.seen, say)
     reach, facts, deciding = _facts(terrain, start.seen, reached, known)
     in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
     require_ground(scene.solver, scene.numerics.edges, in_reach)

@@ -48,7 +48,7 @@ def _with_what_belongs_to_it(path):
             yield from raster_files(path)
 
 
-def read_places(scene, terrain, grid, start, everything, say):
+def read_positions(scene, terrain, grid, start, everything, say):
     """Read all that `scene` knows by place; a KnownByPlace.
 
     Parameters
