@@ -65,7 +65,7 @@ def test_a_scene_names_nothing_in_the_network(site, capfd, source):
 def test_what_leads_to_the_network_over_another_file(site):
     (site / "inner.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.vrt"))
-    with pytest.raises(FormatError, match=r"inner\.vrt names, lies in the network"):
+    with pytest.raises(FormatError, match=r"inner\.vrt refers to, is in the network"):
         require_local(site / "outer.vrt", "scene.toml")
     (site / "inner.vrt").rename(site / "inner.tif")
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.tif"))

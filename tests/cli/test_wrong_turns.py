@@ -95,9 +95,9 @@ def test_a_dtm_without_a_crs_is_refused_with_that_of_the_release_on_it(site, cap
     words = ["seed", "--dem", str(site / "bare.tif"), "--release", str(site / f"on_it.{suffix}")]
     assert main([*words, "--thickness", "1"]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
-    assert line.endswith(f"on_it.{suffix} lies on it in EPSG:32632: if the DTM is in that, too, --crs EPSG:32632")
+    assert line.endswith(f"on_it.{suffix} overlaps it and is in EPSG:32632: if the DTM is too, give --crs EPSG:32632")
     scene = SCENE.replace("dtm.tif", "bare.tif").replace("release.geojson", f"on_it.{suffix}")
-    assert refused(site, capsys, scene).endswith('if the DTM is in that, too, [terrain] crs = "EPSG:32632"')
+    assert refused(site, capsys, scene).endswith('if the DTM is too, give [terrain] crs = "EPSG:32632"')
     assert main([*words, "--thickness", "1", "--crs", "EPSG:32632", "-o", str(site / "a.h5")]) == 0
 
 

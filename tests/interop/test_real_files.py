@@ -84,7 +84,7 @@ def test_pieces_of_two_processes_are_one_frame_even_if_one_is_named(tmp_path):
         assert entry.time == pytest.approx(0.3)
     shutil.copy(REAL / "lammps" / "piece.1.3000.dump", tmp_path / "piece.2.3000.dump")
     shutil.copy(REAL / "lammps" / "piece.0.3000.dump", tmp_path)
-    with pytest.raises(MpmgisError, match="that of rank 1 is missing"):
+    with pytest.raises(MpmgisError, match="the piece of rank 1 is missing"):
         frames_of(tmp_path, time_step=1e-4)
 
 
@@ -157,7 +157,7 @@ def test_binary_dumps_and_those_without_velocities_are_answered(capsys):
     assert "binary2txt" in capsys.readouterr().err
     assert main(["info", str(REAL / "lammps" / "atom.dump")]) == 0
     out = capsys.readouterr().out
-    assert "which columns are vx, vy, vz" in out
+    assert "the columns of vx, vy, vz" in out
     assert "5170.1, 5170.9" in out and "100.03, 100.56" in out  # shares of the box, as metres
 
 
@@ -181,7 +181,7 @@ def test_a_folder_of_liggghts_holds_grains_and_no_boxes(tmp_path):
     for path in (REAL / "liggghts").glob("*.vtk"):
         shutil.copy(path, tmp_path)
     assert [entry.path.name for entry in frames_of(tmp_path, time_step=2e-4)] == ["1000.vtk", "4000.vtk"]
-    with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*leave it out"):
+    with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*omit this file"):
         frames_of(tmp_path / "*.vtk", time_step=2e-4)
 
 
@@ -193,7 +193,7 @@ def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):
     with pytest.raises(MpmgisError, match="contains no particle"):
         frames_of(path, time_step=2e-4)
     path.write_text(text + empty.replace("TIMESTEP\n0\n", "TIMESTEP\n5000\n"))
-    with pytest.raises(MpmgisError, match="at 5000, and there were some before"):
+    with pytest.raises(MpmgisError, match="at 5000, but earlier frames do"):
         frames_of(path, time_step=2e-4)
 
 

@@ -138,13 +138,13 @@ def test_volume_density_and_columns_may_be_told(site, capsys):
     ("options", "word"),
     [
         (("--axes", "e,u,n"), "mirror image"),
-        (("--axes", "e,e,n"), "right angles"),
+        (("--axes", "e,e,n"), "orthogonal"),
         (("--axes", "e,x,n"), "not a direction"),
         (("--origin", "0,0"), "three numbers"),
         (("--times", "1,2"), "2 times for 3 frames"),
-        (("--fps", "2", "--dt", "1"), "give one of them"),
-        (("--columns", "mass=m"), "no such column"),
-        (("--columns", "heat=p"), "no quantity 'heat'"),
+        (("--fps", "2", "--dt", "1"), "give only one"),
+        (("--columns", "mass=m"), "unknown column"),
+        (("--columns", "heat=p"), "unknown quantity 'heat'"),
         (("--columns", "mass"), "NAME=COLUMN"),
         (("--reader", "mattr"), "choose from mpmgis, matter"),
         (("--reader", "mpmgis"), "no frame (*.h5)"),
@@ -163,7 +163,7 @@ def test_nonsense_is_refused_in_one_line(site, capsys, options, word):
 def test_options_of_other_codes_are_refused_for_our_own_frames(tmp_path, capsys):
     write_run(tmp_path / "run", times=(0.0,))
     assert main(["export-raster", str(tmp_path / "run"), "--axes", "e,n,u"]) == 2
-    assert "--axes is for other codes' files" in capsys.readouterr().err
+    assert "--axes is only for files of other codes" in capsys.readouterr().err
     assert main(["info", str(tmp_path / "run"), "--fps", "2"]) == 2
     assert "--fps is about" in capsys.readouterr().err
 
@@ -190,14 +190,17 @@ def write_flat(path):
     ("damage", "word"),
     [
         (lambda path: path.write_bytes(path.read_bytes()[:-100]), "truncated"),
-        (lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"), "lacks format"),
+        (
+            lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"),
+            "lacks format",
+        ),
         (lambda path: path.write_bytes(b"ply\nformat binary_pdp\nend_header\n"), "format binary_pdp"),
         (lambda path: path.write_bytes(b"ply\nformat\nend_header\n"), "is incomplete"),
         (lambda path: path.write_bytes(b"solid"), "not a PLY"),
-        (write_flat, "two dimensions"),
-        (lambda path: write_ply(path, particles(0)[:, :6], (*COLUMNS[:5], "mass")), "no Je"),
+        (write_flat, "two-dimensional"),
+        (lambda path: write_ply(path, particles(0)[:, :6], (*COLUMNS[:5], "mass")), "lacks Je"),
         (lambda path: write_ply(path, particles(0)[:0]), "no particle"),
-        (lambda path: write_ply(path, particles(0)[:50]), "info.txt is of 400 particles"),
+        (lambda path: write_ply(path, particles(0)[:50]), "info.txt has 400 particles"),
         (lambda path: (path.parent / "info.txt").write_text("1 2 3"), "five numbers"),
     ],
 )

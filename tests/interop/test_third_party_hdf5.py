@@ -148,7 +148,7 @@ def test_gadget_is_read_and_several_kinds_of_particles_are_asked_for(tmp_path):
     assert entry.time == 3.5 and particles.id.tolist() == list(range(COUNT))[::-1]
     np.testing.assert_array_equal(particles.volume, cloud()["mass"] / 10.0)
     gadget(tmp_path / "two.hdf5", (0, 1))
-    with pytest.raises(InputError, match=r"several groups \(PartType0, PartType1\); name one.*PartType0/Coordinates"):
+    with pytest.raises(InputError, match=r"several groups \(PartType0, PartType1\); choose one.*PartType0/Coordinates"):
         list_frames([tmp_path / "two.hdf5"], terms)
     columns = (("position", "PartType1/Coordinates"), ("velocity", "PartType1/Velocities"))
     (entry,) = list_frames([tmp_path / "two.hdf5"], Declarations(**MAP, density=10.0, columns=columns))
@@ -174,7 +174,7 @@ def test_ambiguous_names_are_refused_with_the_candidates(tmp_path):
     with h5py.File(path, "a") as file:
         file.create_group("a")["m"], file.create_group("b")["m"] = cloud()["mass"], cloud()["mass"]
     word = refused(path, columns=(("position", "pos"), ("mass", "m")))
-    assert "m lies in several groups (a/m, b/m)" in word
+    assert "m is in several groups (a/m, b/m)" in word
 
 
 def test_no_particles_are_refused_with_what_there_is(tmp_path):
@@ -285,7 +285,7 @@ def test_a_crs_that_is_none_is_refused_and_can_be_overridden(tmp_path):
         for name, values in cloud().items():
             file[name] = values
         file.attrs["crs"] = "somewhere"
-    assert "wanted EPSG:n, WKT or a PROJ string" in refused(path)
+    assert "expected EPSG:n, WKT or a PROJ string" in refused(path)
     (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
     assert entry.header.crs.to_epsg() == 2056
 

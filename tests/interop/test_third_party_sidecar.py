@@ -49,23 +49,23 @@ def test_what_is_written_is_read(tmp_path):
     ("key", "value", "word"),
     [
         ("orign", [0, 0, 0], "no key 'orign'"),
-        ("origin", [0, 0], "2 numbers, wanted three"),
+        ("origin", [0, 0], "2 numbers, expected three"),
         ("origin", [0, 0, "0"], "expected a list of numbers"),
         ("axes", "e,n,u", "three words"),
         ("axes", ["e", "u", "n"], "mirror image"),
         ("axes", ["e", "x", "n"], "not a direction"),
         ("crs", "EPSG:1", "no such EPSG"),
-        ("crs", "somewhere", "wanted EPSG:n, WKT or a PROJ string"),
-        ("crs", 32632, "wanted text"),
+        ("crs", "somewhere", "expected EPSG:n, WKT or a PROJ string"),
+        ("crs", 32632, "expected text"),
         ("density", -1, "above 0"),
         ("density", True, "above 0"),
         ("density", float("nan"), "above 0"),
         ("fps", 0, "above 0"),
         ("times", [], "list of numbers"),
         ("times", [float("inf")], "list of numbers"),
-        ("columns", {"heat": "T"}, "no quantity 'heat'"),
+        ("columns", {"heat": "T"}, "unknown quantity 'heat'"),
         ("columns", [["mass", "m"]], "names and columns"),
-        ("format", "other", "wanted 'mpmgis-georeference'"),
+        ("format", "other", "expected 'mpmgis-georeference'"),
         ("format_version", 2, "reads up to 1"),
         ("format_version", "1", "reads up to 1"),
     ],
@@ -158,7 +158,7 @@ def test_a_vector_may_be_said_at_once(tmp_path, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["own_axes"]["x"] == [1.0, 1.0] and facts["max_speed"] == pytest.approx(np.sqrt(12))
     assert main(["info", str(tmp_path / "a.npz"), "--columns", "position=q"]) == 2
-    assert "--columns x=q.x: it has no such column" in capsys.readouterr().err
+    assert "--columns x=q.x: unknown column" in capsys.readouterr().err
 
 
 def test_several_sidecars_or_a_missing_one_are_refused(tmp_path):

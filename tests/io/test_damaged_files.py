@@ -117,7 +117,7 @@ def test_numbers_of_no_use_in_a_frame_are_refused(what, tmp_path, capfd):
         else:
             file.attrs["origin"] = np.array([1j, 0, 0])
     line = line_of(capfd, "info", tmp_path / "a.h5")
-    assert {"area": "above 0 (1e-30 at least)", "origin": "origin holds complex128"}[what] in line
+    assert {"area": "above 0 (1e-30 at least)", "origin": "origin has type complex128"}[what] in line
 
 
 def test_columns_beside_the_terrain_are_refused(site, capfd):

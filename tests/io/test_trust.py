@@ -97,7 +97,7 @@ def test_what_trusted_files_lead_to_must_be_there_and_a_file(site, kind, instead
         if not hasattr(os, "mkfifo"):
             pytest.skip("no pipes with names here")
         os.mkfifo(other)
-    says = "which is not there" if instead == "nothing" else "which is no plain file"
+    says = "which is missing" if instead == "nothing" else "which is not a regular file"
     with trusting(), pytest.raises(FormatError, match=says):
         read_frame(path)
 

@@ -241,7 +241,7 @@ def release_with_empty_geometry(k):
     k.release = k.vector("e.gpkg", shapely.Polygon(), d0=[1.0])
 
 
-@recipe("holds Point, wanted polygons")
+@recipe("contains Point, expected polygons")
 def release_of_points(k):
     k.release = k.vector("p.gpkg", shapely.Point(X, Y), d0=[1.0])
 

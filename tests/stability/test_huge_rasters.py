@@ -115,7 +115,7 @@ def test_cells_without_heights_are_named_as_in_the_whole(huge, tmp_path):
     beside = MIDDLE[0] - 510 * PIXEL, MIDDLE[1]
     with pytest.raises(InputError, match=r"no elevation under release .* in cell \(row, column\) \(49\d\d, 44"):
         seeding.seed_file(huge, release_at(tmp_path / "area.gpkg", *beside), tmp_path / "out.h5")
-    with pytest.raises(InputError, match=r"every cell in rows 985 to .* where it is needed, is nodata"):
+    with pytest.raises(InputError, match=r"every cell in the needed rows 985 to .* is nodata"):
         far = WEST + 1000 * PIXEL, NORTH - 1000 * PIXEL
         seeding.seed_file(huge, release_at(tmp_path / "far.gpkg", *far), tmp_path / "out.h5")
     assert not (tmp_path / "out.h5").exists()

@@ -89,7 +89,7 @@ class _List:
 
 
 def listed_times(paths):
-    """Dict of resolved path and time [s] of files listed by the .pvd files in the folders of `paths` or their parents."""
+    """Dict of resolved path and time [s] of files in the .pvd lists in the folders of `paths` or their parents."""
     folders = dict.fromkeys(
         place for path in paths for place in (Path(path).parent, Path(path).resolve().parent.parent)
     )
