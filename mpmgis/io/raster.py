@@ -135,6 +135,7 @@ def _reason(error, path):
 
 
 def band_number(source, path, band, option="--dem-band N"):
+    """Number of the band to read (from 1); refuses palettes, other types than numbers, and an ambiguous choice."""
     if band is None:
         if source.count > 1:
             raise InputError(f"{path} has {source.count} bands; choose the band of the values with {option}")
@@ -199,6 +200,7 @@ def transform_of(source, path, local):
 
 
 def crs_of(source, path):
+    """pyproj.CRS of an open raster, the EPSG entry where there is one; None where the file has none."""
     if source.crs is None or not source.crs.to_wkt():
         return None
     try:

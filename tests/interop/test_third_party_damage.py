@@ -178,7 +178,7 @@ def test_tables_that_are_none_are_refused(change, word, tmp_path):
 def test_settings_beside_the_files_that_are_damaged_are_named(tmp_path):
     cbgeo_table(tmp_path / "particles0500.h5", 1)
     (tmp_path / "mpm.json").write_text("{")
-    assert "mpm.json is not a readable JSON" in refusal(tmp_path / "particles0500.h5", "cbgeo")
+    assert "mpm.json is not readable JSON" in refusal(tmp_path / "particles0500.h5", "cbgeo")
 
 
 def test_results_without_displacements_or_points_are_refused(tmp_path):
@@ -207,7 +207,7 @@ def test_files_of_a_pair_that_do_not_belong_together_are_refused(tmp_path):
     path.write_text(text.replace("62", "61"))
     assert "small" in refusal(small / "slide_MPVector_001.vtk", "anura3d")
     (small / "slide.CPS_002").write_text("$$TOTAL_TIME\nsoon\n$$TIME_PER_LOADSTEP\n1\n")
-    assert "TOTAL_TIME is no number" in refusal(small / "slide_MPVector_002.vtk", "anura3d")
+    assert "TOTAL_TIME is not a number" in refusal(small / "slide_MPVector_002.vtk", "anura3d")
 
 
 def test_a_load_step_that_has_several_files_asks_for_their_times(tmp_path):
@@ -281,7 +281,7 @@ def test_a_list_names_what_is_not_there(tmp_path):
     (tmp_path / "slide_1_0.vtu").unlink()
     assert "slide_1.pvtu lists 1 missing files, the first slide_1_0.vtu" in refusal(tmp_path / "slide.pvd", "vtk")
     spoilt(tmp_path / "slide.pvd", b'timestep="0.5"', b'timestep="noon"')
-    assert "'noon' is no time" in refusal(tmp_path / "slide.pvd", "vtk")
+    assert "'noon' is not a time" in refusal(tmp_path / "slide.pvd", "vtk")
 
 
 def test_a_particle_file_without_ids_is_no_file_of_mpm_geomechanics(tmp_path):
@@ -306,7 +306,7 @@ def test_archives_are_never_unpickled(tmp_path, monkeypatch):
     np.savez(tmp_path / "trap.npz", position=position, velocity=cloud(0)[1], t_current=0.0, body_num=60)
     assert "lacks position" in refusal(tmp_path / "trap.npz", "geotaichi")
     (tmp_path / "raw.npz").write_bytes(pickle.dumps(Trap()))
-    assert "no readable .npz" in refusal(tmp_path / "raw.npz", "npz")
+    assert "not a readable .npz" in refusal(tmp_path / "raw.npz", "npz")
     assert main(["info", str(tmp_path / "trap.npz")]) in (0, 2)
     assert not (tmp_path / "ran").exists()
 
@@ -334,7 +334,7 @@ def test_rows_of_another_length_and_words_among_numbers_are_told(tmp_path):
     path.write_text("\n".join([*lines[:20], lines[20].replace("3.0", ""), *lines[21:]]))
     assert "NaN or infinite" in refusal(path, "csv")
     path.write_text(lines[0].replace("vx", "x") + "\n" + lines[1] + "\n")
-    assert "there twice" in refusal(path, "csv")
+    assert "occurs twice" in refusal(path, "csv")
     path.write_text(lines[0] + "\n")
     assert "no" in refusal(path, "csv")
     path.write_text(lines[0].replace("vx", "up") + "\n" + lines[1] + "\n")
