@@ -54,7 +54,7 @@ def seed(
     from .workflows.seed import seed_file
 
     require_known(options, SeedingOptions, "seed")
-    return seed_file(dem, release, output, say=_say, **options)
+    return seed_file(dem, release, output, **options)
 
 
 def run(
@@ -94,9 +94,7 @@ def run(
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, wanted a path or a mapping of its tables")
     with trusting(trust):
-        return run_scene(
-            scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm, say=_say
-        )
+        return run_scene(scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm)
 
 
 def export_raster(

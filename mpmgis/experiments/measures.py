@@ -127,8 +127,8 @@ def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict,
         Ascending, the last the end.
     predict : callable
         prepared -> seconds.
-    say : callable
-        Told (turn, number of the setting) before each run, both from 0.
+    begun : callable
+        Called with (turn, number of the setting) before each run, both from 0.
 
     Returns
     -------

@@ -8,6 +8,7 @@ import numpy as np
 from rasterio.windows import Window
 
 from ..errors import GeoreferenceError, InputError, one_line
+from ..messages import log
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import (
     LOCAL,
@@ -44,7 +45,7 @@ class WithoutCRS(GeoreferenceError):
     bounds = None
 
 
-def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
+def read_terrain(path, crs=None, band=None, fill_nodata=None):
     """The DTM at `path` as a Terrain.
 
     Parameters
@@ -55,8 +56,6 @@ def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
         ``EPSG:n`` or ``local`` (metres without a georeference) for a file without a CRS.
     band : int, optional
         Counted from 1; required where there are several bands.
-    say : callable, optional
-        Gets one-line messages for the user.
     fill_nodata : {"interpolate"}, optional
         Treatment of holes in the DTM (`io.nodata_fill`).
 
@@ -64,7 +63,7 @@ def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return TerrainFile(path, crs, band, say, fill_nodata).whole()
+    return TerrainFile(path, crs, band, fill_nodata).whole()
 
 
 class TerrainFile:
@@ -89,19 +88,18 @@ class TerrainFile:
     FormatError, GeoreferenceError, InputError
     """
 
-    def __init__(self, path, crs=None, band=None, say=None, fill_nodata=None):
-        say = say or (lambda text: None)
+    def __init__(self, path, crs=None, band=None, fill_nodata=None):
         self._file, self._say, self._fills, self.fill = Path(path), say, fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = band_number(source, path, band)
-            crs = _terrain_crs(source, path, crs, say)
-            _require_metres_up(source, path, self._band, say)
+            crs = _terrain_crs(source, path, crs)
+            _require_metres_up(source, path, self._band)
             self.grid = Grid(crs, transform_of(source, path, local=crs is None), source.shape)
             if min(self.grid.shape) < 2:
                 raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
             if crs is not None:
-                require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path, say)
+                require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path)
 
     @property
     def pixels(self):
@@ -129,24 +127,24 @@ class TerrainFile:
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:
             elevation = band_values(source, self._file, self._band, window=window)
-        mask_false_heights(elevation, self._file, self._say)
+        mask_false_heights(elevation, self._file)
         terrain = Terrain(grid, elevation, self.path, self.sha256)
         if self._fills:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
-                self._say(line)
-        _warn_of_steep_cells(terrain, self._file, self._say)
+                log.info(line)
+        _warn_of_steep_cells(terrain, self._file)
         return terrain
 
 
-def _terrain_crs(source, path, asked, say):
+def _terrain_crs(source, path, asked):
     """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
     own = crs_of(source, path)
     given = parse_crs(asked) if asked is not None else None
     if own is not None and own.is_engineering:  # declared as a local frame
         own = None
         asked = asked or LOCAL
-        say(f"{path}: its CRS is a local frame; coordinates are metres without a georeference")
+        log.info(f"{path}: its CRS is a local frame; coordinates are metres without a georeference")
     if own is None:
         if asked is None:
             error = WithoutCRS(
@@ -165,14 +163,14 @@ def _terrain_crs(source, path, asked, say):
         )
     plane = horizontal(own)
     if own.is_compound:
-        say(
+        log.info(
             f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations are used unchanged, and "
             f"results have the horizontal part, {name_of(plane)}"
         )
     return plane
 
 
-def _require_metres_up(source, path, band, say):
+def _require_metres_up(source, path, band):
     """Refuse a band with a known unit other than metre; an unknown unit is reported."""
     unit = (source.units[band - 1] or "").strip()
     factor = _OTHER_UNITS.get(unit.lower())
@@ -182,17 +180,17 @@ def _require_metres_up(source, path, band, say):
             f"{scale_command(path, factor)}, and set the unit to m"
         )
     if unit.lower() not in METRES:
-        say(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
+        log.info(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
 
 
-def mask_false_heights(elevation, path, say):
+def mask_false_heights(elevation, path):
     """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
     for value in _USUAL_NODATA:
         false = elevation == value
         count = int(false.sum())
         if count:
             elevation[false] = np.nan
-            say(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
+            log.info(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
     if not np.isfinite(elevation).any():
         raise InputError(f"{path}: every cell is nodata")
     lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
@@ -204,7 +202,7 @@ def mask_false_heights(elevation, path, say):
         )
 
 
-def _warn_of_steep_cells(terrain, path, say):
+def _warn_of_steep_cells(terrain, path):
     """Warn where more than 1 % of the cells are steeper than 85 degrees: wrong units or nodata."""
     limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
     rows = terrain.grid.shape[0]
@@ -217,7 +215,7 @@ def _warn_of_steep_cells(terrain, path, say):
         steep += int(np.count_nonzero(slope > limit))
         total += int(np.count_nonzero(np.isfinite(slope)))
     if total and steep > STEEP_SHARE * total:
-        say(
+        log.info(
             f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
             f"units (feet, degrees) and its nodata value"
         )

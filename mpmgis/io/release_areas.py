@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 from ..errors import InputError
+from ..messages import log
 from ..terrain.release import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
 from .raster import file_sha256
 from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
@@ -14,7 +15,7 @@ from .vector_table import LAYER, names_of, read_table, require_polygons
 USUAL_COLUMNS = ("thickness", "d0", "relth")
 
 
-def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None, say=None):
+def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None):
     """The release areas at `path`, in the terrain's CRS, with their thickness.
 
     Parameters
@@ -28,8 +29,6 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
         Raster of the material's surface [m]: vertical thickness is surface minus bed, clipped at 0.
-    say : callable, optional
-        Gets one-line messages about assumptions, repairs and reprojections.
 
     Raises
     ------
@@ -37,29 +36,28 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     """
     from ..seeding.bed import bed_under  # imports the kernels of seeding; not needed for outlines
 
-    say = say or (lambda text: None)
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give only one")
     wanted = _Thickness.parse(thickness, surface)
     if is_raster(path):
-        features, own = area_of_raster(path, terrain, wanted, say)
+        features, own = area_of_raster(path, terrain, wanted)
     else:
-        features, own = _vector_features(path, terrain, wanted, say), None
+        features, own = _vector_features(path, terrain, wanted), None
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
     bed_under(features, terrain)
     if wanted.raster is not None:
         own = (
-            surface_thickness(wanted.raster, terrain, features, record, say)
+            surface_thickness(wanted.raster, terrain, features, record)
             if surface is not None
-            else (thickness_raster(wanted.raster, terrain, say))
+            else (thickness_raster(wanted.raster, terrain))
         )
     if own is not None:
-        features = [within_thickness(part, own, say) for part in features]
+        features = [within_thickness(part, own) for part in features]
     plain = Path(str(path).split(LAYER)[0])
     return ReleaseArea(
-        without_overlaps(features, say),
+        without_overlaps(features),
         VERTICAL if surface is not None else thickness_mode,
         name=plain.stem,
         path=str(plain),
@@ -81,12 +79,12 @@ def read_outlines(path, terrain):
 
     wanted = _Thickness(number=1.0)
     if is_raster(path):
-        features, _ = area_of_raster(path, terrain, wanted, say)
+        features, _ = area_of_raster(path, terrain, wanted)
     else:
-        features = _vector_features(path, terrain, wanted, say)
+        features = _vector_features(path, terrain, wanted)
     for part in features:
         require_on_terrain(part, terrain.grid)
-    return [part.polygon for part in without_overlaps(features, say)]
+    return [part.polygon for part in without_overlaps(features)]
 
 
 class _Thickness:
@@ -118,24 +116,24 @@ def require_thickness(value, where):
     return value
 
 
-def _vector_features(path, terrain, wanted, say):
+def _vector_features(path, terrain, wanted):
     """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster gives it later."""
     table = read_table(path)
-    table = require_polygons(table, path, say)
+    table = require_polygons(table, path)
     names = names_of(table)
-    heights = _feature_thickness(table, names, path, wanted, say)
-    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
-    shapes = [repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
+    heights = _feature_thickness(table, names, path, wanted)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path)
+    shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
 
 
-def _feature_thickness(table, names, path, wanted, say):
+def _feature_thickness(table, names, path, wanted):
     """Thickness [m] per feature: the number or the values of the column; NaN where a raster gives it later."""
     if wanted.raster is not None:
         return [math.nan] * len(names)
     if wanted.number is not None:
         return [wanted.number] * len(names)
-    column = _thickness_column(table, path, wanted.column, say)
+    column = _thickness_column(table, path, wanted.column)
     values = table.columns[column]
     if values.dtype.kind not in "fiu":
         raise InputError(f"{path}: column {column!r} contains {_kind(values)}, expected numbers (thickness in metres)")
@@ -147,7 +145,7 @@ def _kind(values):
     return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
 
 
-def _thickness_column(table, path, asked, say):
+def _thickness_column(table, path, asked):
     """The thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
     columns = list(table.columns)
     if asked is None:
@@ -158,7 +156,7 @@ def _thickness_column(table, path, asked, say):
                 f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
                 f"or thickness in the scene's table, as a number of metres, a column or a raster"
             )
-        say(f"{path}: thickness is read from column {found!r}")
+        log.info(f"{path}: thickness is read from column {found!r}")
         return found
     if asked in columns:
         return asked

@@ -9,6 +9,7 @@ import shapely
 from affine import Affine
 
 from ..errors import GeoreferenceError, InputError
+from ..messages import log
 from ..terrain.elevation import bilinear
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
@@ -21,14 +22,14 @@ _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # subdivision of the pixels of a sur
 _AFFINE_PIXELS = 0.25  # largest misfit [pixel] of the affine transform that approximates a reprojection
 
 
-def area_of_raster(path, terrain, wanted, say):
+def area_of_raster(path, terrain, wanted):
     """(one ReleasePart, its ThicknessRaster or None) from a release raster: a mask, or thickness per cell."""
     if wanted.column is not None:
         raise InputError(
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
         )
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     inside = np.isfinite(values) & (values != 0)
     if not inside.any():
         raise InputError(f"{path}: all values are 0 or nodata, expected a mask or a thickness in metres")
@@ -43,7 +44,7 @@ def area_of_raster(path, terrain, wanted, say):
             )
         _refuse_elevations(values, inside, grid, terrain, path)
         own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
-        say(f"{path}: its values are used as thickness in metres")
+        log.info(f"{path}: its values are used as thickness in metres")
     return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
 
 
@@ -84,23 +85,23 @@ def _require_no_negative(values, path):
     return values
 
 
-def thickness_raster(path, terrain, say):
+def thickness_raster(path, terrain):
     """The thickness raster at `path` on its own grid, in the terrain's CRS; 0 and nodata mean no material."""
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     _require_no_negative(values, path)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
 
 
-def surface_thickness(path, terrain, features, record, say):
+def surface_thickness(path, terrain, features, record):
     """Surface minus bed on the finer of the two grids, clipped at 0; clipped volumes in the release are reported.
 
     Pixels are subdivided before clipping, so that the material ends where surface and bed intersect, not at the border
     of a pixel.
     """
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     polygons = [part.polygon for part in features]
     finer = grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9)
     rows, columns = around = _pixels_around(grid if finer else terrain.grid, shapely.total_bounds(polygons))
@@ -116,7 +117,7 @@ def surface_thickness(path, terrain, features, record, say):
     count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
     record.update(clipped_cells=count, clipped_volume=volume)
     if count:
-        say(f"{path}: is below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+        log.info(f"{path}: is below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
     fine = _finer(whole)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
@@ -139,7 +140,7 @@ def _finer(raster):
     return ThicknessRaster(values, Grid(raster.grid.crs, transform, (rows, columns)))
 
 
-def within_thickness(part, thickness, say):
+def within_thickness(part, thickness):
     """`part` clipped to the pixels with a thickness; the lost area is reported."""
     near = _cropped(thickness, part.polygon.bounds)
     valid = np.isfinite(near.values)
@@ -154,7 +155,7 @@ def within_thickness(part, thickness, say):
         )
     lost = part.polygon.area - polygon.area
     if lost > 1e-9 * part.polygon.area:
-        say(
+        log.info(
             f"release '{part.name}': {lost:.4g} m2 ({100 * lost / part.polygon.area:.1f} %) without thickness are "
             "ignored"
         )
@@ -179,11 +180,11 @@ def _pixels_around(grid, bounds):
     return tuple(slices)
 
 
-def _grid_on_terrain(values, grid, terrain, path, say):
+def _grid_on_terrain(values, grid, terrain, path):
     """The grid of the raster in the terrain's CRS; another CRS is approximated by an affine over the valid pixels."""
     target = terrain.grid.crs
     if grid.crs is None or target is None:
-        require_lies_on(grid.bounds, grid.crs, terrain, path, say)
+        require_lies_on(grid.bounds, grid.crs, terrain, path)
         return Grid(target, grid.transform, grid.shape)
     if same_place(grid.crs, target):
         return Grid(target, grid.transform, grid.shape)
@@ -210,7 +211,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
             f"{path} is in {name_of(grid.crs)} and too large for {name_of(target)} without resampling; "
             f"reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
-    say(
+    log.info(
         f"{path}: transformed from {name_of(grid.crs)} to {name_of(target)}, the terrain's CRS (within {misfit:.2g} "
         "of a pixel)"
     )

@@ -8,6 +8,7 @@ import pyproj
 import shapely
 
 from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError
+from ..messages import log
 from ..terrain.georeference import horizontal, name_of, same_place
 from ..terrain.release import polygons_only
 from .dtm import WithoutCRS
@@ -43,12 +44,12 @@ def is_raster(path):
         return False
 
 
-def repaired(shape, name, path, say):
+def repaired(shape, name, path):
     """`shape` as valid polygons; a repair is reported with the new area."""
     if not shapely.is_valid(shape):
         reason = shapely.is_valid_reason(shape).split("[")[0].strip().lower()
         fixed = polygons_only(_make_valid(shape))
-        say(f"{path}: '{name}' was invalid ({reason}) and is repaired; the area is {fixed.area:.6g} m2")
+        log.info(f"{path}: '{name}' was invalid ({reason}) and is repaired; the area is {fixed.area:.6g} m2")
         shape = fixed
     if shape.is_empty or shape.area <= 0:
         raise InputError(f"{path}: '{name}' has no area; draw it again, or remove it")
@@ -64,12 +65,12 @@ def _make_valid(shape):
         return shapely.union_all(parts)
 
 
-def to_terrain(shapes, crs, terrain, path, say):
+def to_terrain(shapes, crs, terrain, path):
     """2D shapes in the terrain's CRS; reprojection and assumptions are reported."""
     shapes = shapely.force_2d(shapes)
     target = terrain.grid.crs
     if crs is None or target is None:
-        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path, say)
+        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path)
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
@@ -82,7 +83,7 @@ def to_terrain(shapes, crs, terrain, path, say):
             f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; check its CRS{unnamed}"
         )
     if np.abs(after - before).max() > _SAME_METRES:
-        say(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
+        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
     return list(shapely.set_coordinates(shapes, after))
 
 
@@ -102,7 +103,7 @@ def transformer_to(crs, target, path):
         ) from error
 
 
-def require_lies_on(bounds, crs, terrain, path, say):
+def require_lies_on(bounds, crs, terrain, path):
     """Without a CRS on one side, refuse coordinates outside the terrain; report the assumed CRS otherwise."""
     grid = terrain.grid
     west, south, east, north = bounds
@@ -116,9 +117,9 @@ def require_lies_on(bounds, crs, terrain, path, say):
             f"its CRS (QGIS: Define projection), or use the CRS of the DTM"
         )
     if crs is None and grid.crs is not None:
-        say(f"{path} has no CRS; its coordinates are on the terrain, so {name_of(grid.crs)} is assumed")
+        log.info(f"{path} has no CRS; its coordinates are on the terrain, so {name_of(grid.crs)} is assumed")
     elif crs is not None:
-        say(
+        log.info(
             f"{path} is in {name_of(crs)}, the DTM in a local frame; its coordinates are on the terrain and are used "
             "unchanged"
         )

@@ -44,28 +44,28 @@ class Feature:
         return value
 
 
-def read_polygons(path, terrain, say):
+def read_polygons(path, terrain):
     """The polygons at `path` as Features in the terrain's CRS; repairs and reprojections are reported.
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return _features(path, require_polygons(read_table(path, flag=""), path, say), terrain, say)
+    return _features(path, require_polygons(read_table(path, flag=""), path), terrain)
 
 
-def read_walls(path, terrain, width, say):
+def read_walls(path, terrain, width):
     """As `read_polygons` for barriers: lines become polygons `width` [m] wide."""
     table = read_table(path, flag="")
     kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
         if width is not None:
             raise InputError(f"{path} does not contain only lines, and width = {width:g} is for lines; remove width")
-        return _features(path, require_polygons(table, path, say), terrain, say)
+        return _features(path, require_polygons(table, path), terrain)
     if width is None:
         raise InputError(f"{path} contains lines; give [[barrier]] width, the thickness of the wall [m]")
     names, rows = names_of(table), table.rows()
-    lines = to_terrain(table.geometry, table.crs, terrain, path, say)
+    lines = to_terrain(table.geometry, table.crs, terrain, path)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
         raise InputError(f"{path}: a line has no geometry; draw it again, or remove it")
     return [
@@ -74,18 +74,18 @@ def read_walls(path, terrain, width, say):
     ]
 
 
-def _features(path, table, terrain, say):
+def _features(path, table, terrain):
     names, rows = names_of(table), table.rows()
-    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path)
     return [
-        Feature(name, repaired(shape, name, path, say), row, str(path))
+        Feature(name, repaired(shape, name, path), row, str(path))
         for name, shape, row in zip(names, shapes, rows, strict=True)
     ]
 
 
-def read_area(path, terrain, say):
+def read_area(path, terrain):
     """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as in `read_polygons`."""
-    return shapely.union_all([feature.shape for feature in read_polygons(path, terrain, say)])
+    return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
 def read_placed_raster(path, terrain):

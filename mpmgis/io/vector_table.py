@@ -9,6 +9,7 @@ import pyproj
 import shapely
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
+from ..messages import log
 from .gdal_input import require_undisguised
 from .input_files import require_zip_fits
 from .libraries import needed_for, pyogrio
@@ -175,7 +176,7 @@ def _unreadable(source, error):
     return f"{source} is neither a vector file nor a raster that GDAL can read ({reason})"
 
 
-def require_polygons(table, path, say):
+def require_polygons(table, path):
     """The features with geometry; other types than polygons are refused, empty geometries are reported."""
     if table.geometry is None:
         raise InputError(f"{path} contains a table without geometry, expected polygons")
@@ -189,7 +190,7 @@ def require_polygons(table, path, say):
     if empty.all():
         raise InputError(f"{path}: all {len(table)} features have an empty geometry, expected polygons")
     if empty.any():
-        say(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are ignored")
+        log.info(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are ignored")
         table = table.where(~empty)
     return table
 

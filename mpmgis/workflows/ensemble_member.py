@@ -74,11 +74,11 @@ class MemberTask:
     min_depth: float
     frames: bool = False
 
-    def prepared(self, say=lambda text: None):
+    def prepared(self):
         """Everything before the first step, as of any run."""
         own = NO_OWN_LAWS if self.law is None else load_laws(self.law)
         use_own_laws(own)
-        return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own), say)
+        return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
 
     def averaging(self, prepared):
         """How its frames are averaged: as an export of them would."""
