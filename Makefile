@@ -32,7 +32,7 @@ PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfil
 test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"
 
-QUICK = bench conversion effects terrain io qgis_plugin scene seeding experiments test_architecture.py
+QUICK = bench conversion effects terrain io interop qgis_plugin scene seeding experiments test_architecture.py
 LONGER = effects/test_kernel_cache.py effects/test_material_compiled.py seeding/test_seed_command.py
 
 test-quick: $(ENVIRONMENT)/installed-test

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from .errors import InputError, MpmgisError
-from .io.trust import trusting
+from .io.input_files import trusting
 from .particles import Frame, Particles
 from .workflows.python_options import AveragingOptions, ExportOptions, SeedingOptions, require_known
 

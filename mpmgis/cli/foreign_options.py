@@ -35,10 +35,10 @@ def add_arguments(group, with_times=True):
 
 
 def terms(arguments):
-    """ForeignTerms of the parsed arguments."""
-    from ..interop.declarations import ForeignTerms
+    """Declarations of the parsed arguments."""
+    from ..interop.declarations import Declarations
 
-    return ForeignTerms.named(vars(arguments) | {"time_step": arguments.frame_step}, arguments.crs)
+    return Declarations.named(vars(arguments) | {"time_step": arguments.frame_step}, arguments.crs)
 
 
 def _origin(text):

@@ -9,7 +9,7 @@ import sys
 
 from .. import __version__, system
 from ..errors import MpmgisError, one_line
-from ..io.trust import trusting
+from ..io.input_files import trusting
 from ..machine import address_space_lack
 from . import talk
 from .progress import ended_by_signals

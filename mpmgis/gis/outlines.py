@@ -17,7 +17,7 @@ from affine import Affine
 
 from ..errors import OutputError, one_line
 from ..io.exported import ExportedRun, moved_corner
-from ..io.ogr import pyogrio
+from ..io.libraries import pyogrio
 from ..kernels import rings
 from ..particles import Frame
 from ..terrain.grid import Grid

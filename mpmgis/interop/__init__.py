@@ -1,1 +1,1 @@
-"""Files of other codes: readers of their results, writers of their start files."""
+"""Files of other codes: readers of results, writers of start files."""

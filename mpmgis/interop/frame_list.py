@@ -1,6 +1,6 @@
 """The frames of one run, listed by time without their particles, and read one at a time.
 
-mpmgis' own frames and those of other codes (`mpmgis.io.foreign`) come as the same `Frame`.
+Frames of mpmgis and of other codes (`interop.readers`) become the same `Frame`.
 """
 
 import re
@@ -14,9 +14,9 @@ from ..errors import FormatError, GeoreferenceError, InputError
 from ..io.frames import PLACES, read_frame, read_maxima
 from ..particles import Frame
 from ..terrain.georeference import name_of, same_place
-from .declarations import ForeignTerms, merged, with_sidecar
-from .georeferencing import foreign_header, foreign_particles, require_told, series_place, times_of
-from .readers.base import ForeignFrame
+from .declarations import Declarations, merged, with_sidecar
+from .georeferencing import require_complete, series_position, third_party_header, third_party_particles, times_of
+from .readers.base import ThirdPartyFrame
 from .readers.registry import FOREIGN, OWN, head_of, reader_of
 
 PATTERN = "*.h5"
@@ -27,16 +27,16 @@ _NUMBERED = re.compile(r"(.*?)(\d{1,15})(\.\w+)")
 
 @dataclass(frozen=True)
 class FrameEntry:
-    """One frame on disk: its `path`, its `header` (a Frame without particles), and the name of its `reader`.
+    """One frame on disk: `path`, `header` (a Frame without particles), name of the `reader`.
 
-    Of another code's frame `source` knows where its numbers lie, and `terms` is what the user said about it.
+    For frames of other codes, `source` describes the file and `terms` are the user declarations.
     """
 
     path: Path
     header: Frame
     reader: str = OWN
-    source: ForeignFrame | None = None
-    terms: ForeignTerms | None = None
+    source: ThirdPartyFrame | None = None
+    terms: Declarations | None = None
 
     @property
     def time(self):
@@ -49,29 +49,29 @@ class FrameEntry:
         return self.header.header["count"]
 
     def read(self, density=1000.0):
-        """The whole frame; `density` [kg m-3] makes mass of volume, or the reverse, where only one is stored.
+        """The whole frame; `density` [kg m-3] converts volume to mass, or the reverse, where only one is stored.
 
-        Its arrays are good until the same thread reads the next frame.
+        Its arrays are valid until the same thread reads the next frame.
         """
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
-        return replace(self.header, particles=foreign_particles(self.source, self.terms))
+        return replace(self.header, particles=third_party_particles(self.source, self.terms))
 
-    def read_places(self):
-        """The frame with the places of its particles alone, of columns their areas too, where that is less to read."""
+    def read_positions(self):
+        """The frame with only the positions of its particles (and areas of columns), where this reads less."""
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, memory=vars(_memory), names=PLACES)
         return self.read()
 
     def read_maxima(self):
-        """Running peaks of the solver by name (`mpmgis.peaks.PEAK_NAMES`); empty where it kept none."""
+        """Running peaks of the solver by name (`mpmgis.peaks.PEAK_NAMES`); empty where there are none."""
         return read_maxima(self.path) if self.reader == OWN else {}
 
 
 def list_frames(paths, terms=None):
     """List the frames in `paths` (files, patterns, folders) by time.
 
-    `terms` (ForeignTerms) is what the user says about another code's files.
+    `terms` (Declarations) are user declarations about files of other codes.
 
     Returns
     -------
@@ -80,67 +80,67 @@ def list_frames(paths, terms=None):
     Raises
     ------
     FormatError, InputError
-        A file that is no frame, none at all, two frames of the same time, several folders, CRSs, codes or runs; what
-        another code's files do not say.
+        A file that is not a frame, no file, two frames of the same time, several folders, CRSs, codes or runs;
+        missing declarations.
     """
-    terms = terms or ForeignTerms()
+    terms = terms or Declarations()
     files = _files(paths, terms.reader)
     reader = _one_reader(files, terms.reader)
     if reader == OWN:
         _refuse_unknown(files)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
-        _refuse_terms(files[0], terms)  # now it is known that they are frames of mpmgis
+        _refuse_terms(files[0], terms)
     else:
-        entries = _foreign_entries(files, reader, terms)
+        entries = _third_party_entries(files, reader, terms)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
     _require_one_run(entries)
     return tuple(entries)
 
 
-def _foreign_entries(paths, reader, terms):
-    frames, terms = foreign_frames(paths, reader, terms)
+def _third_party_entries(paths, reader, terms):
+    frames, terms = third_party_frames(paths, reader, terms)
     for frame in frames:
-        require_told(reader, frame, terms)
+        require_complete(reader, frame, terms)
     return [
-        FrameEntry(frame.path, foreign_header(reader, frame, terms, float(time)), reader, frame, terms)
+        FrameEntry(frame.path, third_party_header(reader, frame, terms, float(time)), reader, frame, terms)
         for frame, time in zip(frames, times_of(frames, terms), strict=True)
     ]
 
 
-def foreign_frames(paths, reader, terms):
-    """(The ForeignFrames in another code's files, `terms` with what a sidecar says besides).
+def third_party_frames(paths, reader, terms):
+    """(ThirdPartyFrames in files of another code, `terms` completed by sidecar and files).
 
     Raises
     ------
     FormatError, InputError
-        Damaged files, or such without any particle; a damaged sidecar, or several.
+        Damaged files, no particles; a damaged sidecar, or several.
     """
     terms = with_sidecar(paths, terms)
-    frames = _begun(FOREIGN[reader].frames(paths, terms))
-    return frames, _with_own_words(frames, terms)
+    frames = _from_first_particles(FOREIGN[reader].frames(paths, terms))
+    return frames, _with_file_declarations(frames, terms)
 
 
-def _with_own_words(frames, terms):
-    """`terms`, and where these leave a thing open what the files themselves say in a sidecar's words."""
+def _with_file_declarations(frames, terms):
+    """`terms`, completed by the declarations in the files themselves."""
     for frame in frames:
-        if frame.said != frames[0].said:
+        if frame.declared != frames[0].declared:
             raise InputError(
-                f"{frames[0].path} and {frame.path} say different things of the map (crs, origin, axes); export those "
-                "of one place at a time"
+                f"{frames[0].path} and {frame.path} have different georeferences (crs, origin, axes); export files "
+                "with the same georeference"
             )
-    return terms if frames[0].said is None else merged(terms, frames[0].said)
+    return terms if frames[0].declared is None else merged(terms, frames[0].declared)
 
 
-def _begun(frames):
-    """`frames` from the first that holds particles on: codes that pour grains write empty ones before."""
-    filled = [series_place(frame) for frame in frames if frame.count]
+def _from_first_particles(frames):
+    """`frames` from the first one with particles: some codes write empty frames before grains are inserted."""
+    filled = [series_position(frame) for frame in frames if frame.count]
     if not filled:
-        raise FormatError(f"{frames[0].path}: no particle in it")
-    kept = [frame for frame in frames if frame.count or series_place(frame) >= min(filled)]
+        raise FormatError(f"{frames[0].path}: contains no particle")
+    kept = [frame for frame in frames if frame.count or series_position(frame) >= min(filled)]
     empty = next((frame for frame in kept if frame.count == 0), None)
     if empty is not None:
         step = "" if empty.number is None else f" at {empty.number}"
-        raise FormatError(f"{empty.path}: no particle in it{step}, and there were some before; leave it out")
+        raise FormatError(f"{empty.path}: contains no particle{step}, but earlier frames do; omit it")
     return kept
 
 
@@ -149,7 +149,9 @@ def _one_reader(files, asked):
     found = [reader_of(path, asked, lenient=True) for path in files]
     for path, reader in zip(files, found, strict=True):
         if reader != found[0]:
-            raise InputError(f"{files[0]} is of {found[0]}, {path} of {reader}; export one code's frames at a time")
+            raise InputError(
+                f"{files[0]} is of {found[0]}, {path} of {reader}; export the frames of one code at a time"
+            )
     return found[0]
 
 
@@ -158,23 +160,24 @@ def _refuse_unknown(files):
         head = head_of(path)
         if head and not head.startswith(HDF5_MAGIC):
             raise FormatError(
-                f"{path} is neither a frame of mpmgis (HDF5) nor known as particles of another code; name the folder "
-                f"of a run, its frame_*.h5, or with --reader one of {', '.join(FOREIGN)}"
+                f"{path} is neither a frame of mpmgis (HDF5) nor recognised as particles of another code; give the "
+                f"folder of a run, its frame_*.h5, or --reader with one of {', '.join(FOREIGN)}"
             )
 
 
 def _refuse_terms(path, terms):
-    idle = terms.only_for_foreign()
+    idle = terms.only_for_third_party()
     if idle:
         raise InputError(
-            f"{path} is a frame of mpmgis, which says all that itself; {', '.join(idle)} is for other codes' files"
+            f"{path} is a frame of mpmgis, which contains these values; {', '.join(idle)} is only for files of "
+            "other codes"
         )
 
 
 def missing_frames(entries, most=5):
-    """Names that a series of numbered files leaves out between its first and its last; at most `most` of them.
+    """Names that are missing between the first and the last of a series of numbered files; at most `most`.
 
-    Another code's numbers may be steps: where all lie a multiple of the least distance apart that is one of the series.
+    The numbers of another code may be time steps: the smallest difference is the stride, if all others are multiples.
     """
     numbered = {int(match[2]): match for entry in entries if (match := _NUMBERED.fullmatch(entry.path.name))}
     numbers = sorted(numbered)
@@ -207,15 +210,15 @@ def _files(paths, reader):
         else:
             found = [path]
         for file in found:
-            if file == path or not file.name.startswith("."):  # hidden ones are in the making
+            if file == path or not file.name.startswith("."):  # hidden files are temporary
                 files.setdefault(file.resolve(), file)
     if not files:
-        raise InputError(f"no frame is named; give files, for example results/{PATTERN}")
+        raise InputError(f"no frame given; give files, for example results/{PATTERN}")
     return list(files.values())
 
 
 def _in_folder(folder, reader):
-    """The frames in a folder: of `reader`, else mpmgis' own, else those of the first other code that knows any."""
+    """The frames in a folder: of `reader`, else of mpmgis, else of the first other code with matching files."""
     own = sorted(folder.glob(PATTERN))
     if reader == OWN:
         found = own
@@ -223,15 +226,15 @@ def _in_folder(folder, reader):
         reader_of(folder, reader)
         found = [path for path in _visible(folder) if _is_of(path, reader)]
     else:
-        found = own if any(reader_of(path) == OWN for path in own) else foreign_files(folder)[1]
+        found = own if any(reader_of(path) == OWN for path in own) else third_party_files(folder)[1]
     if not found:
-        wanted = PATTERN if reader == OWN else "*.h5, or another code's" if reader is None else f"of {reader}"
-        raise FormatError(f"{folder}: no frame ({wanted}) in this folder")
+        expected = PATTERN if reader == OWN else "*.h5, or of another code" if reader is None else f"of {reader}"
+        raise FormatError(f"{folder}: no frame ({expected}) in this folder")
     return found
 
 
-def foreign_files(folder, reader=None):
-    """(Name of the first other code that knows any of the files in a folder, these files); (our own, []) without."""
+def third_party_files(folder, reader=None):
+    """(Name of the first other code that recognises files in a folder, these files); (OWN, []) where none does."""
     found = {}
     for path in _visible(folder):
         name = reader_of(path)
@@ -245,7 +248,7 @@ def _visible(folder):
 
 
 def _is_of(path, name):
-    """Whether a file is of a code, for a format that anybody uses: of the format."""
+    """Whether a file is of a code, or, for common formats, of the format."""
     head = head_of(path)
     return FOREIGN[name].recognises(path, head) or bool(FOREIGN[name].fits and FOREIGN[name].fits(path, head))
 
@@ -254,10 +257,10 @@ def _require_one_run(entries):
     first = entries[0]
     for before, entry in pairwise(entries):
         if entry.path.resolve().parent != first.path.resolve().parent:
-            raise InputError(f"{first.path} and {entry.path} lie in different folders; export one run at a time")
+            raise InputError(f"{first.path} and {entry.path} are in different folders; export one run at a time")
         if entry.time == before.time:
             raise InputError(
-                f"{before.path} and {entry.path} have the same time, {entry.time:g} s; name the frames of one run only"
+                f"{before.path} and {entry.path} have the same time, {entry.time:g} s; give the frames of one run only"
             )
         if entry.header.digest and first.header.digest and entry.header.digest != first.header.digest:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and never on top of another one unasked."""
+"""Atomic output: a file or folder appears complete or not at all; existing output is replaced only with --overwrite."""
 
 import errno
 import hashlib
@@ -13,15 +13,15 @@ from ..errors import MpmgisError, OutputError
 from .links import is_above, is_folder, real_place, refuse_link, remove, require_free, status
 from .lock import PATTERN, new_token, this_process, written_by
 
-_PROBE_SIZE = 1_000_000  # [bytes] where so little does not fit, the disk is full
-_LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] beside which a token and what libraries add fit into 255
-MARK = ".mpmgis"  # in every folder that `whole_folder` made
+_PROBE_SIZE = 1_000_000  # [bytes] if this does not fit, the disk is full
+_LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] a token and suffixes added by libraries still fit into 255
+MARK = ".mpmgis"  # file in every folder that `whole_folder` makes
 
 
 def refuse_existing(path, overwrite):
-    """Raise OutputError if `path` exists (a folder: and is not empty) and `overwrite` was not asked for.
+    """Raise OutputError if `path` exists (a folder: and is not empty) and `overwrite` is false.
 
-    A link there is refused in any case, and so is a pipe or a device.
+    Links, pipes and devices are always refused.
     """
     path = Path(path)
     refuse_link(path)
@@ -34,16 +34,16 @@ def refuse_existing(path, overwrite):
 
 @contextmanager
 def whole_file(path):
-    """Gives a temporary path beside `path` to write to; it takes the final name when the block ends well.
+    """Yield a temporary path next to `path`; it is renamed to `path` when the block succeeds.
 
-    On any error the temporary file is removed and nothing appears. The suffix is kept, because libraries look at it.
-    What a process that was killed left of the same file goes too. A link at `path` is refused.
+    On any error the temporary file is removed. The suffix is kept, because libraries read it. Temporary files of the
+    same name that a killed process left are removed too. A link at `path` is refused.
     """
     path = Path(path)
     refuse_link(path)
     require_free(path)
     _sweep(path, path.stem, path.suffix)
-    part = _beside(path, path.stem, "part", path.suffix)
+    part = _temporary_name(path, path.stem, "part", path.suffix)
     new_parents = _missing_parents(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ def whole_file(path):
         refuse_link(path)
         system.replace(part, path)
     except BaseException as error:
-        told = _told(part, path, error)
+        told = _output_error(part, path, error)
         _remove(part, *new_parents)
         if told is not None:
             raise told from error
@@ -62,31 +62,31 @@ def whole_file(path):
 
 @contextmanager
 def whole_folder(path, overwrite=False):
-    """As `whole_file` for a folder: filled under a temporary name, renamed when whole, `path` replaced if asked.
+    """As `whole_file` for a folder: filled under a temporary name and renamed when complete.
 
-    The folder carries the hidden file MARK. `overwrite` replaces only folders that carry it, so that a mistyped -o
-    cannot cost anybody their documents; the old folder goes when the new one is in its place, not before. What a
-    process that was killed left goes too; an old folder that it had put aside comes back first.
+    The folder contains the hidden file MARK. `overwrite` replaces only folders with this file, so that a mistyped -o
+    cannot delete other documents. The old folder is removed after the new one is in place. Temporary folders of a
+    killed process are removed; an old folder that it had moved away is restored first.
     """
     shown, path = path, real_place(path)
     _refuse_control(path.name)
     refuse_link(shown)
     _sweep(path, path.name)
     refuse_existing(shown, overwrite)
-    _refuse_foreign(shown, path)
+    _refuse_other_content(shown, path)
     require_free(path)
-    part, old = _beside(path, path.name, "part"), _beside(path, path.name, "old")
+    part, old = _temporary_name(path, path.name, "part"), _temporary_name(path, path.name, "old")
     new_parents = _missing_parents(path)
     try:
         part.mkdir(parents=True)
         (part / MARK).touch()
         yield part
-        refuse_existing(shown, overwrite)  # another process may have been quicker
+        refuse_existing(shown, overwrite)  # another process may have written it meanwhile
         if path.exists():
             system.replace(path, old)
         system.replace(part, path)
     except BaseException as error:
-        told = _told(part, shown, error)
+        told = _output_error(part, shown, error)
         _remove(part, *new_parents)
         _restore(old, path)
         if told is not None:
@@ -96,19 +96,19 @@ def whole_folder(path, overwrite=False):
 
 
 def _refuse_control(name):
-    """Refuse names of folders that no XML can hold: QGIS projects and databases name the folder that they lie in."""
+    """Refuse folder names that XML cannot store: QGIS projects and databases contain the name of their folder."""
     if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in name):
-        raise OutputError(f"{name!r} holds control characters or bytes that are no text; give another name by -o")
+        raise OutputError(f"{name!r} contains control characters or bytes that are not text; give another name with -o")
 
 
-def _beside(path, stem, kind, suffix=""):
-    """A new temporary name of that `kind` ("part", "old") beside `path`, which tells who gave it."""
+def _temporary_name(path, stem, kind, suffix=""):
+    """A new temporary name of a `kind` ("part", "old") next to `path`, with the token of this process."""
     stem, suffix = _short(stem, suffix)
     return path.with_name(f".{stem}.{kind}{new_token()}{suffix}")
 
 
 def _short(stem, suffix):
-    """`stem` and `suffix` as they are, or where a temporary name would be longer than a name may be, a digest."""
+    """`stem` and `suffix`, or a digest of `stem` where the temporary name would be too long."""
     if len(os.fsencode(stem + suffix)) <= _LONGEST_NAME:
         return stem, suffix
     suffix = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
@@ -116,9 +116,9 @@ def _short(stem, suffix):
 
 
 def _sweep(path, stem, suffix=""):
-    """Remove what processes that are no more left half done of `path`; bring back what they had put aside.
+    """Remove incomplete copies of `path` that ended processes left; restore folders that they had moved away.
 
-    What a process on another machine or in another container may still be writing stays (`io.lock`).
+    Copies that a process on another machine or in another container may still be writing are kept (`io.lock`).
     """
     stem, suffix = _short(stem, suffix)
     left = re.compile(rf"\.{re.escape(stem)}\.(part|old)({PATTERN}){re.escape(suffix)}(-\w+)?")  # and SQLite's journal
@@ -133,25 +133,25 @@ def _sweep(path, stem, suffix=""):
 
 
 def is_left_over(token):
-    """Whether the process that gave a temporary file this `token` is over; this one counts as over."""
+    """Whether the process that created the temporary file with this `token` has ended; this process counts as ended."""
     writer = written_by(token)
     return writer is not None and (writer == this_process() or writer.is_over())
 
 
-def _refuse_foreign(shown, path):
-    """Raise OutputError where replacing `path` would take away what mpmgis did not write."""
+def _refuse_other_content(shown, path):
+    """Raise OutputError where replacing `path` would remove files that mpmgis did not write."""
     if not path.exists():
         return
     if not path.is_dir():
-        raise OutputError(f"{shown} is a file, wanted a folder; give another -o")
+        raise OutputError(f"{shown} is a file, expected a folder; give another -o")
     if is_above(path, Path.cwd()):
-        raise OutputError(f"{shown} holds the folder you are in and cannot be replaced; give -o a folder of its own")
+        raise OutputError(f"{shown} contains the current working folder and cannot be replaced; give another -o")
     if any(path.iterdir()) and status(path / MARK) is None:
         raise OutputError(f"{shown} was not written by mpmgis, --overwrite will not remove it; give another -o")
 
 
 def _restore(old, path):
-    """Put the old folder back where it was, if the new one did not get there."""
+    """Restore the old folder if the new one is not in place."""
     if is_folder(old) and status(path) is None:
         system.replace(old, path)
 
@@ -165,7 +165,7 @@ def output_error(path, error):
         return OutputError(f"{held} is open in another program, for example QGIS; close it there, or give another -o")
     if system.is_held_open(error) and is_folder(path):
         return OutputError(
-            f"{path}: no permission to replace it, or a terminal or file manager stands in it; leave it there, or give "
+            f"{path}: no permission to replace it, or a terminal or file manager has it open; close it, or give "
             "another -o"
         )
     if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
@@ -173,8 +173,8 @@ def output_error(path, error):
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")
 
 
-def _told(part, shown, error):
-    """The OutputError in place of `error`, met while writing `part` of `shown`; None where `error` is good as it is."""
+def _output_error(part, shown, error):
+    """The OutputError that replaces `error` while writing `part` of `shown`; None where `error` can stay as it is."""
     cause = _cause(part, error)
     if cause is not None:
         return output_error(shown, cause)
@@ -184,9 +184,9 @@ def _told(part, shown, error):
 
 
 def _cause(part, error):
-    """The OSError that `error` is, or that it comes from, met while writing `part`; None where it is of another kind.
+    """The OSError behind `error` while writing `part`; None where the cause is another one.
 
-    Libraries have their own words and kinds for a disk that is full. Whether it is shows when a little is written.
+    Libraries report a full disk in different ways. A small test write detects it.
     """
     ours = isinstance(error, MpmgisError) and str(part) not in str(error)
     if ours or not isinstance(error, Exception):
@@ -207,12 +207,12 @@ def _cause(part, error):
 
 
 def _missing_parents(path):
-    """Folders above `path` that are still to be made, innermost first."""
+    """Parent folders of `path` that do not exist yet, innermost first."""
     return [parent for parent in path.parents if not parent.exists()]
 
 
 def _remove(part, *new_parents):
-    """Remove the temporary `part`, and the folders made for it that are empty."""
+    """Remove the temporary `part` and the empty folders that were created for it."""
     remove(part)
     for parent in new_parents:
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Results as lazy xarray datasets with CRS and CF attributes, and particles as GeoDataFrames.
+"""Results as lazy xarray datasets with CRS and CF attributes; particles as GeoDataFrames.
 
 Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
 """
@@ -20,18 +20,19 @@ from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import require_metric
 from ..terrain.grid import Grid
+from .dtm import mask_false_heights
 from .exported import open_steps, read_part
-from .raster import mask_false_heights, open_raster
+from .raster import open_raster
 from .raster_output import SparseBands
 
 
 def particle_table(frame):
     """GeoDataFrame of a Frame's particles: points with x, y, z [m], u, v, w [m s-1], mass [kg], volume [m3], ...
 
-    `frame` is one in memory; a column's z is its bed.
+    `frame` is in memory; z of a column is its bed.
     """
     if not isinstance(frame, Frame) or frame.particles is None:
-        raise InputError(f"got {type(frame).__name__}, wanted a Frame with its particles (mpmgis.read_frame)")
+        raise InputError(f"got {type(frame).__name__}, expected a Frame with its particles (mpmgis.read_frame)")
     arrays = frame.particles.arrays()
     x, y = frame.map_xy()
     columns = {name: arrays.pop(name) for name in ("id", "parent") if name in arrays}
@@ -42,12 +43,12 @@ def particle_table(frame):
 
 
 def cell_table(dataset, wet="h"):
-    """GeoDataFrame of a Dataset's cells, squares with a column a band; only those where `wet` is above 0.
+    """GeoDataFrame of the cells of a Dataset where `wet` is above 0: squares, one table column per band.
 
-    `dataset` has no dimension of time (take one: `.isel(time=-1)`).
+    `dataset` has no time dimension (select one time: `.isel(time=-1)`).
     """
     if "time" in dataset.dims:
-        raise InputError("the dataset has times; take one of them, for example dataset.isel(time=-1)")
+        raise InputError("the dataset has a time dimension; select one time, for example dataset.isel(time=-1)")
     if wet not in dataset:
         raise InputError(f"the dataset has no {wet!r}, only {', '.join(map(str, dataset.data_vars))}")
     with warnings.catch_warnings():
@@ -63,10 +64,10 @@ def cell_table(dataset, wet="h"):
 
 BLOCK = 2048  # rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
-TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, that the whole takes over
-DEPOSIT = "deposit"  # suffix of the last step's bands, where they come from a raster of their own
+TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, copied to the dataset
+DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
 _TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
-_PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # where it is written to NetCDF
+_PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF
 
 
 def gridded(grid, variables, times=None, **attributes):
@@ -79,14 +80,14 @@ def gridded(grid, variables, times=None, **attributes):
         Each [time, rows, columns] or [rows, columns].
     times : sequence of float [s], optional
     **attributes
-        Of the whole.
+        Of the dataset.
 
     Returns
     -------
     xarray.Dataset
-        With x, y [m] at the cells' centres, time [s], and the CRS, where the grid has one, as `spatial_ref`, with the
-        affine as its GeoTransform. Of a rotated grid the centres are xc, yc [y, x], as rioxarray has them: its rows
-        and columns have no x and y of their own.
+        With x, y [m] of the cell centres, time [s] and, where the grid has a CRS, `spatial_ref` with the affine
+        transform as GeoTransform. A rotated grid has the centres xc, yc [y, x] as in rioxarray, because its rows and
+        columns have no common x and y.
     """
     coordinates = _centres(grid)
     if times is not None:
@@ -123,23 +124,23 @@ def _variable(quantity, values):
 
 def _lazy(function, **options):
     """dask.array.map_blocks of a function without arrays."""
-    import dask.array  # a tenth of a second, which values in memory do without
+    import dask.array  # 0.1 s; not needed for values in memory
 
     return dask.array.map_blocks(function, **options)
 
 
 def averaged_steps(count, quantities, grid, frame_values):
-    """Name -> (Quantity, lazy float32[count, rows, columns]) of bands that are averaged when they are asked for.
+    """Name -> (Quantity, lazy float32[count, rows, columns]) of bands that are averaged on access.
 
     Parameters
     ----------
     count : int
         Number of steps.
     quantities : list of (Quantity, float)
-        What is averaged, and its value in cells without particles.
+        Averaged quantity, and its value in cells without particles.
     grid : Grid
     frame_values : callable
-        `frame_values(step)` answers a FrameValues with those quantities.
+        `frame_values(step)` returns a FrameValues with these quantities.
     """
     rows, columns = grid.shape
     stack = _lazy(
@@ -168,14 +169,14 @@ def averaged_bands(quantities, grid, values):
 
 
 def computed_bands(quantities, grid, compute):
-    """Name -> (Quantity, lazy float32[rows, columns]) of bands that are computed together when one is asked for.
+    """Name -> (Quantity, lazy float32[rows, columns]) of bands that are computed together on first access.
 
     Parameters
     ----------
     quantities : list of Quantity
     grid : Grid
     compute : callable
-        `compute()` answers name -> float32[rows, columns].
+        `compute()` returns name -> float32[rows, columns].
     """
     stack = _lazy(
         _computed_block, chunks=((len(quantities),), *((length,) for length in grid.shape)), dtype=np.float32,
@@ -190,12 +191,12 @@ def _computed_block(names, compute):
 
 
 def open_export(folder):
-    """The Dataset of an exported folder: bands of the steps, maxima, deposit and terrain, all lazy.
+    """The Dataset of an export folder: bands of the steps, maxima, deposit and terrain, all lazy.
 
     Raises
     ------
     FormatError, InputError
-        As of `open_steps`; rasters that do not fit together.
+        As `open_steps`; rasters on different grids.
     """
     steps = open_steps(folder)
     first, shape = steps.files[0], steps.grid.shape
@@ -219,7 +220,7 @@ def _bands(path, grid):
     """(number, Quantity) of each band of a raster on `grid`, by its description `NAME [unit]`."""
     with open_raster(path) as source:
         if source.shape != tuple(grid.shape) or source.transform != grid.transform:
-            raise FormatError(f"{path} lies on other cells than the steps beside it; export again")
+            raise FormatError(f"{path} has another grid than the other steps; export again")
         described = [(band, text or f"band_{band}") for band, text in enumerate(source.descriptions, start=1)]
     return [(band, _quantity(text)) for band, text in described]
 
@@ -250,19 +251,19 @@ def _read_block(paths, band, block_info=None):
 
 
 def terrain_of(array):
-    """The Terrain in an xarray.DataArray [y, x] of elevations [m] that rioxarray knows the place of.
+    """The Terrain in an xarray.DataArray [y, x] of elevations [m] with the georeference of rioxarray.
 
     Raises
     ------
     InputError, GeoreferenceError
-        No such array, not two dimensions, not in metres, heights that are none.
+        Another type, not two dimensions, not in metres, impossible elevations.
     """
     name = "the DTM given"
     if not isinstance(array, xarray.DataArray):
-        raise InputError(f"dem is {type(array).__name__}, wanted a path, a Terrain or an xarray.DataArray")
+        raise InputError(f"dem is {type(array).__name__}, expected a path, a Terrain or an xarray.DataArray")
     array = array.squeeze(drop=True)
     if array.ndim != 2:
-        raise InputError(f"dem has the dimensions {', '.join(map(str, array.dims))}, wanted y and x; take one band")
+        raise InputError(f"dem has the dimensions {', '.join(map(str, array.dims))}, expected y and x; select one band")
     elevation = np.asarray(array, float)
     if array.rio.nodata is not None:
         elevation = np.where(elevation == array.rio.nodata, np.nan, elevation)

@@ -1,4 +1,4 @@
-"""The folder of an ensemble: its plan, what each member left, and windows of all members' rasters."""
+"""The folder of an ensemble: plan, results of the members, and windows of all members' rasters."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -20,8 +20,8 @@ from .run_folder import versions
 from .tables import write_records
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
-STACK_BYTES = 64_000_000  # of members' values that are in memory at a time, of all threads together
-FINAL = ("finished", "unphysical")  # what a member came to for good: it would come to the same again
+STACK_BYTES = 64_000_000  # of members' values in memory at a time, all threads together
+FINAL = ("finished", "unphysical")  # final states of a member: a repetition gives the same
 
 
 class EnsembleFolder:
@@ -31,22 +31,22 @@ class EnsembleFolder:
     ----------
     path : path
     digest : str
-        Of the plan and the scene: a folder with another one is not gone on with.
+        Of the plan and the scene; a folder with another digest is not continued.
     overwrite : bool
         Replace the ensemble of another plan.
 
     Raises
     ------
     OutputError
-        It holds something else, or another ensemble and no `overwrite`; it is a link, or one of its own names is,
-        or anything among its members.
+        The folder holds other content, or another ensemble without `overwrite`; it is a link or contains one under
+        a name that the ensemble uses.
     """
 
     def __init__(self, path, digest, overwrite=False):
         self.path, self.digest = Path(path), digest
         self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path} is a file, wanted a folder; give another -o")
+            raise OutputError(f"{self.path} is a file, expected a folder; give another -o")
         record = read_ensemble_record(self.path)
         if record is None:
             self._refuse_filled()
@@ -61,7 +61,7 @@ class EnsembleFolder:
         refuse_links(self.members)
 
     def spare(self, inputs):
-        """Refuse a folder in which one of the `inputs` (iterable of Path), by any name, would be replaced or removed.
+        """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
 
         Raises
         ------
@@ -74,7 +74,7 @@ class EnsembleFolder:
         for name in (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE):
             given = given or one_of(self.path / name, inputs)
         if given is not None:
-            raise OutputError(f"{self.path} holds {given}, which this is made from; give another -o")
+            raise OutputError(f"{self.path} contains the input {given}; give another -o")
 
     def _refuse_filled(self):
         if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
@@ -83,27 +83,27 @@ class EnsembleFolder:
 
     @property
     def members(self):
-        """The folder of what members left."""
+        """The folder of the members' results."""
         return self.path / MEMBERS
 
     @property
     def plan(self):
-        """The file of the plan."""
+        """Path of the plan."""
         return self.path / PLAN_FILE
 
     @property
     def maps(self):
-        """The folder of the products."""
+        """The folder of the maps."""
         return self.path / MAPS
 
     @contextmanager
     def held(self):
-        """Make the folder and hold it for this block.
+        """Create the folder and lock it for this block.
 
         Raises
         ------
         OutputError
-            Another process holds it.
+            Another process has locked it.
         """
         try:
             self.members.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ class EnsembleFolder:
             yield
 
     def keep_members(self, digests):
-        """Remove what all other members left."""
+        """Remove the results of all other members."""
         kept = set(digests)
         for entry in self.members.iterdir():
             if entry.name.split(".")[0].removesuffix("_max") in kept:
@@ -122,30 +122,30 @@ class EnsembleFolder:
             remove(entry)
 
     def write_plan(self, tables, note):
-        """The plan as a TOML file that --plan takes."""
+        """Write the plan as a TOML file for --plan."""
         with whole_file(self.plan) as part:
             part.write_text(plan_text(tables, note), encoding="utf-8", newline="\n")
 
     def write_record(self, **record):
-        """`ensemble.json`: what is asked, what computed it, how far it is."""
+        """Write `ensemble.json`: request, versions, progress."""
         whole = {"format": "mpmgis-ensemble", "format_version": 1, "digest": self.digest, "versions": versions()}
         with whole_file(self.path / RECORD_FILE) as part:
             text = json.dumps(whole | record, indent=1, allow_nan=False) + "\n"
             part.write_text(text, encoding="utf-8", newline="\n")
 
     def write_table(self, names, rows):
-        """`members.csv`."""
+        """Write `members.csv`; returns its path."""
         write_records(self.path / TABLE_FILE, names, rows)
         return self.path / TABLE_FILE
 
 
 def read_ensemble_record(folder):
-    """What the last start in `folder` wrote of itself; None where there was none.
+    """The record of the last start in `folder`; None where there is none.
 
     Raises
     ------
     FormatError
-        It cannot be read.
+        The record cannot be read.
     """
     file = Path(folder) / RECORD_FILE
     if not file.is_file():
@@ -168,13 +168,13 @@ def plan_text(tables, note):
 
 
 def member_files(folder, digest):
-    """(record, raster of maxima, folder of frames) of the member with that digest."""
+    """Paths (record, raster of maxima, folder of frames) of the member with a digest."""
     folder = Path(folder)
     return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
 
 
 def read_member(folder, digest, frames=False):
-    """The record of a member that came to an end for good; None where there is none, or its results are not there."""
+    """The record of a member in a final state; None where there is none, or results are missing."""
     record_file, raster, kept = member_files(folder, digest)
     require_file(record_file)
     try:
@@ -189,7 +189,7 @@ def read_member(folder, digest, frames=False):
 
 
 def write_member(folder, record):
-    """The record of a member, after its results: what has one is done."""
+    """Write the record of a member after its results: a member with a record is complete."""
     with whole_file(member_files(folder, record["digest"])[0]) as part:
         part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
 
@@ -197,7 +197,7 @@ def write_member(folder, record):
 class MemberStack:
     """The maxima of many members on one grid, read a window at a time.
 
-    Memory is that of a window, whose size follows from the number of members; nothing of a raster is kept.
+    Memory is bounded by the window, whose size follows from the number of members.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class MemberStack:
         self.threads = max(1, threads)
 
     def windows(self, first, last):
-        """[(row, row end, column, column end)] that cover what was reached of some rows, small enough for memory."""
+        """[(row, row end, column, column end)] that cover the reached cells of some rows, small enough for memory."""
         if self.extent is None:
             return []
         top, bottom, left, right = self.extent
@@ -228,7 +228,7 @@ class MemberStack:
         return [(*row, max(column, left), end) for row in rows for column, end in columns]
 
     def read(self, band, window):
-        """float32[members, rows, columns] of the band of that name, NaN where there is no data."""
+        """float32[members, rows, columns] of a band by name, NaN where there is no data."""
         row, row_end, column, column_end = window
         number = self.bands.index(band) + 1
         stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
@@ -240,7 +240,7 @@ class MemberStack:
         return stack
 
     def rows_of(self, count, sources, compute):
-        """A function for `geotiff.write_rows` with `count` bands.
+        """A function for `raster_output.write_rows` with `count` bands.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Description of an exported folder, and its steps read back as values of cells over time."""
+"""Description of an export folder, and values of cells over time read from it."""
 
 import re
 from dataclasses import dataclass, field
@@ -14,22 +14,22 @@ from ..terrain.grid import Grid
 from .raster import grid_of, open_raster, read_raster
 from .raster_output import NAMESPACE
 
-TYPICAL_PERCENTILE = 95.0  # of the wet cells' maxima: few cells that lie deep or fly far must not take all colours
+TYPICAL_PERCENTILE = 95.0  # of the wet cells' maxima: a few extreme cells must not use up the colour scale
 
 
 @dataclass(frozen=True)
 class ExportedRun:
-    """The rasters of one exported run, as they lie in a folder.
+    """The rasters of one exported run in a folder.
 
-    Everything that is written from it goes into `folder`, which is meant to be one in the making
-    (`mpmgis.io.atomic.whole_folder`): the files in it need no temporary names of their own.
+    `folder` is usually a temporary folder (`mpmgis.io.atomic.whole_folder`), so that files in it need no temporary
+    names.
 
     Parameters
     ----------
     folder : Path
         All file names below are relative to it.
     name : str
-        Name of the run, with which its files begin.
+        Name of the run; prefix of its files.
     grid : Grid
         Export grid.
     terrain_file : str
@@ -39,7 +39,7 @@ class ExportedRun:
     step_files : tuple of str
         One raster per step.
     step_bands, maxima_bands, deposit_bands : tuple of Quantity
-        Bands of each step's raster, of the maxima and of the last step's.
+        Bands of the rasters of a step, of the maxima and of the deposit.
     maxima_file, deposit_file : str
     largest : dict of str to float
         Largest absolute finite value of each band over all steps.
@@ -81,7 +81,7 @@ class ExportedRun:
         return f"{self.name}_{getattr(band, 'name', band)}.vrt"
 
     def read(self, file, names):
-        """The named bands of one of the run's rasters, within `flow_window`.
+        """Bands by name of one of the run's rasters, within `flow_window`.
 
         Parameters
         ----------
@@ -116,9 +116,9 @@ class ExportedRun:
 
     @cached_property
     def flow_window(self):
-        """(row slice, column slice) of the cells that the flow ever reached and one more on each side.
+        """(row slice, column slice) of the cells that the flow reached, plus one cell on each side.
 
-        Most of a terrain stays dry, and need not be read at every step. The whole grid where no cell was reached.
+        Dry terrain is not read at every step. The whole grid where no cell was reached.
         """
         everything = tuple(slice(0, size) for size in self.grid.shape)
         (peak,) = self._read(self.maxima_file, ("h_max",), everything)
@@ -140,9 +140,9 @@ class ExportedRun:
 
     @cached_property
     def typical(self):
-        """Size that the values of each band reach, by name: what colours should span.
+        """Typical size of the values of each band, by name: range of the colour scale.
 
-        The 95th percentile over the wet cells of a maxima band, shared with the band it is the maximum of; the
+        The 95th percentile over the wet cells of a maxima band, also for the band of which it is the maximum; the
         largest value where there is no maximum.
         """
         typical = {name: value for name, value in self.largest.items() if value > 0}
@@ -163,7 +163,7 @@ class ExportedRun:
 
 
 def moved_corner(transform, row, column):
-    """The transform of the part of a raster that begins at `row`, `column`."""
+    """Affine transform of the part of a raster that begins at `row`, `column`."""
     t = transform
     return Affine(t.a, t.b, t.c + t.a * column + t.b * row, t.d, t.e, t.f + t.d * column + t.e * row)
 
@@ -181,7 +181,7 @@ _STEP_NAME = re.compile(r"(.+)_\d{4,}\.(?:tif|vrt)")
 
 @dataclass(frozen=True)
 class ExportedSteps:
-    """An export on disk: its `name`, a raster of each of `times` [s] on one `grid`, and what its `tags` say."""
+    """An export on disk: `name`, one raster for each of `times` [s] on one `grid`, `tags` of the rasters."""
 
     name: str
     files: tuple
@@ -192,7 +192,7 @@ class ExportedSteps:
     terrain: Path
 
     def read(self, step, names, cells):
-        """Name -> float64[n] of the named bands in the flat `cells` of the grid; NaN off it and for nodata."""
+        """Name -> float64[n] of bands in the flat `cells` of the grid; NaN outside the grid and for nodata."""
         row, column = np.divmod(np.where(cells == NOWHERE, 0, cells), self.grid.shape[1])
         found = {}
         for name in names:
@@ -212,17 +212,19 @@ def open_steps(folder):
     Raises
     ------
     FormatError, InputError
-        No steps of one run, or without times.
+        No steps, steps of several runs, or steps without times.
     """
     folder = Path(folder)
     matches = [(path, _STEP_NAME.fullmatch(path.name)) for path in sorted((folder / "rasters").iterdir())]
     found = {path: match[1] for path, match in matches if match}
     if not found:
         raise FormatError(
-            f"{folder} holds no steps (rasters/<name>_0000.tif, ...); give the frames, or a folder of export-raster"
+            f"{folder} contains no steps (rasters/<name>_0000.tif, ...); give frames, or a folder of export-raster"
         )
     if len(set(found.values())) > 1:
-        raise InputError(f"{folder} holds steps of {len(set(found.values()))} runs; name the frames of one instead")
+        raise InputError(
+            f"{folder} contains steps of {len(set(found.values()))} runs; give the frames of one run instead"
+        )
     timed = sorted((_time(path), path) for path in found)
     with open_raster(timed[0][1]) as source:
         bands = tuple((text or "").partition(" [")[0] for text in source.descriptions)
@@ -234,8 +236,8 @@ def open_steps(folder):
 def _time(path):
     """Time [s] in the tags of a step."""
     with open_raster(path) as source:
-        said = source.tags(ns=NAMESPACE).get("time")
+        time = source.tags(ns=NAMESPACE).get("time")
     try:
-        return float(said)
+        return float(time)
     except (TypeError, ValueError):
-        raise FormatError(f"{path} does not say its time (mpmgis' tag time: {said}); export the frames anew") from None
+        raise FormatError(f"{path} has no valid tag time (mpmgis: {time}); export the frames again") from None

@@ -8,11 +8,11 @@ from ..fields import PARTICLE
 from ..particles import Particles
 from ..peaks import PEAK_NAMES as MAXIMA
 from ..peaks import lattices_of
-from .hdf5 import require_room
+from .hdf5 import require_memory
 
 
 def require_maxima(path, kept):
-    """`kept` (arrays and numbers by name, of the file at `path`) if every lattice of peaks in it is whole.
+    """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
 
     Raises
     ------
@@ -26,26 +26,30 @@ def require_maxima(path, kept):
 def _require_lattice(path, kept):
     missing = [name for name in (*MAXIMA, "transform") if name not in kept]
     if missing:
-        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, wanted {', '.join(MAXIMA)} and transform")
+        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, expected {', '.join(MAXIMA)} and transform")
     shape = np.shape(kept["thickness"])
     for name in MAXIMA:
         values = np.asarray(kept[name])
         if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
-            raise FormatError(f"{path}: maxima/{name} has shape {values.shape}, wanted numbers in two dimensions alike")
+            raise FormatError(
+                f"{path}: maxima/{name} has shape {values.shape}, expected numbers of shape (rows, columns)"
+            )
         if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
-            raise FormatError(f"{path}: maxima/{name} holds values that are negative, NaN or infinite")
+            raise FormatError(f"{path}: maxima/{name} contains negative, NaN or infinite values")
     t = np.asarray(kept["transform"], float).ravel()
     if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
-        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, wanted (dx, 0, west, 0, dx, south)")
+        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, expected (dx, 0, west, 0, dx, south)")
     threshold = np.asarray(kept.get("arrival_thickness", 0.0))
     if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
-        raise FormatError(f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, wanted a number of metres")
+        raise FormatError(
+            f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, expected a number of metres"
+        )
 
 
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
-_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: what no flow has, and what sums of squares bear
-_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # what quotients of two of them bear; the least of what is above 0
+_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: above any flow; sums of squares stay finite
+_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # quotients of two stay finite; smallest positive value
 _IDENTITY = ("id", "parent")
 
 
@@ -59,13 +63,13 @@ def create_dataset(group, name, count, dimension):
 
 
 def particle_count(group):
-    """Number of particles in the HDF5 `group` of them; 0 where it has no positions."""
+    """Number of particles in their HDF5 `group`; 0 where it has no positions."""
     position = group.get("position")
     return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
 
 
 def read_particles(path, group, dimension, header, density, memory, names):
-    """Particles of the HDF5 `group` of a frame; the other arguments as of `frames.read_frame`.
+    """Particles of the HDF5 `group` of a frame; the other arguments as in `frames.read_frame`.
 
     `header` gets the `assumed_density` where mass or volume is missing; `memory` is a dict.
 
@@ -85,7 +89,7 @@ def read_particles(path, group, dimension, header, density, memory, names):
         if name not in arrays and (names is None or name in names):
             raise FormatError(f"{path}: no particles/{name}")
     if len(arrays["position"]) == 0:
-        raise FormatError(f"{path}: no particle in it")
+        raise FormatError(f"{path}: contains no particle")
     if names is not None:
         return Particles(**dict.fromkeys(("velocity", "mass", "volume")) | arrays)
     _complete_mass(path, arrays, header, density)
@@ -95,7 +99,7 @@ def read_particles(path, group, dimension, header, density, memory, names):
 
 
 def require_particles_fit(path, group, memory, names):
-    """Refuse arrays to be read, as float64 and one at a time as they are stored, that this machine cannot hold."""
+    """Refuse arrays that do not fit into memory as float64, plus one array as it is stored."""
     read = {name: group[name] for name in PARTICLE if name in group and (names is None or name in names)}
     new = {
         name: some
@@ -105,36 +109,36 @@ def require_particles_fit(path, group, memory, names):
     if new:
         rows = max(some.shape[0] if some.shape else 1 for some in new.values())
         size = sum(8 * some.size for some in new.values())
-        require_room(f"{path}: particles", rows, size / max(rows, 1), *new.values())
+        require_memory(f"{path}: particles", rows, size / max(rows, 1), *new.values())
 
 
 def _require_shape(path, name, dataset, count):
-    """Refuse what is no array of numbers of the quantity's width for `count` particles; None: as many as it holds."""
+    """Refuse a dataset that is no array of numbers of the right width for `count` particles (None: any number)."""
     if not isinstance(dataset, h5py.Dataset):
-        raise FormatError(f"{path}: particles/{name} is no dataset")
+        raise FormatError(f"{path}: particles/{name} is not a dataset")
     shape = np.shape(dataset)
     count = (shape[0] if shape else 0) if count is None else count
     wanted = (count, _WIDTH[name]) if name in _WIDTH else (count,)
     if shape != wanted or dataset.dtype.kind not in "fiu":
         raise FormatError(
-            f"{path}: particles/{name} has shape {shape} of {dataset.dtype}, wanted numbers of shape {wanted}"
+            f"{path}: particles/{name} has shape {shape} of {dataset.dtype}, expected numbers of shape {wanted}"
         )
 
 
 def _array(path, name, dataset, memory):
-    """The values of a dataset: an identity as uint64, all else as float64 that is finite and possible."""
+    """The values of a dataset: ids as uint64, all others as finite float64 in the valid range."""
     if name not in _IDENTITY:
         values = _filled(dataset, name, memory)
         _require_possible(path, name, values)
         return values
     values = dataset[()]
     if values.dtype.kind == "f" or values.min(initial=0) < 0:
-        raise FormatError(f"{path}: particles/{name} is not made of whole numbers from 0 up")
+        raise FormatError(f"{path}: particles/{name} must contain integers of at least 0")
     return values.astype(np.uint64, copy=False)
 
 
 def _complete_mass(path, arrays, header, density):
-    """Mass from volume, or volume from mass, by a `density` [kg m-3] that the `header` then tells."""
+    """Mass from volume, or volume from mass, with a `density` [kg m-3] that is recorded in `header`."""
     if "mass" in arrays and "volume" in arrays:
         return
     if "mass" not in arrays and "volume" not in arrays:
@@ -145,7 +149,7 @@ def _complete_mass(path, arrays, header, density):
 
 
 def _complete_columns(path, arrays):
-    """Area from thickness, or thickness from area, by the columns' volume."""
+    """Area from thickness, or thickness from area, with the volume of the columns."""
     if "thickness" not in arrays and "area" not in arrays:
         raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
     if "area" not in arrays:
@@ -158,11 +162,11 @@ def _complete_columns(path, arrays):
 
 
 def _filled(dataset, name, memory):
-    """The dataset as float64, in the array that `memory` has for it if that fits."""
+    """The dataset as float64, in the array of `memory` if its shape fits."""
     if name not in memory or memory[name].shape != dataset.shape:
         memory[name] = np.empty(dataset.shape)
     values = stored = memory[name]
-    if dataset.dtype != values.dtype:  # NumPy changes the type in a fourth of the time that HDF5 takes for it
+    if dataset.dtype != values.dtype:  # NumPy converts the type four times as fast as HDF5
         stored = _scratch(memory, dataset.nbytes).view(dataset.dtype).reshape(dataset.shape)
     if values.size:
         dataset.read_direct(stored)
@@ -172,7 +176,7 @@ def _filled(dataset, name, memory):
 
 
 def _scratch(memory, size):
-    """uint8[size], of the array that `memory` keeps for what is read and soon done with."""
+    """uint8[size] of the scratch array in `memory`."""
     if "scratch" not in memory or len(memory["scratch"]) < size:
         memory["scratch"] = np.empty(size, np.uint8)
     return memory["scratch"][:size]
@@ -183,25 +187,26 @@ def _require_possible(path, name, values):
     if not np.isfinite(largest):
         bad = ~np.isfinite(values)
         raise FormatError(
-            f"{path}: particles/{name} holds {int(bad.sum())} values that are NaN or infinite, the first in row "
+            f"{path}: particles/{name} contains {int(bad.sum())} values that are NaN or infinite, the first in row "
             f"{int(np.argwhere(bad)[0][0])}"
         )
     limit = _LARGEST.get(name, _LARGEST_OF_OTHERS)
     if largest > limit:
         row = int(np.argwhere(np.abs(values) == largest)[0][0])
         raise FormatError(
-            f"{path}: particles/{name} reaches {largest:g} {PARTICLE[name].unit} in row {row}, wanted at most {limit:g}"
+            f"{path}: particles/{name} reaches {largest:g} {PARTICLE[name].unit} in row {row}, expected at most "
+            f"{limit:g}"
         )
     if name in _POSITIVE:
         _require_above_zero(path, name, values)
     if name == "thickness" and values.size and values.min() < 0:
         row = int(values.argmin())
-        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, wanted 0 or more")
+        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, expected 0 or more")
 
 
 def _require_above_zero(path, name, values):
     if values.size and values.min() < _SMALLEST:
         row = int(values.argmin())
         raise FormatError(
-            f"{path}: particles/{name} is {values[row]:g} in row {row}, wanted above 0 ({_SMALLEST:g} at least)"
+            f"{path}: particles/{name} is {values[row]:g} in row {row}, expected above 0 ({_SMALLEST:g} at least)"
         )

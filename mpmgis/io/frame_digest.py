@@ -1,4 +1,4 @@
-"""Digests of frames: which bytes their arrays were written with, frame by frame and of a whole result."""
+"""Digests (checksums) of frames and of a whole result, to detect changes after writing."""
 
 import hashlib
 from pathlib import Path
@@ -9,19 +9,19 @@ from ..errors import FormatError, one_line
 from .hdf5 import opened_whole, require_numbers_that_fit
 
 CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
-DIGESTED = ("particles", "maxima")  # groups; the state of a restart is dropped later
+DIGESTED = ("particles", "maxima")  # groups; the restart state is removed later
 AS_WRITTEN = "as written"
 
 
 class ContentDigest:
-    """The digest of a frame's time and arrays, in the types that they are stored in, slab by slab."""
+    """Digest of the time and the arrays of a frame, in their stored types, slab by slab."""
 
     def __init__(self, time, step):
         self._head = f"{float(time).hex()} {int(step)}"
         self._arrays = {}
 
     def add(self, name, values):
-        """The next rows of the array `name`."""
+        """Add the next rows of the array `name`."""
         values = np.ascontiguousarray(values)
         if name not in self._arrays:
             self._arrays[name] = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode())
@@ -34,7 +34,7 @@ class ContentDigest:
 
 
 def state_digest(content, state):
-    """Digest of the `state` of a restart, a dictionary, in a frame of the digest `content`."""
+    """Digest of the restart `state` (dict) in a frame with the digest `content`."""
     digest = hashlib.sha256(content.encode())
     for name, values in sorted(state.items()):
         values = np.ascontiguousarray(values)
@@ -44,25 +44,25 @@ def state_digest(content, state):
 
 
 def result_after(before, content):
-    """Digest of a result that grew by a frame of the digest `content`; `before` is '' at its first frame."""
+    """Digest of a result after a frame with the digest `content`; `before` is '' at the first frame."""
     return hashlib.sha256(f"{before} {content}".encode()).hexdigest()
 
 
 def stored(path):
-    """(content, result) as the frame at `path` was written with; '' for what it does not say."""
-    return _stored(path, CONTENT, RESULT)
+    """(content, result) digests stored in the frame at `path`; '' where one is missing."""
+    return _read_attributes(path, CONTENT, RESULT)
 
 
-def _stored(path, *names):
+def _read_attributes(path, *names):
     try:
         with opened_whole(path) as file:
             return tuple(str(file.attrs.get(name, "")) for name in names)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
 def content_of(path):
-    """Digest of what the frame at `path` holds now."""
+    """Digest of the present content of the frame at `path`."""
     try:
         with opened_whole(path) as file:
             digest = ContentDigest(file.attrs["time"], file.attrs["step"])
@@ -72,11 +72,11 @@ def content_of(path):
                     digest.add(f"{group}/{name}", values[()])
             return digest.hexdigest()
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
 def check_content(path):
-    """AS_WRITTEN, or what is wrong with the frame at `path`; None where it does not say its digest."""
+    """AS_WRITTEN, or a description of the change in the frame at `path`; None where it has no digest."""
     content, _ = stored(path)
     if not content:
         return None
@@ -84,58 +84,58 @@ def check_content(path):
 
 
 def require_restartable(path, before):
-    """Whether the frame at `path` holds the state of a restart; then nothing in it was changed since it was written.
+    """Whether the frame at `path` contains a valid restart state.
 
     Parameters
     ----------
     path : Path
     before : Path
-        The frame before it in the run; its result is held against that of `path`, where it is there.
+        The previous frame of the run; where it exists, its result digest must fit that of `path`.
 
     Raises
     ------
     FormatError
-        It was changed, is of another result, or holds a state of which it tells no digest.
+        The frame was changed, belongs to another result, or has a state without a digest.
     """
-    content, result, state = _stored(path, CONTENT, RESULT, STATE)
+    content, result, state = _read_attributes(path, CONTENT, RESULT, STATE)
     kept = state_of(path)
     if not kept:
         return False
-    cure = "remove it to go on from the frame before, or start with --overwrite"
+    fix = "remove it to continue from the previous frame, or start with --overwrite"
     if not (content and state):
-        raise FormatError(f"{path} tells no digest of what a restart needs, an older mpmgis wrote it; {cure}")
+        raise FormatError(f"{path} has no digest of the restart state (written by an older mpmgis); {fix}")
     if content_of(path) != content or state_digest(content, kept) != state:
-        raise FormatError(f"{path} was changed since it was written, a run cannot go on from it; {cure}")
+        raise FormatError(f"{path} was changed since it was written, a run cannot continue from it; {fix}")
     last = stored(before)[1] if before.is_file() else ""
     if result and last and result_after(last, content) != result:
-        raise FormatError(f"{path} does not follow {before.name}, one of them is of another run; {cure}")
+        raise FormatError(f"{path} does not follow {before.name}: they belong to different runs; {fix}")
     return True
 
 
 def state_of(path):
-    """The state of a restart in the frame at `path`, by name; {} where it has none."""
+    """The restart state in the frame at `path`, by name; {} where it has none."""
     try:
         with opened_whole(path) as file:
             group = file.get("state", {})
             require_numbers_that_fit(path, file, "state")
             return {name: values[()] for name, values in group.items()} | dict(getattr(group, "attrs", {}))
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
 def check_result(paths, recorded):
-    """AS_WRITTEN, or what is wrong with the frames `paths` of one run, in their order.
+    """AS_WRITTEN, or a description of the change in the ordered frames `paths` of one run; None without digests.
 
-    `recorded` is the digest in the run's record, '' where the run has not ended. None where frames say no digest.
+    `recorded` is the digest in the record of the run, '' where the run has not ended.
     """
     result = ""
     for number, path in enumerate(map(Path, paths)):
         if path.stem.rpartition("_")[2] != f"{number:06d}":
             return f"frame {number} is missing"
-        _, said = stored(path)
-        if not said:
+        _, stored_result = stored(path)
+        if not stored_result:
             return None
         result = result_after(result, content_of(path))
-        if result != said:
-            return f"{path.name} was changed, or is of another run"
+        if result != stored_result:
+            return f"{path.name} was changed, or belongs to another run"
     return AS_WRITTEN if recorded in ("", result) else f"frames after {Path(paths[-1]).name} are missing"

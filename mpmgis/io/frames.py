@@ -1,4 +1,4 @@
-"""Frames on disk: `*.h5`, one file per saved time; README tells the format."""
+"""Frames on disk: `*.h5`, one file per saved time; docs/formats.md describes the format."""
 
 import shutil
 from pathlib import Path
@@ -17,24 +17,24 @@ from .hdf5 import opened_whole, require_numbers_that_fit, written
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
-_SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of particles that are numbers above 0
-_LARGEST_STEP = 2**53  # up to there every whole number is a float64, too
-PLACES = ("position", "area")  # all that is asked of particles where only their places matter
+_SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of the particles: numbers above 0
+_LARGEST_STEP = 2**53  # largest range of integers that float64 represents exactly
+PLACES = ("position", "area")  # arrays that are read where only positions are needed
 
 
 def write_frame(path, frame, before=None):
-    """Write `frame` to `path`; the file appears whole or not at all. Answers the digest of its content.
+    """Write `frame` to `path` atomically; returns the digest of its content.
 
     3D frames store position, velocity, mass and volume in float32 (relative to the origin), columns in float64.
-    `before` is the digest of the result that the frame belongs to, of all frames before it ('' for the first one).
+    `before` is the digest of the result up to the previous frame ('' for the first frame).
     """
     return write_frame_slabs(path, frame, len(frame.particles), [frame.particles], before)
 
 
 def write_frame_slabs(path, frame, count, slabs, before=None):
-    """As `write_frame` for particles that come in slabs: `count` of them in all, in memory only one slab at a time.
+    """As `write_frame` for `count` particles in slabs; only one slab is in memory at a time.
 
-    `frame` gives everything but its particles; `slabs` is an iterable of Particles with the same arrays each.
+    `frame` gives all except the particles; `slabs` is an iterable of Particles with the same arrays each.
     """
     digest = ContentDigest(frame.time, frame.step)
     with whole_file(path) as part, written(part) as file:
@@ -51,7 +51,7 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
                 digest.add(f"particles/{name}", values)
             start += len(particles)
         if start != count:
-            raise ValueError(f"{count} particles promised, {start} came")
+            raise ValueError(f"got {start} particles in slabs, expected {count}")
         for name, value in frame.header.items():
             group.attrs[name] = value
         _write_group(file, "state", frame.state, count)
@@ -85,10 +85,10 @@ def _write_root(file, frame):
 
 
 def _write_group(file, name, values, count):
-    """Arrays as datasets, grids deflated; numbers and strings as attributes; nothing where `values` is empty.
+    """Arrays as datasets, grids compressed; numbers and strings as attributes; nothing where `values` is empty.
 
-    What has a row for each of the `count` particles is stored plain: its digits do not repeat, and packing them takes
-    longer than the rest of the frame.
+    Arrays with a row for each of the `count` particles are not compressed: compression gains little and takes longer
+    than the rest of the frame.
     """
     if not values:
         return
@@ -103,11 +103,11 @@ def _write_group(file, name, values, count):
 
 
 def drop_state(path):
-    """Rewrite the frame at `path` without what only a restart needs; whole at any moment."""
+    """Rewrite the frame at `path` without the restart state, atomically."""
     with opened_whole(path) as source:
         if "state" not in source:
             return
-    with whole_file(path) as part, opened_whole(path) as source, written(part) as target:  # no open file is replaced
+    with whole_file(path) as part, opened_whole(path) as source, written(part) as target:
         target.attrs.update({name: value for name, value in source.attrs.items() if name != STATE})
         for name in source:
             if name != "state":
@@ -115,7 +115,7 @@ def drop_state(path):
 
 
 def set_digest(path, digest):
-    """Rewrite the frame at `path` as one of the scene with this `digest`; whole at any moment."""
+    """Rewrite the frame at `path` with the `digest` of another scene, atomically."""
     with whole_file(path) as part:
         shutil.copyfile(path, part)
         with h5py.File(part, "r+") as target:
@@ -125,13 +125,12 @@ def set_digest(path, digest):
 def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None, names=None):
     """Read the frame at `path`.
 
-    Needs position, velocity and mass or volume (with `density` [kg m-3] the other follows and that is recorded in
-    the header as `assumed_density`); what else is missing takes the default that the contract states.
-    Without `with_particles` only attributes are read: `particles` is None, and `header` says their `count`.
-    With a dict as `memory` the arrays of an earlier frame read with it are filled anew, where they fit: fresh memory
-    costs more than what is read into it.
-    With `names` (of particle arrays, `position` among them) the others are None; columns that do not store their area
-    are read as a whole.
+    The file must contain position, velocity and mass or volume. The missing one of mass and volume follows from
+    `density` [kg m-3], which is recorded in the header as `assumed_density`; other missing arrays take the default of
+    docs/formats.md. Without `with_particles` only attributes are read: `particles` is None and `header` has `count`.
+    With a dict as `memory` the arrays of an earlier frame are reused where their shapes fit, which is faster.
+    With `names` (of particle arrays, `position` included) the others are None; columns without a stored area are read
+    completely.
 
     Raises
     ------
@@ -142,17 +141,17 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
     if not path.exists():
         raise FormatError(f"{path}: no such file")
     if path.is_dir():
-        raise FormatError(f"{path} is a folder, not a frame; name its files, for example {path}/*.h5")
+        raise FormatError(f"{path} is a folder, not a frame; give its files, for example {path}/*.h5")
     try:
         with opened_whole(path) as file:
             return _read(path, file, with_state, with_particles, density, memory, names)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         reason = one_line(error)[:120]
-        raise FormatError(f"{path} is no readable HDF5 file ({reason}); it is truncated or damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({reason}); it is truncated or damaged") from error
 
 
 def read_maxima(path):
-    """The running peaks of the solver in the frame at `path`: arrays by name; empty where it keeps none.
+    """The running peaks of the solver in the frame at `path`: arrays by name; empty where there are none.
 
     Raises
     ------
@@ -163,7 +162,7 @@ def read_maxima(path):
         with opened_whole(path) as file:
             kept = _read_group(path, file, "maxima")
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{path}: its maxima are not readable ({one_line(error)[:120]}); it is damaged") from error
+        raise FormatError(f"{path}: the maxima cannot be read ({one_line(error)[:120]}); it is damaged") from error
     return require_maxima(path, kept) if kept else {}
 
 
@@ -172,19 +171,19 @@ def _read(path, file, with_state, with_particles, density, memory, names):
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
         raise FormatError(
-            f"{path}: format {one_line(got)[:40]!r}, wanted {FORMAT!r}; it is no mpmgis frame (particles of another "
-            "code: name its datasets with --columns x=..,y=..)"
+            f"{path}: format {one_line(got)[:40]!r}, expected {FORMAT!r}; not an mpmgis frame (particles of another "
+            "code: name the datasets with --columns x=..,y=..)"
         )
     version = _number(path, attrs, "format_version", 1)
     if version > FORMAT_VERSION:
         raise FormatError(f"{path}: format version {version}, this mpmgis reads up to {FORMAT_VERSION}; update mpmgis")
     dimension = _number(path, attrs, "dimension", 3)
     if dimension not in (2, 3):
-        raise FormatError(f"{path}: dimension {dimension}, wanted 2 or 3")
+        raise FormatError(f"{path}: dimension {dimension}, expected 2 or 3")
     origin = _origin(path, attrs)
     time = float(_number(path, attrs, "time", 0.0))
     if not np.isfinite(time):
-        raise FormatError(f"{path}: time {time}, wanted a finite number of seconds")
+        raise FormatError(f"{path}: time {time}, expected a finite number of seconds")
     if not isinstance(file.get("particles"), h5py.Group):
         raise FormatError(f"{path}: no group 'particles'")
     header = _attributes(path, file["particles"])
@@ -216,47 +215,49 @@ def _read(path, file, with_state, with_particles, density, memory, names):
 
 
 def _number(path, attrs, name, default):
-    """The attribute `name` as a plain number."""
+    """The attribute `name` as a number."""
     value = np.asarray(attrs.get(name, default))
     if value.size != 1 or value.dtype.kind not in "fiu":
-        raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, wanted a number")
+        raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, expected a number")
     return value.item()
 
 
 def _require_size(path, header, name):
-    """Refuse an attribute `name` of the particles that is no finite number above 0."""
+    """Refuse an attribute `name` of the particles that is not a finite number above 0."""
     value = _number(path, header, name, None)
     if not (np.isfinite(value) and value > 0):
-        raise FormatError(f"{path}: {name} is {value:g}, wanted a finite number above 0")
+        raise FormatError(f"{path}: {name} is {value:g}, expected a finite number above 0")
 
 
 def _step(path, attrs):
-    """How many steps the solver had taken: a count that a frame can hold."""
+    """Number of time steps of the solver."""
     value = _number(path, attrs, "step", 0)
     if not 0 <= value <= _LARGEST_STEP or value != int(value):
-        raise FormatError(f"{path}: step is {value:g}, wanted a whole number from 0 to 2^53")
+        raise FormatError(f"{path}: step is {value:g}, expected an integer from 0 to 2^53")
     return int(value)
 
 
 def _attributes(path, group):
-    """The attributes of an HDF5 group; what is text in them must be UTF-8, or it could not be written again."""
+    """The attributes of an HDF5 group; text must be UTF-8, so that it can be written again."""
     found = dict(group.attrs)
     for name, value in found.items():
         if isinstance(value, str):
             try:
                 value.encode()
             except UnicodeEncodeError:
-                raise FormatError(f"{path}: attribute {name} of {group.name} is {value[:40]!r}, wanted UTF-8") from None
+                raise FormatError(
+                    f"{path}: attribute {name} of {group.name} is {value[:40]!r}, expected UTF-8"
+                ) from None
     return found
 
 
 def _origin(path, attrs):
-    """(E, N, H) [m] that positions are counted from."""
+    """(E, N, H) [m]: origin of the positions."""
     origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)))
     if origin.dtype.kind not in "fiu":
-        raise FormatError(f"{path}: origin holds {origin.dtype}, wanted three numbers (E, N, H)")
+        raise FormatError(f"{path}: origin has type {origin.dtype}, expected three numbers (E, N, H)")
     if origin.shape != (3,) or not np.isfinite(origin).all():
-        raise FormatError(f"{path}: origin {origin.tolist()}, wanted three finite numbers (E, N, H)")
+        raise FormatError(f"{path}: origin {origin.tolist()}, expected three finite numbers (E, N, H)")
     return tuple(origin.astype(float).tolist())
 
 
@@ -266,7 +267,7 @@ def _crs(path, text):
     try:
         return crs_of_text(text)
     except InputError as error:
-        raise FormatError(f"{path}: its {error}") from error
+        raise FormatError(f"{path}: {error}") from error
 
 
 def _read_group(path, file, name):

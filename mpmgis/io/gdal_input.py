@@ -1,8 +1,8 @@
-"""Files of anybody for GDAL: what a name or a few lines of XML may make it read, from disk and from the network.
+"""Checks of untrusted files before GDAL opens them: references to other files and to the network.
 
-A file that the user names may be what it likes, as long as its suffix says so. One that a scene, a frame or a folder
-names may come from somebody else: no part of it lies in the network (on Windows that is another computer's folder,
-too), unless the user trusts it (`io.trust`).
+A file that the user names may be a list of files or a web service if its suffix shows that. A file that a scene, a
+frame or a folder names may come from another person: no part of it may lie in the network (on Windows: on another
+computer), unless the user trusts it (`io.input_files.trusting`).
 """
 
 import os
@@ -12,16 +12,15 @@ from xml.etree import ElementTree
 
 from .. import system
 from ..errors import FormatError, one_line
-from .input_files import require_file_or_folder
-from .trust import is_trusted
+from .input_files import is_trusted, require_file_or_folder
 
-HEAD = 2048  # bytes in which GDAL looks for what a file is
-LARGEST_VRT = 20_000_000  # [bytes]; one of 10 000 tiles has 5 MB
+HEAD = 2048  # [bytes] GDAL detects the format from these
+LARGEST_VRT = 20_000_000  # [bytes]; 10 000 tiles need 5 MB
 _VRT_SUFFIXES = (".vrt", ".ovf")
 _XML_SUFFIXES = (*_VRT_SUFFIXES, ".xml", ".wms", ".wmts", ".wcs", ".gti")
 _VIRTUAL = (b"<VRTDataset", b"<OGRVRTDataSource")
 _SERVICES = (b"<GDAL_WMS", b"<GDAL_WMTS", b"<WMS_Tile_Service", b"<WCS_GDAL", b"<GDALTileIndexDataset")
-_SIDECARS = (".ovr", ".msk")  # opened beside a raster as any dataset is
+_SIDECARS = (".ovr", ".msk")  # GDAL opens these next to a raster
 _REMOTE = "curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs|kerchunk|std"  # virtual file systems of GDAL
 _LOCAL_DRIVERS = "NETCDF|HDF4_[A-Z]+|HDF5|GTIFF_DIR|GPKG|ZARR|GRIB|BAG|NITF_IM|S10[0-9]|vrt"
 _NETWORK = re.compile(rf"/vsi(?:{_REMOTE})\w*[/?]|^(?:https?|ftps?):/", re.IGNORECASE)
@@ -30,7 +29,7 @@ _SOURCES = re.compile(r"Source(?:Filename|Dataset|Array|DataSource)?|SrcDataSour
 
 
 def require_undisguised(path):
-    """Refuse pipes and devices, and what makes GDAL read other files or the network behind another suffix than its own.
+    """Refuse pipes, devices, and virtual rasters or web services whose suffix hides them.
 
     Raises
     ------
@@ -45,24 +44,24 @@ def require_undisguised(path):
         virtual = any(word in head for word in _VIRTUAL) and suffix not in _VRT_SUFFIXES
         if virtual or (any(word in head for word in _SERVICES) and suffix not in _XML_SUFFIXES):
             raise FormatError(
-                f"{place} is a list of other files or a web service behind the suffix {suffix or 'of none'}; where you "
-                f"trust it, rename it to {'.vrt' if virtual else '.xml'}, or say --trust where the command has it"
+                f"{place} is a list of other files or a web service with the suffix {suffix or 'of none'}; if you "
+                f"trust it, rename it to {'.vrt' if virtual else '.xml'}, or give --trust where the command has it"
             )
 
 
 def require_local(path, named_by):
-    """Refuse what leads to the network, in the name `path` or in the virtual rasters that it leads to.
+    """Refuse references to the network in `path` and in the virtual rasters that it refers to.
 
     Parameters
     ----------
     path : path
     named_by : str
-        Who names it, for the message.
+        File that contains the name, for the message.
 
     Raises
     ------
     FormatError
-        Also what `require_undisguised` refuses.
+        Also in the cases of `require_undisguised`.
     """
     if is_trusted():
         require_file_or_folder(path)
@@ -77,13 +76,13 @@ def require_local(path, named_by):
         require_undisguised(place)
         head = _head(place)
         if any(word in head for word in _SERVICES):
-            raise FormatError(f"{place}, which {named_by} leads to, is a web service; download the data")
+            raise FormatError(f"{place}, which {named_by} refers to, is a web service; download the data")
         if any(word in head for word in _VIRTUAL):
             left += _sources(place, named_by)
 
 
 def _head(path):
-    """The first bytes of a file; none of what is no file or cannot be opened."""
+    """The first bytes of a file; b"" for other objects and unreadable files."""
     try:
         if not path.is_file():
             return b""
@@ -97,16 +96,16 @@ def _require_local_name(name, named_by):
     elsewhere = system.WINDOWS and share(name) not in ("", share(os.path.abspath(named_by)))
     if elsewhere or _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
         raise FormatError(
-            f"{one_line(name)[:120]}, which {named_by} names, lies in the network or in a database; download it, "
-            "give it as an option, or say --trust, where the command has one of these"
+            f"{one_line(name)[:120]}, which {named_by} refers to, is in the network or in a database; download it, "
+            "give it as an option, or give --trust, where the command has one of these"
         )
 
 
 def share(path):
-    """The computer and folder in the network that a path of Windows begins with, in small letters; "" of a local one.
+    """Network computer and share of a Windows path, in lower case; "" for a local path.
 
-    Opening such a path, `\\\\host\\share\\file` or `//host/share/file`, hands that computer the user's name and a
-    digest of the password.
+    Opening such a path, `\\\\host\\share\\file` or `//host/share/file`, sends the user's name and a digest of the
+    password to that computer.
     """
     drive = PureWindowsPath(path).drive.lower().removeprefix("\\\\?\\unc\\")
     if drive.startswith(("\\\\?\\", "\\\\.\\")):
@@ -115,13 +114,15 @@ def share(path):
 
 
 def _sources(path, named_by):
-    """Paths of the files that a virtual raster or vector file names; refuses one that names the network."""
+    """Paths of the files that a virtual raster or vector file refers to; network references are refused."""
     if path.stat().st_size > LARGEST_VRT:
-        raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, wanted a list of files below 20 MB")
+        raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, expected a list of files below 20 MB")
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise FormatError(f"{path} is no readable list of files ({one_line(error)[:80]}); make it anew") from error
+        raise FormatError(
+            f"{path} is not a readable list of files ({one_line(error)[:80]}); create it again"
+        ) from error
     found = []
     for element in root.iter():
         name = (element.text or "").strip()
@@ -137,5 +138,5 @@ def _sources(path, named_by):
 def _is_file(path):
     try:
         return path.is_file() or path.is_fifo()
-    except (OSError, ValueError):  # longer than names are, or with a zero byte
+    except (OSError, ValueError):  # too long, or with a zero byte
         return False

@@ -1,9 +1,8 @@
-"""HDF5 files: writing on a disk that may fill up, and reading files of unknown origin safely.
+"""HDF5 files: writing to a disk that may become full, and safe reading of files of unknown origin.
 
-HDF5 follows external links, virtual datasets and external storage to any file that the user may read; a source that is
-missing becomes the fill value, and one that is a pipe is waited for. A few bytes declare any shape. All that reads HDF5
-here opens it by this module. Where the user trusts what the file names (`io.trust`), it is read from files that are
-there.
+HDF5 follows external links, virtual datasets and external storage to any readable file; a missing source gives the
+fill value, a pipe blocks. A few bytes can declare any shape. Therefore all HDF5 files are opened by this module.
+References to other files are followed only where the user trusts them (`io.input_files.trusting`) and they exist.
 """
 
 import math
@@ -15,30 +14,29 @@ import h5py
 
 from ..errors import FormatError, one_line
 from ..machine import memory_lack
-from .input_files import require_file
-from .trust import is_trusted
+from .input_files import is_trusted, require_file
 
 
 @contextmanager
 def written(path):
     """An empty h5py.File at `path` for this block.
 
-    HDF5 crashes later on when a write or a close of it has failed. So writing goes through a file of Python's, which
-    keeps the first error to itself, takes what comes after it as written, and raises it when all is closed.
+    HDF5 crashes after a failed write or close. Therefore a Python file object stores the first error, ignores later
+    writes, and raises the error when the file is closed.
 
     Raises
     ------
     OSError
-        What the system said of a write.
+        The first error of a write.
     """
-    with _Patient(path) as target:
+    with _DeferredErrorFile(path) as target:
         with h5py.File(target, "w") as file:
             yield file
         target.raise_error()
 
 
-class _Patient:
-    """A binary file for reading and writing whose writes never fail; `raise_error` tells what was wrong."""
+class _DeferredErrorFile:
+    """A binary file whose writes do not raise; `raise_error` raises the first error."""
 
     def __init__(self, path):
         self._file, self._error = open(path, "w+b", buffering=0), None  # noqa: SIM115 (closed by __exit__)
@@ -55,7 +53,7 @@ class _Patient:
             raise self._error
 
     def write(self, data):
-        """Write all of `data`; answers its length."""
+        """Write all of `data`; returns its length."""
         rest = memoryview(data).cast("B")
         size = len(rest)
         try:
@@ -74,11 +72,11 @@ class _Patient:
             return size
 
     def read(self, size=-1):
-        """Bytes from here on; h5py knows a file by this."""
+        """Read bytes; h5py recognises a file object by this method."""
         return self._file.read(size)
 
     def readinto(self, buffer):
-        """Fill `buffer`; with zeros where nothing could be written."""
+        """Fill `buffer`; with zeros after a failed write."""
         count = self._file.readinto(buffer)
         if self._error is not None:
             memoryview(buffer).cast("B")[count:] = bytes(len(buffer) - count)
@@ -86,31 +84,31 @@ class _Patient:
         return count
 
     def seek(self, offset, whence=os.SEEK_SET):
-        """Go to a place in the file."""
+        """Move to a position in the file."""
         return self._file.seek(offset, whence)
 
     def tell(self):
-        """The place in the file."""
+        """The position in the file."""
         return self._file.tell()
 
     def flush(self):
-        """Nothing is held back."""
+        """The file is not buffered."""
 
 
 MOST_OBJECTS = 100_000
-SMALL = 64 * 2**20  # [bytes] that are not held against the memory: asking each dataset takes longer than reading it
+SMALL = 64 * 2**20  # [bytes] below which the memory is not checked: the check would take longer than reading
 
 
 @contextmanager
 def opened(path):
-    """The h5py.File at `path` for this block, whatever it refers to: look with `elsewhere` before something is read.
+    """The h5py.File at `path` for this block, with all references; check with `elsewhere` before reading.
 
     Raises
     ------
     FormatError
         A pipe, a socket, a device.
     OSError
-        What HDF5 says of a file that it cannot open.
+        HDF5 cannot open the file.
     """
     require_file(path)
     with _library_failures(), h5py.File(path, "r") as file:
@@ -119,7 +117,7 @@ def opened(path):
 
 @contextmanager
 def _library_failures():
-    """OSError where h5py itself fails on a damaged file: its lock then raises SystemError, not the first error."""
+    """OSError instead of the SystemError that h5py raises for some damaged files."""
     try:
         yield
     except SystemError as error:
@@ -127,19 +125,19 @@ def _library_failures():
 
 
 class WholeFile(h5py.File):
-    """An open file whose values lie in itself; `is_small` where all of them are numbers that any machine holds."""
+    """An open file without references to other files; `is_small` where all values are numbers below SMALL bytes."""
 
     is_small = False
 
 
 @contextmanager
 def opened_whole(path):
-    """As `opened`, a WholeFile: all that the file names lies in it; soft links lead to something in the file.
+    """As `opened`, a WholeFile: all values are in the file itself; soft links are followed.
 
     Raises
     ------
     FormatError
-        Also an external link, a virtual dataset, one in external storage, or more objects than any of our files has.
+        Also an external link, a virtual dataset, external storage, or more than MOST_OBJECTS objects.
     """
     require_file(path)
     with _library_failures(), WholeFile(path, "r") as file:
@@ -148,13 +146,13 @@ def opened_whole(path):
 
 
 def _declared(path, file):
-    """Bytes that the datasets take as float64, infinite where one holds no numbers; refuses what `opened_whole` does.
+    """Bytes of all datasets as float64, infinite where one has no numbers; refuses references as `opened_whole`.
 
-    One visit of the links: 0.02 ms a dataset.
+    One visit of the links: 0.02 ms per dataset.
     """
     left, size = MOST_OBJECTS, 0
 
-    def foreign(name, info):
+    def refused(name, info):
         nonlocal left, size
         left -= 1
         if left < 0:
@@ -171,15 +169,15 @@ def _declared(path, file):
         kind = elsewhere(found, path)
         return (name, kind) if kind else None
 
-    found = file.id.links.visit(foreign, info=True)
+    found = file.id.links.visit(refused, info=True)
     if found is not None:
         name = one_line(found[0].decode("utf-8", "replace"))[:80]
-        raise FormatError(f"{path}: {name} is {found[1]}, wanted values in the file itself; ask for such a file")
+        raise FormatError(f"{path}: {name} is {found[1]}, expected values in the file itself; get such a file")
     return size
 
 
 def _bytes_of(dataset):
-    """Bytes of a dataset (h5py.h5d.DatasetID) as float64, and of a chunk of it; infinite where it has no numbers."""
+    """Bytes of a dataset (h5py.h5d.DatasetID) as float64 plus one chunk; infinite where it has no numbers."""
     kind, count = dataset.get_type(), math.prod(dataset.shape or ())
     if kind.get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT):
         return math.inf
@@ -191,10 +189,10 @@ def _bytes_of(dataset):
 
 
 def elsewhere(dataset, path):
-    """In words why the values of a dataset (h5py.h5d.DatasetID) in the file at `path` lie in others that are not read.
+    """Reason why the values of a dataset (h5py.h5d.DatasetID) in the file at `path` are in other files and not read.
 
-    "" where they lie in its own, or in others that are there and that the user trusts. HDF5 reads the fill value where
-    the source of a virtual dataset is missing, and waits for a pipe.
+    "" where they are in this file, or in existing files that the user trusts. HDF5 reads the fill value where the
+    source of a virtual dataset is missing, and blocks on a pipe.
     """
     if dataset.get_offset() is not None:  # contiguous, in this file
         return ""
@@ -207,14 +205,14 @@ def elsewhere(dataset, path):
 
 
 def not_followed(link, path):
-    """In words why a link (of h5py, with getlink) in the file at `path` is not followed; "" where it is."""
+    """Reason why a link (of h5py, with getlink) in the file at `path` is not followed; "" where it is followed."""
     if isinstance(link, h5py.HardLink):
         return ""
     return _not_read("an external link", path, [link.filename]) if isinstance(link, h5py.ExternalLink) else "a link"
 
 
 def _not_read(kind, path, names):
-    """`kind` with why the files `names` that the one at `path` leads to are not read; "" where they are.
+    """`kind` and the reason why the files `names` that `path` refers to are not read; "" where they are read.
 
     "." is the file itself.
     """
@@ -223,13 +221,13 @@ def _not_read(kind, path, names):
     for name in dict.fromkeys(names):
         place = Path(path) if name == "." else Path(path).parent / name
         if not place.is_file():
-            lack = "no plain file" if place.exists() else "not there"
+            lack = "not a regular file" if place.exists() else "missing"
             return f"{kind} of {one_line(name)[:120]}, which is {lack}"
     return ""
 
 
-def require_room(where, rows, bytes_each, *datasets):
-    """Refuse what this machine cannot hold, before it is read.
+def require_memory(where, rows, bytes_each, *datasets):
+    """Refuse datasets that do not fit into the memory of this machine, before they are read.
 
     Parameters
     ----------
@@ -237,9 +235,9 @@ def require_room(where, rows, bytes_each, *datasets):
         File and dataset, for the message.
     rows : int
     bytes_each : int
-        Of a row, in all arrays that are made of it.
+        Per row, in all arrays that are created from it.
     *datasets : h5py.Dataset
-        What is read: a chunk of each is unpacked as a whole.
+        Datasets to read: one chunk of each is decompressed at a time.
 
     Raises
     ------
@@ -247,21 +245,21 @@ def require_room(where, rows, bytes_each, *datasets):
     """
     chunk = max((math.prod(some.chunks) * some.dtype.itemsize for some in datasets if some.chunks), default=0)
     if lack := memory_lack(max(rows * bytes_each, chunk)):
-        raise FormatError(f"{where} of {rows:.6g} rows needs {lack}; it is damaged, or for a larger machine")
+        raise FormatError(f"{where} of {rows:.6g} rows needs {lack}; it is damaged, or needs a larger machine")
 
 
 def require_numbers_that_fit(path, file, name):
-    """Refuse the group `name` of a WholeFile whose datasets together are more than this machine holds, or no numbers.
+    """Refuse the group `name` of a WholeFile if its datasets do not fit into memory or are not numbers.
 
-    Texts of any length may each be the same long one.
+    Text of variable length is refused: its size in memory is unknown.
     """
     if file.is_small or name not in file:
         return
     datasets = {key: some for key, some in file[name].items() if isinstance(some, h5py.Dataset)}
     for key, some in datasets.items():
         if some.dtype.hasobject:
-            raise FormatError(f"{path}: {name}/{one_line(key)} holds {some.dtype}, wanted numbers")
+            raise FormatError(f"{path}: {name}/{one_line(key)} has type {some.dtype}, expected numbers")
     rows = max((some.shape[0] if some.shape else 1 for some in datasets.values() if some.size), default=0)
     size = sum(some.nbytes for some in datasets.values() if some.size)
     if rows:
-        require_room(f"{path}: {name}", rows, size / rows, *datasets.values())
+        require_memory(f"{path}: {name}", rows, size / rows, *datasets.values())

@@ -1,7 +1,7 @@
-"""No link is followed where something is written or removed: the one place that looks at what a name stands for.
+"""Links are never followed when files are written or removed.
 
-A folder that comes from somebody else may hold links, hard links, pipes and devices under the names that this program
-uses. All that writes or removes in an output folder asks here first.
+A folder from another person may contain links, hard links, pipes and devices under the names that this program uses.
+All functions that write or remove files in an output folder check with this module first.
 """
 
 import errno
@@ -18,7 +18,7 @@ _JUNCTIONS = (0xA000000C, 0xA0000003)  # reparse tags of Windows' symbolic links
 
 
 def status(path):
-    """What the system knows of the name `path` itself, of a link and not of its target; None where nothing is there."""
+    """os.lstat of `path` (of a link, not of its target); None where nothing exists."""
     try:
         return os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -26,25 +26,25 @@ def status(path):
 
 
 def is_link(found):
-    """Whether a `status` is that of a link, or of a junction of Windows."""
+    """Whether a `status` is that of a link or a Windows junction."""
     if found is None:
         return False
     return stat.S_ISLNK(found.st_mode) or getattr(found, "st_reparse_tag", 0) in _JUNCTIONS
 
 
 def is_folder(path):
-    """Whether `path` is a folder, and no link to one."""
+    """Whether `path` is a folder and not a link to one."""
     found = status(path)
     return found is not None and stat.S_ISDIR(found.st_mode) and not is_link(found)
 
 
 def refuse_link(path):
-    """Raise OutputError where `path` is anything but a plain file, a folder or nothing.
+    """Raise OutputError unless `path` is a regular file, a folder or nothing.
 
     Raises
     ------
     OutputError
-        A link, also one that leads nowhere; a pipe, a socket, a device; a name that this system gives to no file.
+        A link, also a broken one; a pipe, a socket, a device; a name that is invalid on this system.
     """
     wrong = system.wrong_name(path)
     if wrong:
@@ -53,15 +53,13 @@ def refuse_link(path):
     if found is None:
         return
     if is_link(found):
-        raise OutputError(
-            f"{path} is a link, and links are not followed where something is written; remove it, or give another -o"
-        )
+        raise OutputError(f"{path} is a link, and output is never written through links; remove it, or give another -o")
     if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
-        raise OutputError(f"{path} is a pipe, a socket or a device, wanted a file; remove it, or give another -o")
+        raise OutputError(f"{path} is a pipe, a socket or a device, expected a file; remove it, or give another -o")
 
 
 def refuse_links(folder, patterns=("*",)):
-    """As `refuse_link` for `folder` and all in it, hidden or not, whose names fit one of the `patterns`."""
+    """As `refuse_link` for `folder` and all entries in it, hidden ones too, that match one of the `patterns`."""
     folder = Path(folder)
     refuse_link(folder)
     if not is_folder(folder):
@@ -72,7 +70,7 @@ def refuse_links(folder, patterns=("*",)):
 
 
 def real_place(path):
-    """`path` with all links above its last name resolved; the last name itself may be a link."""
+    """`path` with all links in its parents resolved; the last name itself may be a link."""
     path = Path(path)
     if path.name in ("", ".."):
         return Path(os.path.realpath(path))
@@ -80,32 +78,32 @@ def real_place(path):
 
 
 def open_own(path):
-    """Descriptor of the plain file `path` for reading and writing, made if it is not there.
+    """Descriptor of the regular file `path` for reading and writing, created if missing.
 
     Raises
     ------
     OutputError
-        A link, a folder, a pipe, a device, or a file that has other names too, whose content belongs elsewhere.
+        A link, a folder, a pipe, a device, or a file with further hard links.
     """
     refuse_link(path)
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | system.own_flags(), 0o666)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR) or is_folder(path):  # Windows: no permission
-            raise OutputError(f"{path} is no plain file; remove it, or give another -o") from error
+            raise OutputError(f"{path} is not a regular file; remove it, or give another -o") from error
         raise
     found = os.fstat(handle)
-    followed = system.follows_links() and is_link(status(path))  # a link that came since the look above
+    followed = system.follows_links() and is_link(status(path))  # a link created since the check above
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1 or followed:
         os.close(handle)
-        raise OutputError(f"{path} is no file of its own but another name of one; remove it, or give another -o")
+        raise OutputError(f"{path} is another name (hard link) of a file; remove it, or give another -o")
     return handle
 
 
 def require_free(path, still="nothing has changed"):
-    """Raise OutputError where a program has a file open that would be replaced: at `path`, or in the folder `path`.
+    """Raise OutputError where a program has a file at `path`, or in the folder `path`, open.
 
-    Only Windows keeps open files from being replaced. `still` is what holds in spite of the refusal.
+    Only Windows prevents the replacement of open files. `still` describes the unchanged state, for the message.
 
     Raises
     ------
@@ -119,7 +117,7 @@ def require_free(path, still="nothing has changed"):
 
 
 def is_above(path, folder):
-    """Whether `folder` is `path` or lies in it, by whatever names."""
+    """Whether `folder` is `path` or inside it, under any name."""
     for place in (folder, *folder.parents):
         with suppress(OSError):
             if os.path.samefile(place, path):
@@ -128,7 +126,7 @@ def is_above(path, folder):
 
 
 def remove(path):
-    """Remove what is at `path`: a file, a folder with all in it, or a link but not what it leads to."""
+    """Remove `path`: a file, a folder with its content, or a link but not its target."""
     if is_folder(path):
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -137,7 +135,7 @@ def remove(path):
 
 
 def within(folder, inputs):
-    """The first of the paths `inputs` that is, by whatever name, in `folder` or deeper; None where none is."""
+    """The first of the paths `inputs` that is in `folder` or its subfolders, under any name; None where none is."""
     if not is_folder(folder):
         return None
     known = {}
@@ -155,7 +153,7 @@ def within(folder, inputs):
 
 
 def one_of(path, inputs):
-    """The first of the paths `inputs` that is the same file as `path`, by whatever name; None where none is."""
+    """The first of the paths `inputs` that is the same file as `path`, under any name; None where none is."""
     try:
         found = os.stat(path)
     except OSError:

@@ -1,8 +1,8 @@
-"""One writer in a folder at a time, and which process on which host writes a file.
+"""One writer per folder at a time; identity of the process that writes a file.
 
-A folder may be shared by machines, and by containers whose process numbers mean nothing outside. A process is known by
-its machine, the start of that machine, its number and its own start. Where any of this cannot be known, the process
-counts as alive: what it left half done is left alone.
+Machines and containers can share a folder, and process numbers are valid only inside one of them. A process is
+identified by its machine, the start of that machine, its number and its own start. Where one of these is unknown, the
+process counts as alive and its incomplete files are kept.
 """
 
 import errno
@@ -20,14 +20,14 @@ from .. import system
 from ..errors import OutputError
 from .links import open_own, status
 
-_INITIAL_SPACE = "pid:[4026531836]"  # of process numbers: that of a Linux machine itself, not of a container
+_INITIAL_SPACE = "pid:[4026531836]"  # PID namespace of a Linux machine itself, not of a container
 _TEXT = re.compile(r"(\d{1,10})-([0-9a-f]{8})([0-9a-f]{8})-([0-9a-f]{1,16})")
 PATTERN = r"\d{1,10}-[0-9a-f]{16}-[0-9a-f]{1,16}-[0-9a-f]{8}"  # of `new_token`
 UNKNOWN = system.UNKNOWN
 
 
 class Writer(NamedTuple):
-    """A process: its `number`, digests of its `host` and of the `boot` of that, and its `start` (UNKNOWN: not told)."""
+    """A process: `number`, digests of its `host` and the host's `boot`, `start` (UNKNOWN if not available)."""
 
     number: int
     host: str
@@ -42,7 +42,7 @@ class Writer(NamedTuple):
         if self.host != host():
             return False
         if self.boot != boot():
-            return _is_no_container()  # the machine was started again; of containers only their own start is known
+            return _is_no_container()  # the machine was restarted; a container has only its own start
         return not _runs(self.number, self.start)
 
 
@@ -52,35 +52,35 @@ def this_process():
 
 
 def new_token():
-    """Text for the names of temporary files: this process, and eight digits that nobody foresees."""
+    """Text for the names of temporary files: this process and eight random digits."""
     return f"{this_process()}-{secrets.token_hex(4)}"
 
 
 def written_by(text):
-    """The Writer that the text of one, or a token, begins with; None where it is none."""
+    """The Writer at the beginning of a text or token; None where there is none."""
     found = _TEXT.match(text)
     return None if found is None else Writer(int(found[1]), found[2], found[3], int(found[4], 16))
 
 
 @cache
 def host():
-    """Eight digits of this machine and, in a container, of its space of process numbers."""
+    """Eight digits for this machine and, in a container, its PID namespace."""
     return _digest(socket.gethostname(), system.machine_number(), _space())
 
 
 @cache
 def boot():
-    """Eight digits of the start of this machine; the same at any time where processes tell the date of their start."""
+    """Eight digits for the start of this machine; constant where the start dates of processes are available."""
     return _digest(system.start_of_machine())
 
 
 def started(number):
-    """When process `number` was started, in the system's own count; UNKNOWN where nothing tells it."""
+    """Start of process `number` in the system's units; UNKNOWN where it is not available."""
     return system.process_start(number)
 
 
 def _runs(number, start):
-    """Whether process `number` that began at `start` may still run on this machine."""
+    """Whether process `number` with this `start` may still run on this machine."""
     if not system.runs(number):
         return False
     now = started(number)
@@ -101,28 +101,28 @@ def _digest(*texts):
 
 
 LOCK_FILE = ".lock"
-# of file systems without locks; macOS has two numbers for one of them, Windows answers EINVAL
+# errors of file systems without locks; macOS has two numbers for one of them, Windows returns EINVAL
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
-_FIRST = b"p"  # of all that is written to the file
-_HOLDER = re.compile(rf"process \d+( on [^,]*)?(, ({PATTERN}))?", re.DOTALL)  # of this version, and of those before
-_LONGEST = 1000  # [bytes] that are read of the file
+_FIRST = b"p"  # first byte of the file
+_HOLDER = re.compile(rf"process \d+( on [^,]*)?(, ({PATTERN}))?", re.DOTALL)  # of this and earlier versions
+_LONGEST = 1000  # [bytes] read from the file
 
 
 @contextmanager
 def sole_writer(folder):
-    """Hold `folder`, which is there, for this block; gives a Hold.
+    """Lock the existing `folder` for this block; yields a Hold.
 
-    The lock is that of the system on the file LOCK_FILE and not the file: what a killed process leaves holds nobody
-    up, and no process number can be mistaken for that of another one. Where the system has no locks, the file holds
-    the folder as long as the process that it names may be alive (`io.lock`).
+    The lock is a system lock on the file LOCK_FILE, not the existence of this file: the file of a killed process does
+    not block other processes. Where the file system has no locks, the folder is locked as long as the process named
+    in the file may be alive.
 
-    The library filelock knows the locks of each system: flock, LockFileEx. It is handed the file that was opened here.
-    A lock that it opens by name itself tells nobody who holds it, and not that the folder was removed or replaced.
+    The library filelock provides the system locks (flock, LockFileEx). It gets the descriptor of the file opened
+    here, so that the holder can be reported and a removed or replaced folder is detected.
 
     Raises
     ------
     OutputError
-        Another process, or another run of this one, holds it; LOCK_FILE is a link or something else of the user's.
+        Another process, or another run of this process, has locked it; LOCK_FILE is a link or another file.
     """
     hold = Hold(Path(folder))
     try:
@@ -132,7 +132,7 @@ def sole_writer(folder):
 
 
 class Hold:
-    """A folder that nobody else writes to until `release`."""
+    """Exclusive lock on a folder until `release`."""
 
     def __init__(self, folder):
         self.folder, self._path = folder, folder / LOCK_FILE
@@ -142,7 +142,7 @@ class Hold:
         os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}, {new_token()}".encode())
 
     def _locked(self):
-        """Descriptor of the lock's file, locked; tried again if its holder let go and removed it meanwhile."""
+        """Descriptor of the lock file, locked; repeated if its holder released and removed it meanwhile."""
         while True:
             handle = open_own(self._path)
             try:
@@ -157,12 +157,12 @@ class Hold:
             os.close(handle)
 
     def _require_own(self, holder):
-        """Refuse a file of that name that is somebody's and not a lock of this program."""
+        """Refuse a file of this name that is not a lock of this program."""
         if holder and _HOLDER.fullmatch(holder) is None:
             raise OutputError(f"{self._path} was not written by mpmgis; move it away, or give another -o")
 
     def _lock(self, handle, holder):
-        from filelock import lock_descriptor  # 30 ms of the start of a verb that writes no run
+        from filelock import lock_descriptor  # 30 ms, needed only by commands that write a run
 
         try:
             locked = lock_descriptor(handle, blocking=False)
@@ -175,41 +175,41 @@ class Hold:
                 raise self._held(holder, "wait for it to end")
 
     def _lock_by_name(self, holder):
-        """Where the system has no locks: the file is one as long as the process that it names may be alive."""
+        """Lock of file systems without locks: valid as long as the process named in the file may be alive."""
         found = _HOLDER.fullmatch(holder)
         if found is not None and found[3] is not None and not written_by(found[3]).is_over():
             raise self._held(holder, f"wait for it to end, remove {self._path} if it has ended")
 
-    def _held(self, holder, cure):
-        """The error that tells who holds the folder."""
+    def _held(self, holder, fix):
+        """The error with the holder of the lock."""
         who = holder.partition(",")[0] or "another process"
-        return OutputError(f"{self.folder} is being written by {who}; {cure}, or give another -o")
+        return OutputError(f"{self.folder} is being written by {who}; {fix}, or give another -o")
 
     def _is(self, handle):
-        """True where the lock's name still means the file that is open as `handle`."""
+        """True where the path of the lock is still the file that is open as `handle`."""
         found = status(self._path)
         return found is not None and os.path.samestat(found, os.fstat(handle))
 
     def require(self):
-        """Raise OutputError if the folder was removed, moved or replaced since."""
+        """Raise OutputError if the folder was removed, moved or replaced."""
         if not self._is(self._handle):
-            raise OutputError(f"{self.folder} was removed or replaced while it was written to; run it again")
+            raise OutputError(f"{self.folder} was removed or replaced while it was written; run the command again")
 
     def release(self):
-        """Remove the file, while it is still held, and let go."""
+        """Remove the file while it is locked, then unlock it."""
         own = self._is(self._handle)
         if own:
             with suppress(OSError):
-                os.ftruncate(self._handle, 0)  # it names nobody, also where it cannot be removed
+                os.ftruncate(self._handle, 0)  # without a holder, also where it cannot be removed
                 self._path.unlink()
         os.close(self._handle)
-        if own and system.WINDOWS:  # no open file can be removed there: not this one before, not that of another now
+        if own and system.WINDOWS:  # Windows cannot remove open files
             with suppress(OSError):
                 self._path.unlink()
 
 
 def _read(handle):
-    """The text of the lock's file. Windows lets nobody read the byte that another process has locked, the first."""
+    """The text of the lock file. On Windows the first byte, which another process has locked, cannot be read."""
     try:
         text = os.read(handle, _LONGEST)
     except PermissionError:

@@ -1,4 +1,4 @@
-"""Holes of a DTM filled by interpolation from the ground around them."""
+"""Holes of a DTM filled by interpolation from the surrounding cells."""
 
 from dataclasses import dataclass, replace
 
@@ -10,23 +10,23 @@ from ..terrain.nodata import nodata_groups
 
 INTERPOLATE = "interpolate"
 FILLS = (INTERPOLATE,)
-FAR_PIXELS = 10.0  # from known ground, above which the heights of a filled hole are hardly known
+FAR_PIXELS = 10.0  # distance to known cells above which filled elevations are uncertain
 
 
 @dataclass(frozen=True)
 class NodataFill:
-    """What was filled of a DTM.
+    """Filled holes of a DTM.
 
     Parameters
     ----------
     holes, cells : int
-        Number of holes amid the DTM, and of their cells, all of which were filled.
+        Number of filled holes inside the DTM, and of their cells.
     distance : float [m]
-        From the centre of a filled cell to that of the nearest cell with elevation, the largest.
+        Largest distance from the centre of a filled cell to the nearest cell with elevation.
     east, north : float [m]
-        Where that is.
+        Position of this cell.
     left : int
-        Cells without elevation that reach the edge of the DTM, which stay as they are.
+        Cells without elevation that are connected to the edge of the DTM; they are not filled.
     """
 
     holes: int
@@ -37,18 +37,18 @@ class NodataFill:
     left: int
 
     def lines(self, pixel):
-        """What to tell of it, on a DTM with pixels of `pixel` [m]."""
-        stay = f"; {self.left} cells of nodata that reach the edge of the DTM stay" if self.left else ""
+        """Messages about the filling of a DTM with pixels of `pixel` [m]."""
+        stay = f"; {self.left} nodata cells connected to the edge of the DTM are kept" if self.left else ""
         if not self.cells:
             return [f"[terrain] fill_nodata: the DTM has no hole{stay}"]
         lines = [
-            f"filled {self.cells} cells without elevation in {self.holes} holes amid the DTM, up to "
-            f"{self.distance:.4g} m from known ground (E {self.east:.1f} N {self.north:.1f}){stay}"
+            f"filled {self.cells} cells without elevation in {self.holes} holes of the DTM, up to "
+            f"{self.distance:.4g} m from known cells (E {self.east:.1f} N {self.north:.1f}){stay}"
         ]
         if self.distance > FAR_PIXELS * pixel:
             lines.append(
-                f"heights {self.distance:.4g} m from known ground are a guess; if the flow gets there, use a DTM "
-                "without that hole"
+                f"elevations {self.distance:.4g} m from known cells are uncertain; if the flow reaches them, use a DTM "
+                "without this hole"
             )
         return lines
 
@@ -56,10 +56,10 @@ class NodataFill:
 def filled(terrain):
     """(`terrain` with its holes filled, the NodataFill).
 
-    A hole is a group of cells without elevation that does not reach the edge of the DTM. Its cells become the plane of
-    least squares through the cells around it, and what those leave of that plane, interpolated: the mean of the nearest
-    known cells in four quadrants, weighted by the inverse of their distance (`rasterio.fill.fillnodata`, that is
-    GDALFillNodata, without smoothing). On a plane that is exact. Cells with elevation keep their bits.
+    A hole is a group of cells without elevation that is not connected to the edge of the DTM. The fill is the
+    least-squares plane through the surrounding cells plus their interpolated residuals: the mean of the nearest known
+    cells in four quadrants, weighted by inverse distance (`rasterio.fill.fillnodata`, i.e. GDALFillNodata, without
+    smoothing). It is exact on a plane. Cells with elevation keep their bits.
     """
     nodata = ~terrain.valid
     labels, at_edge = nodata_groups(nodata)
@@ -84,12 +84,11 @@ def filled(terrain):
 
 
 def _heights(elevation, hole, known):
-    """Heights [m] in the cells `hole` of a window from those that are `known` in it."""
+    """Elevations [m] in the cells `hole` of a window, from its `known` cells."""
     around = scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & known
     row, column = np.indices(hole.shape)
     terms = np.stack([np.ones(hole.shape), row, column], axis=-1)
     plane = terms @ np.linalg.lstsq(terms[around], elevation[around], rcond=None)[0]
-    beside = np.where(known, elevation - plane, 0.0).astype(np.float32)
+    residual = np.where(known, elevation - plane, 0.0).astype(np.float32)
     reach = float(np.hypot(*hole.shape)) + 1.0
-    made = fillnodata(beside, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)
-    return plane + made
+    return plane + fillnodata(residual, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)

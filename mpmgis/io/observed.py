@@ -1,4 +1,4 @@
-"""What was observed in the field or drawn on the map: outlines of a flow, lines and points where it is looked at."""
+"""Observed outlines of a flow, and lines and points at which results are evaluated, from vector files."""
 
 import numpy as np
 import pyproj
@@ -9,12 +9,12 @@ from ..errors import GeoreferenceError, InputError
 from ..messages import log
 from ..terrain.georeference import horizontal, name_of, same_place
 from ..terrain.release import polygons_only
-from .vector import transformer_to
+from .reprojection import transformer_to
 from .vector_table import KINDS, names_of, read_table
 
 
 def read_outline(path, grid):
-    """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are said.
+    """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are reported.
 
     Raises
     ------
@@ -24,10 +24,10 @@ def read_outline(path, grid):
     shapes = _shapes(path, grid, "Polygon", "")
     broken = int(np.count_nonzero(~shapely.is_valid(shapes)))
     if broken:
-        log.info(f"{path}: {broken} of {len(shapes)} polygons cross themselves and are repaired")
+        log.info(f"{path}: {broken} of {len(shapes)} polygons intersect themselves and are repaired")
     whole = polygons_only(shapely.union_all(shapely.make_valid(shapes)))
     if whole.is_empty or whole.area <= 0:
-        raise InputError(f"{path}: its polygons have no area; draw the outline anew")
+        raise InputError(f"{path}: the polygons have no area; draw the outline again")
     return whole
 
 
@@ -42,9 +42,9 @@ def read_line(path, grid):
     shapes = _shapes(path, grid, "LineString", "--line ")
     parts = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(shapely.get_parts(shapes))))
     if len(parts) == 0:
-        raise InputError(f"{path}: its line has no length; draw it anew")
+        raise InputError(f"{path}: the line has no length; draw it again")
     if len(parts) != 1:
-        raise InputError(f"{path} holds {len(parts)} lines that do not join end to end, wanted one; keep the flow path")
+        raise InputError(f"{path} contains {len(parts)} lines that do not join end to end, expected one; keep only one")
     return shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
 
 
@@ -77,13 +77,13 @@ def _named_shapes(path, grid, kind, flag):
     table = read_table(path, kind, flag)
     wanted = KINDS[kind]
     if table.geometry is None:
-        raise InputError(f"{path} holds a table without geometry, wanted {wanted}")
+        raise InputError(f"{path} contains a table without geometry, expected {wanted}")
     there = table.where(~table.without_geometry)
-    foreign = sorted(there.kinds - {kind, f"Multi{kind}"})
-    if foreign:
-        raise InputError(f"{path} holds {', '.join(foreign)}, wanted {wanted}")
+    others = sorted(there.kinds - {kind, f"Multi{kind}"})
+    if others:
+        raise InputError(f"{path} contains {', '.join(others)}, expected {wanted}")
     if len(there) == 0:
-        raise InputError(f"{path} holds no geometry, wanted {wanted}")
+        raise InputError(f"{path} contains no geometry, expected {wanted}")
     flat = shapely.force_2d(there.geometry)
     if not np.isfinite(shapely.get_coordinates(flat)).all():
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
@@ -91,11 +91,11 @@ def _named_shapes(path, grid, kind, flag):
 
 
 def _on_grid(shapes, crs, grid, path):
-    """`shapes` in the CRS of `grid`; without one on either side their coordinates must lie near the raster."""
+    """`shapes` in the CRS of `grid`; without a CRS on one side the coordinates must overlap the raster."""
     if crs is None or grid.crs is None:
         _require_near(shapely.total_bounds(shapes), crs, grid, path)
         if crs is not None or grid.crs is not None:
-            log.info(f"{path}: its coordinates are taken to be in the frame of the rasters, {name_of(grid.crs or crs)}")
+            log.info(f"{path}: the coordinates are assumed to be in the CRS of the rasters, {name_of(grid.crs or crs)}")
         return shapes
     if same_place(crs, grid.crs):
         return shapes
@@ -103,7 +103,7 @@ def _on_grid(shapes, crs, grid, path):
     moved = np.column_stack(transformer.transform(*shapely.get_coordinates(shapes).T))
     if not np.isfinite(moved).all():
         raise GeoreferenceError(
-            f"{path} is in {name_of(crs)} and cannot be brought to {name_of(grid.crs)}; check its CRS"
+            f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(grid.crs)}; check its CRS"
         )
     log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters")
     return shapely.set_coordinates(shapes.copy(), moved)
@@ -113,8 +113,8 @@ def _require_near(bounds, crs, grid, path):
     west, south, east, north = grid.bounds
     if bounds[0] <= east and bounds[2] >= west and bounds[1] <= north and bounds[3] >= south:
         return
-    problem = "carries no CRS" if crs is None else f"is in {name_of(crs)}, the rasters in a local frame"
+    problem = "has no CRS" if crs is None else f"is in {name_of(crs)}, the rasters in a local frame"
     raise GeoreferenceError(
-        f"{path} {problem}, and its coordinates ({bounds[0]:.6g}, {bounds[1]:.6g}) do not lie on the rasters; assign "
-        "its CRS (QGIS: Define projection), or use the frame of the rasters"
+        f"{path} {problem}, and its coordinates ({bounds[0]:.6g}, {bounds[1]:.6g}) are outside the rasters; assign "
+        "its CRS (QGIS: Define projection), or use the CRS of the rasters"
     )

@@ -1,7 +1,7 @@
 """Columns of a seed as .h5, .csv, .json, .gpkg, .parquet and .vtp files.
 
 .h5 (a frame), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
-.json and .vtp hold the whole table in memory once. Tables have a row per column and these fields: id, x, y [m, in the
+.json and .vtp need the whole table in memory. Tables have a row per column and these fields: id, x, y [m, in the
 CRS], z_bed, z_surface [m], thickness [m, vertical], area [m2, plan], mass [kg], volume [m3], u, v, w [m s-1].
 """
 
@@ -15,8 +15,8 @@ import pyproj
 
 from ..errors import OutputError
 from .atomic import whole_file
-from .extras import needed_for
 from .frames import write_frame_slabs
+from .libraries import needed_for
 from .tables import append_rows
 
 
@@ -28,22 +28,22 @@ def write_vtp(path, points, data, fields, note=""):
     path : Path
     points : float64[n, 3]
     data : dict of str to array[n] or array[n, k]
-        What the points have.
+        Data of the points.
     fields : dict of str to list of float
-        What the file has: `TimeValue` is the time that ParaView shows.
+        Data of the file: `TimeValue` is the time that ParaView shows.
     note : str
-        For those who look into the file.
+        Comment in the file.
     """
     count, blocks = len(points), []
     arrays = "".join(_array(name, values, blocks) for name, values in data.items())
     place = _array("points", points, blocks)
     verts = _array("connectivity", np.arange(count), blocks)
     verts += _array("offsets", np.arange(1, count + 1), blocks)
-    told = "".join(_field(name, values) for name, values in fields.items())
+    field_data = "".join(_field(name, values) for name, values in fields.items())
     head = (
         '<?xml version="1.0"?>\n<!-- ' + note.replace("--", "- -") + " -->\n"
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<PolyData><FieldData>{told}</FieldData>\n"
+        f"<PolyData><FieldData>{field_data}</FieldData>\n"
         f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
         'NumberOfPolys="0">\n'
         f"<PointData>{arrays}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
@@ -82,10 +82,10 @@ _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f
 
 
 def require_format(path):
-    """Refuse a file name whose suffix is none of the formats', or of one whose library is not installed."""
+    """Refuse a file name with an unknown suffix, or with a suffix whose library is not installed."""
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
-        raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, wanted {', '.join(_WRITERS)}")
+        raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, expected {', '.join(_WRITERS)}")
     if suffix == ".parquet":
         with needed_for(f"{path}: Parquet", "parquet"):
             import pyarrow.parquet  # noqa: F401
@@ -108,7 +108,7 @@ def write_columns(path, frame, count, slabs):
 
 
 def _require_space(path, count):
-    """Refuse before the work what the disk cannot hold."""
+    """Refuse output that does not fit on the disk, before the work starts."""
     folder = Path(path).resolve().parent
     while not folder.exists():
         folder = folder.parent
@@ -116,13 +116,13 @@ def _require_space(path, count):
     free = shutil.disk_usage(folder).free
     if needed > free:
         raise OutputError(
-            f"{path}: {count} columns need about {needed / 1e6:.3g} MB, {free / 1e6:.3g} MB are free there; ask for "
-            f"fewer, or give another -o"
+            f"{path}: {count} columns need about {needed / 1e6:.3g} MB, {free / 1e6:.3g} MB are free there; use "
+            f"fewer columns, or give another -o"
         )
 
 
 def table(particles, origin):
-    """Name -> array of the fields that all tables have, in the map's coordinates."""
+    """Name -> array of the fields of all tables, in map coordinates."""
     x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
     values = (
         particles.id, x, y, z, z + particles.thickness, particles.thickness, particles.area, particles.mass,
@@ -137,7 +137,7 @@ def _whole_table(frame, slabs):
 
 
 def _record(frame):
-    """What a table's reader should know besides the rows: plain numbers, strings and lists."""
+    """Metadata of a table: numbers, strings and lists."""
     crs = frame.crs.to_wkt() if frame.crs is not None else ""
     place = {"crs": crs, "dem": frame.dem, "dem_sha256": frame.dem_sha256}
     header = {k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in frame.header.items()}
@@ -163,11 +163,11 @@ def _write_json(path, frame, count, slabs):
 
 
 def _write_gpkg(path, frame, count, slabs):
-    import geopandas  # brings half a second, which the other formats do without
+    import geopandas  # 0.5 s; not needed by the other formats
     import shapely
 
     columns = _whole_table(frame, slabs)
-    columns["id"] = columns["id"].astype(np.int64)  # GeoPackage knows no unsigned numbers
+    columns["id"] = columns["id"].astype(np.int64)  # GeoPackage has no unsigned integers
     points = shapely.points(columns["x"], columns["y"])
     rows = geopandas.GeoDataFrame(columns, geometry=points, crs=frame.crs)
     record = {name: json.dumps(value) for name, value in _record(frame).items()}
@@ -177,7 +177,7 @@ def _write_gpkg(path, frame, count, slabs):
 
 
 def _write_parquet(path, frame, count, slabs):
-    """GeoParquet 1.0 with WKB points, so that QGIS and geopandas open it as a layer."""
+    """GeoParquet 1.0 with WKB points, which QGIS and geopandas open as a layer."""
     import pyarrow
     import pyarrow.parquet
 
@@ -208,7 +208,7 @@ def _wkb_points(x, y):
 
 
 def _write_vtp(path, frame, count, slabs):
-    """VTK PolyData with a vertex per column; positions relative to the field `origin`, as float32 viewers need it."""
+    """VTK PolyData with a vertex per column; positions relative to the field `origin`, for viewers with float32."""
     columns = _whole_table(frame, slabs)
     origin = np.array(frame.origin)
     points = np.column_stack([columns.pop("x"), columns.pop("y"), columns["z_bed"]]) - origin

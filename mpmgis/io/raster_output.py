@@ -1,4 +1,4 @@
-"""Raster output: GeoTIFF bands in the layout of the contract, ASCII grids, and the rasters of the steps."""
+"""Raster output: GeoTIFF bands as docs/formats.md describes them, ASCII grids, and rasters of the steps."""
 
 import ctypes
 import mmap
@@ -32,7 +32,7 @@ LAYOUT = {
     "blockysize": BLOCK,
     "compress": "deflate",
     "predictor": 3,
-    "zlevel": 1,  # 3 % larger than the usual 6 in three quarters of the time (measured): a flow's digits do not repeat
+    "zlevel": 1,  # 3 % larger than the default 6, in three quarters of the time (measured)
     "interleave": "band",
     "sparse_ok": True,
     "bigtiff": "if_safer",
@@ -47,24 +47,23 @@ COG_LAYOUT = {
     "bigtiff": "if_safer",
     "copy_src_mdd": "YES",
 }
-# GDAL's own handler hears of each of these, and what is wrong becomes an exception; libtiff prints besides, to stderr
-# and with temporary names, what the system says of a write that fails.
-with suppress(OSError, AttributeError):  # where a library cannot be asked for the functions of those that it needs
+# GDAL turns errors of libtiff into exceptions; libtiff also prints failed writes to stderr, with temporary names.
+with suppress(OSError, AttributeError):  # where the functions of linked libraries are not accessible
     ctypes.CDLL(rasterio._base.__file__).TIFFSetErrorHandler(None)
 
-# GDAL takes the first band of any such file for grey and has no way to write "undefined". It writes a name that it
-# does not expect there, and reads a name that it does not know as undefined; these two are equally long.
+# GDAL interprets the first band as grey and cannot write "undefined". It writes the unusual name "Lightness", which is
+# replaced by a name of the same length that GDAL reads as undefined.
 _WRITTEN_COLOUR, _MEANT_COLOUR = (f'role="colorinterp">{name}<'.encode() for name in ("Lightness", "Undefined"))
 
 
 def write_geotiff(path, grid, bands, tags, cog=False):
-    """Write a raster that appears whole or not at all.
+    """Write a raster atomically.
 
     Parameters
     ----------
     path : path
     grid : Grid
-        North-up, or rotated as the DTM is.
+        North-up, or rotated like the DTM.
     bands : list of (Quantity, float array [rows, columns])
         NaN where there is no data.
     tags : dict
@@ -85,9 +84,9 @@ def write_geotiff(path, grid, bands, tags, cog=False):
 
 
 def write_rows(path, grid, quantities, tags, rows_of, cog=False):
-    """As `write_geotiff`, straight to `path` and in strips, so that no band need ever be whole in memory.
+    """As `write_geotiff`, directly to `path` and in strips, so that no complete band is in memory.
 
-    `rows_of(band, first, last)` answers float[last - first, columns] of band number `band`.
+    `rows_of(band, first, last)` returns float[last - first, columns] of band number `band`.
     """
     with _new_file(path, grid, quantities, tags, cog) as target:
         for first, last in strips(grid):
@@ -96,7 +95,7 @@ def write_rows(path, grid, quantities, tags, rows_of, cog=False):
 
 
 class BandStack:
-    """One raster per variable whose bands are the steps, written step by step and all open at once.
+    """One raster per variable with the steps as bands; all are open and written step by step.
 
     Parameters
     ----------
@@ -143,7 +142,7 @@ def strips(grid):
 
 
 def tag(value):
-    """`value` as a tag holds it: numbers with every digit that they have."""
+    """`value` as text of a tag; numbers with all digits."""
     return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
 
 
@@ -192,12 +191,12 @@ def _leave_colour_undefined(path):
 
 
 def require_square(grid, what, path):
-    """Refuse a grid that an ASCII grid cannot hold: rotated, or with oblong pixels; it is that of the DTM at `path`."""
+    """Refuse a grid (of the DTM at `path`) that is rotated or has non-square pixels: ASCII grids cannot store it."""
     t = grid.transform
     if t.b or t.d or abs(abs(t.a) - abs(t.e)) > 1e-9 * abs(t.a):
         size = f"{grid.cell_size:.6g}"
         raise InputError(
-            f"{what} writes ASCII grids, which need square pixels along north; warp the DTM: "
+            f"{what} writes ASCII grids, which require square north-up pixels; warp the DTM: "
             f"{warp_command(path, size=size)}"
         )
 
@@ -216,15 +215,15 @@ def write_ascii_grid(path, grid, values):
 
 
 class SparseBands:
-    """Bands that are known in some cells of a grid, given out by rows as the raster writer asks for them.
+    """Bands with values in some cells of a grid, returned by rows for the raster writer.
 
     Parameters
     ----------
     grid : Grid
     index : int64[k]
-        Flat index of the known cells, ascending.
+        Flat index of the cells with values, ascending.
     bands : list of (float32[k], float)
-        Values of those cells, and the one of all others.
+        Values of these cells, and the value of all others.
     """
 
     def __init__(self, grid, index, bands):
@@ -240,7 +239,7 @@ class SparseBands:
 
 
 class StepFiles:
-    """A raster per step. Writing goes on in `threads` while the next frames are read; no more than `ahead` wait."""
+    """One raster per step, written in `threads` while the next frames are read; at most `ahead` wait."""
 
     def __init__(self, folder, name, grid, quantities, count, cog, threads: Executor, ahead):
         self.folder, self.grid, self.quantities, self.cog = Path(folder), grid, quantities, cog
@@ -248,7 +247,7 @@ class StepFiles:
         self._threads, self._ahead, self._waiting = threads, ahead, deque()
 
     def write(self, step, tags, rows_of, at_once=False):
-        """Write step number `step`; `rows_of` as in `geotiff.write_rows`, `at_once` where it is good only now."""
+        """Write step number `step`; `rows_of` as in `write_rows`; `at_once` where its data are valid only now."""
         work = (write_rows, self.folder / self.files[step], self.grid, self.quantities, tags, rows_of, self.cog)
         if at_once:
             work[0](*work[1:])
@@ -258,13 +257,13 @@ class StepFiles:
             self._waiting.popleft().result()
 
     def finish(self):
-        """Wait for what is still being written."""
+        """Wait for all writes."""
         while self._waiting:
             self._waiting.popleft().result()
 
 
 class StepStacks:
-    """A raster per variable; the steps are VRTs that point into them, so that no value is stored twice."""
+    """One raster per variable; the steps are VRTs that refer to them, so that no value is stored twice."""
 
     def __init__(self, folder, name, grid, quantities, times, tags, cog):
         self.folder, self.grid, self.quantities = Path(folder), grid, quantities
@@ -274,7 +273,7 @@ class StepStacks:
         self._open = BandStack(paths, grid, quantities, times, tags, cog)
 
     def write(self, step, tags, rows_of, at_once=False):
-        """Write step number `step`; `rows_of` as in `geotiff.write_rows`."""
+        """Write step number `step`; `rows_of` as in `write_rows`."""
         self._open.write(step, rows_of)
         self._write_vrt(step, tags)
 
@@ -310,7 +309,7 @@ class StepStacks:
 
 @contextmanager
 def finished(writer):
-    """Gives `writer` and finishes it, whatever happens."""
+    """Yield `writer` and finish it, also after errors."""
     try:
         yield writer
     finally:

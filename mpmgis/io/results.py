@@ -1,4 +1,4 @@
-"""Results on disk as bands by name: an exported folder, rasters named as in ISeeSnow and AvaFrame, one raster."""
+"""Results on disk as bands by name: an export folder, rasters named as in ISeeSnow and AvaFrame, a single raster."""
 
 import re
 from dataclasses import dataclass, replace
@@ -11,19 +11,19 @@ from ..messages import muted
 from ..terrain.georeference import name_of, require_metric, same_place, warp_command
 from .raster import open_raster, read_raster
 
-PEAK_KINDS = {  # ending of the file's name -> quantity, and what its values are multiplied by
+PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
     "pft": (Quantity("pft", "m", "peak flow thickness"), 1.0),
     "pfv": (Quantity("pfv", "m s-1", "peak flow velocity"), 1.0),
     "ppr": (Quantity("ppr", "Pa", "peak pressure, kPa in the file"), 1000.0),
 }
-UNNAMED = "value"  # the band of a raster that does not say what it is
-DEPOSIT = "_deposit"  # of an export's last step: ends the name of its file, and the names of its bands here
+UNNAMED = "value"  # name of a band without a description
+DEPOSIT = "_deposit"  # suffix of the file of an export's last step, and of the names of its bands here
 _PEAK_NAME = re.compile(r"(?:(.*)_)?(pft|pfv|ppr)\.(?:asc|tif|tiff)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class BandSource:
-    """Where a band lies: `path`, its `number` (from 1), what it is, and what its values are multiplied by."""
+    """A band in a file: `path`, `number` (from 1), `quantity`, and `factor` of its values."""
 
     path: Path
     number: int
@@ -31,9 +31,9 @@ class BandSource:
     factor: float = 1.0
 
     def read(self):
-        """(float64[rows, columns] with NaN for nodata, Grid). Refuses degrees and what else is no map in metres.
+        """(float64[rows, columns] with NaN for nodata, Grid). Refuses CRSs that are not in metres.
 
-        All of it may be nodata: nothing flowed, or never as deep as the velocities want it.
+        All values may be nodata: no flow, or never above the minimum depth of velocities.
         """
         values, grid = read_raster(self.path, self.number, may_be_empty=True)
         if grid.crs is not None:
@@ -44,16 +44,16 @@ class BandSource:
 
 @dataclass(frozen=True)
 class Result:
-    """What one model run left behind, as rasters.
+    """Rasters of one model run.
 
     Parameters
     ----------
     name : str
     kind : str
-        In a word: "export", "rasters" or "raster".
+        "export", "rasters" or "raster".
     bands : dict of str to BandSource
     terrain : Path or None
-        The terrain that lies beside them.
+        The terrain raster of the export.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Result:
     terrain: Path | None = None
 
     def read(self, band, crs_of=None):
-        """(values, Grid) of one band; with `crs_of` (a Grid) it must be in the same CRS, or in none.
+        """(values, Grid) of one band; with `crs_of` (a Grid) it must be in the same CRS, or have none.
 
         Raises
         ------
@@ -71,10 +71,10 @@ class Result:
         values, grid = self.bands[band].read()
         if crs_of is not None and None not in (grid.crs, crs_of.crs) and not same_place(grid.crs, crs_of.crs):
             path, code = self.bands[band].path, crs_of.crs.to_epsg() or "n"
-            if self.kind == "run":  # whose raster is gone when this is read
+            if self.kind == "run":  # its raster is temporary
                 raise GeoreferenceError(
-                    f"{self.name} is in {name_of(grid.crs)}, the other side in {name_of(crs_of.crs)}; export it "
-                    "(mpmgis export-raster) and reproject the raster that is to be compared"
+                    f"{self.name} is in {name_of(grid.crs)}, the other result in {name_of(crs_of.crs)}; export it "
+                    "(mpmgis export-raster) and reproject the raster to compare"
                 )
             raise GeoreferenceError(
                 f"{path} is in {name_of(grid.crs)}, the other rasters in {name_of(crs_of.crs)}; reproject one of them: "
@@ -82,14 +82,14 @@ class Result:
             )
         return values, grid
 
-    def with_our_names(self):
-        """The Result whose peaks have the names that an export gives them, besides their own."""
+    def with_export_names(self):
+        """The Result with the peaks also under the names that an export gives them."""
         ours = {own: self.bands[other] for other, own in SAME_QUANTITY if other in self.bands}
         return replace(self, bands=ours | self.bands)
 
 
 def names_rasters(path):
-    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, the beginning of their names, or one of them."""
+    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, the prefix of their names, or one of them."""
     path = Path(path)
     if path.is_file():
         return _PEAK_NAME.fullmatch(path.name) is not None
@@ -99,12 +99,12 @@ def names_rasters(path):
 
 
 def open_result(path):
-    """The Result at `path`: an exported folder, a folder or common beginning of `..._pft.asc`, or one raster.
+    """The Result at `path`: an export folder, a folder or common prefix of `..._pft.asc`, or one raster.
 
     Raises
     ------
     FormatError, InputError
-        Nothing of the kind, or several results at once.
+        None of these, or several results at once.
     """
     path = Path(path)
     if path.is_dir():
@@ -124,20 +124,20 @@ def _folder(folder):
     if files:
         return Result(name, "rasters", _peak_bands(files, folder))
     raise FormatError(
-        f"{folder} holds no result: wanted an export (rasters/*_max.tif), *_pft, *_pfv, *_ppr rasters (.asc, .tif), "
-        "or the frames of a run (*.h5)"
+        f"{folder} contains no result: expected an export (rasters/*_max.tif), *_pft, *_pfv, *_ppr rasters (.asc, "
+        ".tif), or the frames of a run (*.h5)"
     )
 
 
 def _exported(folder):
-    """The export in `folder` or around it; None where it is none."""
+    """The export in `folder` or its parent; None where there is none."""
     inside = folder / "rasters" if (folder / "rasters").is_dir() else folder
     maxima = sorted(inside.glob("*_max.tif"))
     if not maxima:
         return None
     if len(maxima) > 1:
         raise InputError(
-            f"{inside} holds {len(maxima)} exports ({', '.join(file.name for file in maxima[:4])}); name one file"
+            f"{inside} contains {len(maxima)} exports ({', '.join(file.name for file in maxima[:4])}); give one file"
         )
     run = maxima[0].name.removesuffix("_max.tif")
     bands = _named_bands(maxima[0])
@@ -152,7 +152,7 @@ def _exported(folder):
 
 
 def _named_bands(path, ending=""):
-    """The bands of a raster by the names in their descriptions, `NAME [unit]`, with an `ending`."""
+    """The bands of a raster by the names in their descriptions, `NAME [unit]`, plus an `ending`."""
     bands = {}
     with open_raster(path) as source:
         for number, text in enumerate(source.descriptions, start=1):
@@ -168,7 +168,7 @@ def _named_bands(path, ending=""):
 
 
 def _peak_files(folder, beginning=None):
-    """Kind -> files of a folder that are named for it; with `beginning` only those called `beginning`_KIND."""
+    """Kind -> files of a folder with its ending; with `beginning` only those named `beginning`_KIND."""
     found = {}
     for file in sorted(folder.iterdir()):
         match = _PEAK_NAME.fullmatch(file.name)
@@ -181,8 +181,8 @@ def _peak_bands(files, where):
     for kind, several in files.items():
         if len(several) > 1:
             raise InputError(
-                f"{where} holds {len(several)} *_{kind} rasters ({', '.join(file.name for file in several[:3])}, ...); "
-                f"name one result by the beginning of its files, for example "
+                f"{where} contains {len(several)} *_{kind} rasters ({', '.join(f.name for f in several[:3])}, ...); "
+                f"give the prefix of the files of one result, for example "
                 f"{several[0].parent / _PEAK_NAME.fullmatch(several[0].name)[1]}"
             )
     return {kind: _peak_band(several[0], kind) for kind, several in files.items()}

@@ -1,4 +1,4 @@
-"""The folder of a run: frames, the resolved scene, the terrain it used, and a record of what happened."""
+"""The folder of a run: frames, the resolved scene, the terrain, and the record of the run."""
 
 import contextlib
 import json
@@ -24,43 +24,43 @@ SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 _LISTS = ("effects", "stages", "troubles", "unusable")  # of a record
 _TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")
 BARRIER_FILE = "barriers.csv"
-STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum up different things
+STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum different quantities
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
-LEFT_OVER = tuple(f".{Path(name).stem}.part[0-9]*" for name in FILES)  # files that never got their names, for a kill
+LEFT_OVER = tuple(f".{Path(name).stem}.part[0-9]*" for name in FILES)  # temporary files of a killed process
 _FORMAT = "mpmgis-run"
 
 
 class RunFolder:
-    """Writes one run; every file in it appears whole or not at all.
+    """Writes one run; every file is written atomically.
 
     Parameters
     ----------
     path : str or Path
-        Made if it is not there; refused if it holds anything, unless `overwrite`, which replaces the files of an
-        earlier run and nothing else, once the first frame of the new one is whole. Refused if it is a link, or if a
-        link has one of the names that a run gives to files.
+        Created if missing; refused if it is not empty, unless `overwrite`, which replaces only the files of an
+        earlier run, after the first frame of the new run is complete. Refused if it is a link, or contains a link
+        under the name of a file of a run.
 
     Attributes
     ----------
     frames : int
-        Number of frames there are.
+        Number of frames.
     result : str or None
-        Digest of all of them, '' while there is none; None in the folder of a version that wrote no digests.
+        Digest of all frames, '' while there is none; None in the folder of a version without digests.
     """
 
     def __init__(self, path, overwrite=False):
         self.path = Path(path)
         self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path} is a file, wanted a folder for the run; give another -o")
+            raise OutputError(f"{self.path} is a file, expected a folder for the run; give another -o")
         self._overwrite, self._resumed, self._hold, self._stage = overwrite, False, None, None
         self._refuse_filled()
-        self._refuse_foreign()
+        self._refuse_other_content()
         self.frames, self.result = 0, ""
 
     @classmethod
     def resumed(cls, path):
-        """The folder of an earlier run, to go on in; an empty or missing one starts at the beginning."""
+        """The folder of an earlier run to continue; an empty or missing folder starts at the beginning."""
         path = Path(path)
         if path.is_dir() and (path / RECORD_FILE).is_file():
             folder = cls(path, overwrite=True)
@@ -72,22 +72,22 @@ class RunFolder:
 
     @property
     def place(self):
-        """The folder that files are written to now: a hidden one in `path` as long as an earlier run stands there."""
+        """The folder of new files: a hidden folder in `path` as long as an earlier run is there."""
         return self._stage or self.path
 
     def _refuse_links(self):
         refuse_links(self.path, (LOCK_FILE, *FILES, *LEFT_OVER))
 
-    def _refuse_foreign(self):
-        """Refuse to replace files of these names that no run wrote."""
+    def _refuse_other_content(self):
+        """Refuse to replace files with these names that were not written by a run."""
         if self.path.is_dir() and next(self._entries(*FILES), None) and not _is_of_a_run(self.path / RECORD_FILE):
             raise OutputError(
-                f"{self.path} holds {next(self._entries(*FILES)).name} but no {RECORD_FILE} of a run, --overwrite will "
-                "not remove it; give another -o"
+                f"{self.path} contains {next(self._entries(*FILES)).name} but no {RECORD_FILE} of a run, --overwrite "
+                "will not remove it; give another -o"
             )
 
     def spare(self, inputs):
-        """Refuse a folder in which one of the `inputs` (iterable of Path), by any name, would be replaced or removed.
+        """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
 
         Raises
         ------
@@ -99,14 +99,14 @@ class RunFolder:
             given = one_of(entry, inputs)
             if given is not None:
                 name = entry if given == entry else f"{entry}, which is {given},"
-                raise OutputError(f"{name} is what the run is made from and would be replaced; give another -o")
+                raise OutputError(f"{name} is an input of the run and would be replaced; give another -o")
 
     def _entries(self, *patterns):
-        """What there is in the folder by one of the `patterns`, links and what has only its name as well."""
+        """Entries of the folder that match one of the `patterns`, links and other types included."""
         return (path for path in sorted(self.path.iterdir()) if any(path.match(pattern) for pattern in patterns))
 
     def _refuse_filled(self):
-        """Refuse a folder with anything in it but what a killed run left before its first file, unless overwritten."""
+        """Refuse a folder that contains more than temporary files of a killed run, unless it is overwritten."""
         if self.path.is_dir() and all(self._is_left_over(path) for path in self.path.iterdir()):
             return
         refuse_existing(self.path, self._overwrite)
@@ -117,12 +117,12 @@ class RunFolder:
 
     @contextlib.contextmanager
     def held(self):
-        """Make the folder and hold it for this block, so that no other run writes to it; it goes again if it is empty.
+        """Create the folder and lock it for this block, so that no other run writes to it; removed again if empty.
 
         Raises
         ------
         OutputError
-            Another run holds it, or came first.
+            Another run has locked it, or wrote it first.
         """
         try:
             with contextlib.ExitStack() as block:
@@ -134,7 +134,7 @@ class RunFolder:
                 self._refuse_links()
                 if not self._resumed:
                     self._refuse_filled()
-                    self._refuse_foreign()
+                    self._refuse_other_content()
                 self._sweep()
                 yield
         finally:
@@ -142,13 +142,13 @@ class RunFolder:
             self._remove_if_empty()
 
     def _sweep(self):
-        """Remove what processes that are over left half done."""
+        """Remove incomplete files of ended processes."""
         for path in self._entries(*LEFT_OVER):
             if is_left_over(path.name.rpartition(".part")[2]):
                 remove(path)
 
     def require(self):
-        """Raise OutputError if the folder that is held was removed, moved or replaced."""
+        """Raise OutputError if the locked folder was removed, moved or replaced."""
         self._hold.require()
 
     def record(self):
@@ -162,10 +162,9 @@ class RunFolder:
         return read_record(self.path, "start again with --overwrite")
 
     def last_frame(self, digest):
-        """The newest whole frame with its state, None where there is none; `frames` then counts up to it.
+        """The newest complete frame with its state, None where there is none; `frames` then counts up to it.
 
-        Newer frames without state, which no run leaves, are not trusted: they are written again. `digest` is that of
-        the scene.
+        Newer frames without state, which no run leaves, are written again. `digest` is that of the scene.
         """
         for number, frame in self.restartable(digest):
             self._go_on_after(number)
@@ -173,22 +172,22 @@ class RunFolder:
         return None
 
     def restartable(self, *digests):
-        """(number, Frame) of each whole frame of a scene of `digests` that has its state, the newest first.
+        """(number, Frame) of each complete frame with state of a scene with one of the `digests`, newest first.
 
         Raises
         ------
         FormatError
-            A frame that holds a state and is not what was written.
+            A frame with state was changed.
         """
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
             if read_frame(path, with_state=False, with_particles=False).digest not in digests:
-                continue  # of the run that was here before
+                continue  # of an earlier run
             number = int(path.stem.rpartition("_")[2])
             if require_restartable(path, self._frame_path(number - 1)):
                 yield number, read_frame(path)
 
     def go_back_to(self, number, digest):
-        """Remove the frames after `number`; those that stay belong to the run of another scene, of this `digest`."""
+        """Remove the frames after `number`; the others get the `digest` of another scene."""
         self._require_free()
         try:
             for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
@@ -205,9 +204,9 @@ class RunFolder:
         self.result = stored(self._frame_path(number))[1] or None
 
     def open(self, anew=True):
-        """Ready the folder, which is held, for a run that begins `anew` or goes on.
+        """Prepare the locked folder for a run that begins `anew` or continues.
 
-        The files of an earlier run stay until a new one has its first frame.
+        The files of an earlier run are kept until the new run has its first frame.
 
         Raises
         ------
@@ -227,12 +226,12 @@ class RunFolder:
             raise output_error(self.path, error) from error
 
     def _take_over(self):
-        """The files of the earlier run go, those that were written aside take their names; the record comes first.
+        """Replace the files of the earlier run by the new ones; the record first.
 
-        Whenever this is cut short, the record and the frames that are there tell whose they are.
+        If this is interrupted, the record and the frames still identify their run.
         """
         stage = self._stage
-        self._require_free("the earlier run is whole")
+        self._require_free("the earlier run is complete")
         try:
             system.replace(stage / RECORD_FILE, self.path / RECORD_FILE)
             for path in sorted(self._entries(*FILES), reverse=True):
@@ -245,23 +244,23 @@ class RunFolder:
         self._drop_stage()
 
     def _require_free(self, still="nothing has changed"):
-        """Refuse to replace files one after the other where one of them is open in another program."""
+        """Refuse to replace the files where one of them is open in another program."""
         for path in self._entries(*FILES):
             require_free(path, still)
 
     def _drop_stage(self):
-        """Remove what was written aside, if anything is left of it."""
+        """Remove the hidden folder of new files."""
         if self._stage is not None:
             remove(self._stage)
             self._stage = None
 
     def write_scene(self, text):
-        """The resolved scene, as TOML text."""
+        """Write the resolved scene, as TOML text."""
         with whole_file(self.place / SCENE_FILE) as part:
             part.write_text(text, encoding="utf-8", newline="\n")
 
     def write_terrain(self, terrain):
-        """The terrain in the frame's words: float64 GeoTIFF with the source's transform; answers its digest."""
+        """Write the terrain as float64 GeoTIFF with the transform of its source; returns its digest."""
         path = self.place / TERRAIN_FILE
         rows, columns = terrain.elevation.shape
         profile = {
@@ -277,7 +276,7 @@ class RunFolder:
         return file_sha256(path)
 
     def write_frame(self, frame):
-        """The next frame, numbered in the order of writing; only the newest two keep what a restart needs."""
+        """Write the next frame, numbered in the order of writing; only the newest two keep the restart state."""
         content = write_frame(self._frame_path(self.frames), frame, self.result)
         self.frames += 1
         if self.result is not None:
@@ -287,7 +286,7 @@ class RunFolder:
         self._drop_older_state()
 
     def _drop_older_state(self):
-        """Take the state out of the newest frame that need not keep it any more; one that somebody reads keeps it."""
+        """Remove the state from the newest frame that no longer needs it, unless a program has it open."""
         older = self._frame_path(self.frames - 1 - FRAMES_WITH_STATE)
         if self.frames > FRAMES_WITH_STATE and older.is_file() and system.held_open(older) is None:
             drop_state(older)
@@ -296,7 +295,7 @@ class RunFolder:
         return self.place / f"frame_{number:06d}.h5"
 
     def write_record(self, **record):
-        """`run.json`: versions, effects and why, balances, timings, the state of the run, its result's digest."""
+        """Write `run.json`: versions, effects and reasons, balances, timings, state, digest of the result."""
         whole = {"format": _FORMAT, "format_version": 1, "versions": versions(), **record}
         if record.get("state") != "running":
             whole["result_digest"] = self.result
@@ -307,13 +306,13 @@ class RunFolder:
             self._take_over()
 
     def _remove_if_empty(self):
-        """Leave nothing behind where nothing was written."""
+        """Remove the folder if nothing was written."""
         with contextlib.suppress(OSError):
             self.path.rmdir()
 
 
 def _is_of_a_run(file):
-    """Whether a run wrote the record `file`; one that cannot be read is taken as damaged."""
+    """Whether a run wrote the record `file`; an unreadable file counts as a damaged record."""
     if status(file) is None:
         return False
     if not file.is_file():
@@ -325,13 +324,13 @@ def _is_of_a_run(file):
     return isinstance(record, dict) and record.get("format") == _FORMAT
 
 
-def read_record(folder, cure="remove it"):
+def read_record(folder, fix="remove it"):
     """The record of the run in `folder`; {} where there is none.
 
     Raises
     ------
     FormatError
-        `run.json` cannot be read; `cure` is what its message advises.
+        `run.json` cannot be read; `fix` is the advice in the message.
     """
     file = Path(folder) / RECORD_FILE
     if not file.is_file():
@@ -339,26 +338,26 @@ def read_record(folder, cure="remove it"):
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {cure}") from error
+        raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {fix}") from error
     if not isinstance(record, dict):
         return {}
-    _require_shape(record, f"{file} is none that a run wrote", cure)
+    _require_shape(record, f"{file} was not written by a run", fix)
     return record
 
 
-def _require_shape(record, wrong, cure):
-    """Refuse a record in which a list is none, or a table."""
+def _require_shape(record, wrong, fix):
+    """Refuse a record in which a list or a table has another type."""
     for key in (*_LISTS, *_TABLES):
         if not isinstance(record.get(key), (list if key in _LISTS else dict, type(None))):
-            raise FormatError(f"{wrong}: {key} is no {'list' if key in _LISTS else 'table'}; {cure}")
+            raise FormatError(f"{wrong}: {key} is not a {'list' if key in _LISTS else 'table'}; {fix}")
     for key in ("effects", "stages"):
         if not all(isinstance(entry, dict) for entry in record.get(key) or ()):
-            raise FormatError(f"{wrong}: {key} has an entry that is no table; {cure}")
+            raise FormatError(f"{wrong}: {key} has an entry that is not a table; {fix}")
     for stage in record.get("stages") or ():
-        _require_shape(stage, wrong, cure)
+        _require_shape(stage, wrong, fix)
 
 
 def versions():
-    """What computed the result."""
+    """Versions of the software that computes a result."""
     return {"mpmgis": __version__, "python": platform.python_version(), "numpy": np.__version__,
             "numba": metadata.version("numba"), "machine": platform.machine()}  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a scene knows by place, in the terrain's CRS: polygons and lines with their columns, and rasters."""
+"""Spatial inputs of a scene in the terrain's CRS: polygons and lines with their columns, and rasters."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from ..messages import muted
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from .raster import read_raster
-from .vector import repaired, require_lies_on, to_terrain
+from .reprojection import repaired, require_lies_on, to_terrain
 from .vector_table import names_of, read_table, require_polygons
 
 
@@ -29,24 +29,24 @@ class Feature:
         Raises
         ------
         InputError
-            No such column, or no number in it.
+            No such column, or another type.
         """
         if column not in self.columns:
             has = ", ".join(map(str, list(self.columns)[:8])) or "no columns"
-            raise InputError(f"{self.path} has no column {column!r} (it has {has}); give a number, or name a column")
+            raise InputError(f"{self.path} has no column {column!r} (it has {has}); give a number, or another column")
         try:
             value = float(self.columns[column])
         except (TypeError, ValueError):
             value = np.nan
         if not np.isfinite(value):
             raise InputError(
-                f"{self.path}: '{self.name}' has {self.columns[column]!r} in column {column!r}, wanted a number"
+                f"{self.path}: '{self.name}' has {self.columns[column]!r} in column {column!r}, expected a number"
             )
         return value
 
 
 def read_polygons(path, terrain):
-    """The polygons at `path` as Features, repaired, reprojected to the terrain's CRS where need be (which is said).
+    """The polygons at `path` as Features in the terrain's CRS; repairs and reprojections are reported.
 
     Raises
     ------
@@ -61,14 +61,14 @@ def read_walls(path, terrain, width):
     kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
         if width is not None:
-            raise InputError(f"{path} holds no lines alone, and width = {width:g} is for lines; take width out")
+            raise InputError(f"{path} does not contain only lines, and width = {width:g} is for lines; remove width")
         return _features(path, require_polygons(table, path), terrain)
     if width is None:
-        raise InputError(f"{path} holds lines; give [[barrier]] width, how thick the wall is [m]")
+        raise InputError(f"{path} contains lines; give [[barrier]] width, the thickness of the wall [m]")
     names, rows = names_of(table), table.rows()
     lines = to_terrain(table.geometry, table.crs, terrain, path)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
-        raise InputError(f"{path}: a line has no geometry; draw it anew, or remove it")
+        raise InputError(f"{path}: a line has no geometry; draw it again, or remove it")
     return [
         Feature(name, line.buffer(0.5 * width, cap_style="flat", join_style="mitre"), row, str(path))
         for name, line, row in zip(names, lines, rows, strict=True)
@@ -85,7 +85,7 @@ def _features(path, table, terrain):
 
 
 def read_area(path, terrain):
-    """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as of `read_polygons`."""
+    """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as in `read_polygons`."""
     return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
@@ -95,7 +95,7 @@ def read_placed_raster(path, terrain):
     Raises
     ------
     GeoreferenceError
-        In another CRS: values by place are not resampled behind anybody's back.
+        In another CRS: spatial values are not resampled.
     FormatError, InputError
     """
     values, grid = read_raster(path)

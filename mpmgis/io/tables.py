@@ -1,4 +1,4 @@
-"""Tables of numbers and words as CSV: general rows, and the loads on barriers over time."""
+"""CSV tables: general rows, and the loads on barriers over time."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ from .atomic import whole_file
 
 
 def write_records(path, names, rows):
-    """Write rows of values under their names as CSV, an empty cell where a number is not finite."""
+    """Write rows of values with a header as CSV; an empty cell where a number is not finite."""
     with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(names)
@@ -20,7 +20,7 @@ def write_records(path, names, rows):
 
 
 def column_name(name, unit):
-    """The heading `name_unit` of a column, for example ``Ut_m_s``; a number without unit has its name alone."""
+    """The heading `name_unit` of a column, for example ``Ut_m_s``; only the name for numbers without unit."""
     return name if unit in ("", "1") else f"{name}_{unit.replace('-1', '').replace('-', '').replace(' ', '_')}"
 
 
@@ -30,7 +30,7 @@ def _cell(value):
     return f"{value:.10g}" if math.isfinite(value) else ""
 
 
-# what a solver sums up -> the column that says it
+# sum of a solver -> heading of its column
 SUMS = {
     "normal_impulse": "normal impulse [N s]",
     "impulse_east": "impulse east [N s]",
@@ -42,7 +42,7 @@ SUMS = {
     "overtopped_mass": "overtopped mass [kg]",
     "peak_normal_force": "largest normal force of a step so far [N]",
 }
-# sums whose mean rate since the frame before has a column of its own; all but the first in 3D only
+# sums with a column of their mean rate since the previous frame; all but the first in 3D only
 RATES = {
     "normal_impulse": "mean normal force [N]",
     "impulse_east": "mean force east [N]",
@@ -55,10 +55,10 @@ RATES = {
 
 
 class BarrierTable:
-    """The file `path`, a row for each frame and barrier; written anew, as a whole, with every frame.
+    """The file `path` with a row for each frame and barrier; rewritten atomically with every frame.
 
-    The mean force is that of the time since the frame before; impulses, mass and the largest force of
-    a single step are those of the run so far.
+    The mean force is over the time since the previous frame; impulses, mass and the largest force of a single step
+    are those of the run so far.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class BarrierTable:
     names : tuple of str
         Of the barriers.
     sums : tuple of str
-        Of SUMS: what the solver sums up for each of them.
+        Keys of SUMS: the sums of the solver for each barrier.
     resumed : float, optional
-        Time [s] of the frame that a run goes on from: what the file has until then is kept.
+        Time [s] of the frame from which a run continues: earlier rows of the file are kept.
     """
 
     def __init__(self, path, names, sums, resumed=None):
@@ -77,7 +77,7 @@ class BarrierTable:
         self._rows = [] if resumed is None else self._read(resumed)
 
     def add(self, time, sums):
-        """Write the rows of one frame at `time` [s]; `sums` float64[barriers, k] in the order of the table's."""
+        """Write the rows of one frame at `time` [s]; `sums` float64[barriers, k] in the order of `self.sums`."""
         before = {row[1]: (row[0], row[2 + len(self._rated) :]) for row in self._rows}
         for name, now in zip(self.names, sums.tolist(), strict=True):
             last_time, last = before.get(name, (time, now))
@@ -93,7 +93,7 @@ class BarrierTable:
             part.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
     def _read(self, until):
-        """Rows of an earlier part of the run up to the frame that it goes on from."""
+        """Rows of the earlier part of the run, up to the time [s] of the restart."""
         if not self.path.is_file():
             return []
         try:
@@ -101,7 +101,7 @@ class BarrierTable:
                 lines = list(csv.reader(handle))[1:]
             rows = [(float(time), name, *map(float, values)) for time, name, *values in lines]
         except (OSError, ValueError) as error:
-            raise FormatError(f"{self.path} cannot be read ({one_line(error)[:80]}); remove it to go on") from error
+            raise FormatError(f"{self.path} cannot be read ({one_line(error)[:80]}); remove it to continue") from error
         return [row for row in rows if row[0] <= until * (1.0 + 1e-12)]
 
 
@@ -112,7 +112,7 @@ def append_rows(sink, columns, delimiter):
     ----------
     sink : binary file
     columns : sequence of array[n]
-        Of real or whole numbers.
+        Floats or integers.
     delimiter : str
     """
     if not len(columns[0]):
@@ -128,6 +128,6 @@ def append_rows(sink, columns, delimiter):
 
 
 def as_text(columns, delimiter):
-    """The rows as bytes without Arrow: the shortest decimals that give the same float64, 0.5 s a million numbers."""
+    """The rows as bytes without Arrow: shortest decimals that give the same float64; 0.5 s per million numbers."""
     texts = [map(repr, np.asarray(values).tolist()) for values in columns]
     return ("\n".join(map(delimiter.join, zip(*texts, strict=True))) + "\n").encode()

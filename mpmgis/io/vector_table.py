@@ -1,4 +1,4 @@
-"""Vector files in: any that GDAL reads, and GeoParquet, as plain columns and shapes without pandas."""
+"""Vector files that GDAL reads, and GeoParquet, as columns and shapes without pandas."""
 
 import warnings
 from dataclasses import dataclass, field
@@ -10,10 +10,9 @@ import shapely
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..messages import log
-from .extras import needed_for
 from .gdal_input import require_undisguised
 from .input_files import require_zip_fits
-from .ogr import pyogrio
+from .libraries import needed_for, pyogrio
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
@@ -26,9 +25,9 @@ _GEOMETRY_TYPES = (
 
 @dataclass(frozen=True)
 class VectorTable:
-    """Features of a layer: name of a column -> array[n], `geometry` object[n] (shapely or None), their CRS.
+    """Features of a layer: name of a column -> array[n], `geometry` object[n] (shapely or None), CRS.
 
-    `geometry` is None for a table without places, `crs` (pyproj.CRS) where the file says none.
+    `geometry` is None for a table without geometry, `crs` (pyproj.CRS) is None where the file has none.
     """
 
     columns: dict = field(default_factory=dict)
@@ -41,7 +40,7 @@ class VectorTable:
 
     @property
     def kinds(self):
-        """Names of the types of geometry that there are."""
+        """Names of the geometry types in the table."""
         return {_GEOMETRY_TYPES[number] for number in np.unique(shapely.get_type_id(self.geometry)) if number >= 0}
 
     @property
@@ -55,33 +54,33 @@ class VectorTable:
         return VectorTable(columns, self.geometry[chosen], self.crs)
 
     def rows(self):
-        """A dict of column -> plain value for each feature."""
+        """A dict of column -> Python value for each feature."""
         columns = [values.tolist() for values in self.columns.values()]
         return [dict(zip(self.columns, row, strict=True)) for row in zip(*columns, strict=True)] or [{}] * len(self)
 
 
 def read_table(path, kind="Polygon", flag="--release "):
-    """The VectorTable at `path`, where `file.gpkg|layername=name` names a layer.
+    """The VectorTable at `path`; `file.gpkg|layername=name` selects a layer.
 
     Parameters
     ----------
     path : str or Path
-    kind : {"Polygon", "LineString"}
-        Of which layers are wanted; geometries of other kinds are read too.
+    kind : {"Polygon", "LineString", "Point"}
+        Geometry type of the layer to choose; other geometries in it are read too.
     flag : str
-        What the command line would have to say before the path, for messages.
+        Command-line option before the path, for messages.
 
     Raises
     ------
     FormatError, InputError
-        No vector file, or several layers of that kind and none named.
+        No vector file, or several layers of that kind and none selected.
     """
     text, _, layer = str(path).partition(LAYER)
     source = Path(text)
     if not source.exists():
         raise FormatError(f"{source}: no such file")
     if source.is_file() and source.stat().st_size == 0:
-        raise FormatError(f"{source} is empty (0 bytes), wanted {KINDS[kind]}")
+        raise FormatError(f"{source} is empty (0 bytes), expected {KINDS[kind]}")
     require_undisguised(source)
     if source.is_file():
         require_zip_fits(source)
@@ -95,7 +94,7 @@ def read_table(path, kind="Polygon", flag="--release "):
                 table = _ogr_table(source, chosen)
         except MpmgisError:
             raise
-        except Exception as error:  # GDAL, Arrow and pandas each have their own kinds
+        except Exception as error:  # GDAL, Arrow and pandas raise different types
             raise FormatError(_unreadable(source, error)) from error
     if table.geometry is not None:
         _require_places(table.geometry, source)
@@ -118,7 +117,7 @@ def _ogr_table(source, layer):
 def _parquet_table(source):
     """The VectorTable in a GeoParquet file."""
     with needed_for(f"{source}: Parquet", "parquet"):
-        import geopandas  # brings half a second
+        import geopandas  # 0.5 s
 
         table = geopandas.read_parquet(source)
     columns = {str(name): _values(table[name]) for name in table.columns if name != table.geometry.name}
@@ -126,20 +125,20 @@ def _parquet_table(source):
 
 
 def _values(column):
-    """The array in a pandas.Series: of numbers float64 with NaN where one is missing, where there is one."""
+    """The array of a pandas.Series; numbers with missing values as float64 with NaN."""
     if column.dtype.kind in "fiu" and column.hasnans:
         return column.to_numpy(dtype=float, na_value=np.nan)
     return column.to_numpy()
 
 
 def _require_places(shapes, path):
-    """Coordinates that a map can have."""
+    """Refuse coordinates that are not finite or outside any map."""
     farthest = np.abs(shapely.bounds(shapes[~(shapely.is_missing(shapes) | shapely.is_empty(shapes))])).max(initial=0.0)
     if not np.isfinite(farthest):
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
     if farthest > FARTHEST:
         raise InputError(
-            f"{path}: coordinates reach {farthest:.3g}, wanted below {FARTHEST:g} as on any map; repair the geometry, "
+            f"{path}: coordinates reach {farthest:.3g}, expected below {FARTHEST:g}; repair the geometry, "
             "or copy the file again"
         )
 
@@ -151,18 +150,18 @@ def _only_layer(source, kind, flag):
     choice = right or with_geometry
     if len(choice) > 1:
         raise InputError(
-            f"{source} has {len(choice)} layers with {KINDS[kind]} ({', '.join(choice[:6])}); name one: "
+            f"{source} has {len(choice)} layers with {KINDS[kind]} ({', '.join(choice[:6])}); give one: "
             f"{flag}'{source.name}{LAYER}{choice[0]}'"
         )
     if not choice:
         raise FormatError(
-            f"{source} holds no layer with geometry, wanted {KINDS[kind]}; it is a table without, or damaged"
+            f"{source} contains no layer with geometry, expected {KINDS[kind]}; it is only a table, or damaged"
         )
     return choice[0]
 
 
 def _require_layer(source, layer, kind):
-    """Refuse a layer that a file of layers does not have, with those that it has."""
+    """Refuse a layer that the file does not have; the message lists the existing layers."""
     there = [str(name) for name, _ in pyogrio().list_layers(source)]
     if layer not in there:
         raise InputError(f"{source} has no layer {layer!r} with {KINDS[kind]}; it has {', '.join(there[:6])}")
@@ -174,30 +173,30 @@ def _unreadable(source, error):
     if source.suffix.lower() == ".shp" and not source.with_suffix(".shx").exists():
         parts = "copy all parts of the shapefile (.shp, .shx, .dbf, .prj)"
         return f"{source} cannot be read without its {source.stem}.shx; {parts}"
-    return f"{source} is neither a vector file nor a raster that GDAL reads ({reason})"
+    return f"{source} is neither a vector file nor a raster that GDAL can read ({reason})"
 
 
 def require_polygons(table, path):
-    """The features with an area; other kinds of geometry are refused, empty ones are said."""
+    """The features with geometry; other types than polygons are refused, empty geometries are reported."""
     if table.geometry is None:
-        raise InputError(f"{path} holds a table without geometry, wanted polygons")
+        raise InputError(f"{path} contains a table without geometry, expected polygons")
     if len(table) == 0:
-        raise InputError(f"{path} holds no feature at all, wanted polygons")
-    foreign = sorted(table.kinds - {"Polygon", "MultiPolygon"})
-    if foreign:
-        cure = "Lines to polygons" if any("Line" in kind for kind in foreign) else "Buffer"
-        raise InputError(f"{path} holds {', '.join(foreign)}, wanted polygons; {cure} in QGIS makes them")
+        raise InputError(f"{path} contains no feature, expected polygons")
+    others = sorted(table.kinds - {"Polygon", "MultiPolygon"})
+    if others:
+        fix = "Lines to polygons" if any("Line" in kind for kind in others) else "Buffer"
+        raise InputError(f"{path} contains {', '.join(others)}, expected polygons; convert them in QGIS: {fix}")
     empty = table.without_geometry
     if empty.all():
-        raise InputError(f"{path}: all {len(table)} features have an empty geometry, wanted polygons")
+        raise InputError(f"{path}: all {len(table)} features have an empty geometry, expected polygons")
     if empty.any():
-        log.info(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
+        log.info(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are ignored")
         table = table.where(~empty)
     return table
 
 
 def names_of(table):
-    """A name per feature: the column 'name' where there is one, else its number in the file."""
+    """Names of the features: the column 'name' where there is one, else the number in the file."""
     column = next((c for c in table.columns if str(c).lower() == "name"), None)
     numbered = [f"feature {i + 1}" for i in range(len(table))]
     if column is None:

@@ -16,15 +16,15 @@ import numpy as np
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..interop.declarations import FORMAT as SIDECAR_FORMAT
-from ..interop.declarations import SUFFIX, ForeignTerms, find_sidecar, read_sidecar
-from ..interop.frame_list import foreign_files
+from ..interop.declarations import SUFFIX, Declarations, find_sidecar, read_sidecar
+from ..interop.frame_list import third_party_files
 from ..interop.readers.hdf5 import MAGIC
 from ..interop.readers.registry import OWN, head_of, reader_of
 from ..interop.writers.registry import SOLVER_FILES
 from ..io.ensemble_folder import MAPS, read_ensemble_record
 from ..io.frame_digest import check_result
 from ..io.gdal_input import require_local
-from ..io.hdf5 import opened_whole, require_room
+from ..io.hdf5 import opened_whole, require_memory
 from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 from ..scene import read_scene
 from ..terrain.georeference import name_of
@@ -83,10 +83,10 @@ def _first_line(path):
 
 def _of_series(folder):
     """Number, mass and bounds of the frames of points in a folder."""
-    reader, files = foreign_files(folder)
+    reader, files = third_party_files(folder)
     if not files:
         raise FormatError(f"{folder} has no points; write it again")
-    facts = foreign_facts(files, reader, ForeignTerms())
+    facts = foreign_facts(files, reader, Declarations())
     names = ("frames", "first_time", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed", "series", "lost")
     first = (facts.get("series") or [facts])[0]
     kept = {name: facts[name] for name in names if name in facts}
@@ -114,8 +114,8 @@ def _read_back(folder, solver, terms):
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
-def inspect(path: str | Path, terms: ForeignTerms | None = None) -> dict:
-    """Facts about the file or folder at `path`; `terms` (ForeignTerms): user declarations for files of other codes.
+def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
+    """Facts about the file or folder at `path`; `terms` (Declarations): user declarations for files of other codes.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def inspect(path: str | Path, terms: ForeignTerms | None = None) -> dict:
     FormatError
         Missing, empty, damaged, or of an unknown type.
     """
-    path, terms = Path(path), terms or ForeignTerms()
+    path, terms = Path(path), terms or Declarations()
     return _plain(_facts(path, terms))
 
 
@@ -161,7 +161,7 @@ def _plain(value):
 
 
 def _reject_unused(path, terms):
-    unused = terms.only_for_foreign()
+    unused = terms.only_for_third_party()
     if unused:
         raise InputError(f"{path} is not a particle file of another code; {', '.join(unused)} requires one; omit it")
 
@@ -180,7 +180,7 @@ def _folder_facts(path, terms):
     if any(reader_of(frame) == OWN for frame in frames):
         _reject_unused(path, terms)
         return _results_facts(path, frames)
-    reader, files = foreign_files(path, terms.reader)
+    reader, files = third_party_files(path, terms.reader)
     if files:
         return foreign_facts(files, reader, terms)
     _reject_unused(path, terms)
@@ -330,7 +330,7 @@ def _require_own_values(path):
         with opened_whole(path) as file:
             for name in ("t_s", "time"):
                 if isinstance(file.get(name), h5py.Dataset):
-                    require_room(f"{path}: {name}", 1, 8, file[name])
+                    require_memory(f"{path}: {name}", 1, 8, file[name])
 
 
 def _map_facts(path):

@@ -11,11 +11,12 @@ import pyproj
 from affine import Affine
 
 from ..errors import FormatError, MpmgisError, one_line
-from ..io.extras import needed_for
+from ..io.dtm import read_terrain
 from ..io.gdal_input import require_undisguised
 from ..io.input_files import opened_zip, require_file, require_unpacked, require_zip_fits
-from ..io.raster import open_raster, read_terrain
-from ..io.vector import USUAL_COLUMNS
+from ..io.libraries import needed_for
+from ..io.raster import open_raster
+from ..io.release_areas import USUAL_COLUMNS
 from ..messages import muted
 from ..terrain.georeference import horizontal, name_of
 from ..terrain.grid import Grid

@@ -13,14 +13,20 @@ import pyogrio
 import pyproj
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
-from ..interop.declarations import ForeignTerms
-from ..interop.frame_list import foreign_frames
-from ..interop.georeferencing import foreign_particles, named_columns, series_place, times_of, untold
+from ..interop.declarations import Declarations
+from ..interop.frame_list import third_party_frames
+from ..interop.georeferencing import (
+    missing_declarations,
+    named_columns,
+    series_position,
+    third_party_particles,
+    times_of,
+)
 from ..interop.readers.parsing import Form, read_rows
-from ..io.extras import needed_for
 from ..io.frame_digest import check_content
 from ..io.frames import read_frame, read_maxima
 from ..io.hdf5 import opened_whole
+from ..io.libraries import needed_for
 from ..peaks import largest_peaks
 from ..terrain.georeference import name_of
 
@@ -60,8 +66,8 @@ def frame_facts(path: Path) -> dict:
     return facts
 
 
-def foreign_facts(paths: Sequence, reader: str, terms: ForeignTerms) -> dict:
-    """Facts about files of another code, with the user declarations `terms` (ForeignTerms); unknown facts are None.
+def foreign_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
+    """Facts about files of another code, with the user declarations `terms` (Declarations); unknown facts are None.
 
     For several frames: facts of the last one, and number and mass of each.
 
@@ -69,12 +75,12 @@ def foreign_facts(paths: Sequence, reader: str, terms: ForeignTerms) -> dict:
     ------
     FormatError, InputError
     """
-    frames, terms = foreign_frames(paths, reader, terms)
+    frames, terms = third_party_frames(paths, reader, terms)
     try:
         times = times_of(frames, terms)
     except InputError:
         times = [None] * len(frames)  # the number of --times differs from that of the frames
-    series = sorted(zip(frames, times, strict=True), key=lambda entry: series_place(entry[0]))
+    series = sorted(zip(frames, times, strict=True), key=lambda entry: series_position(entry[0]))
     if len(series) == 1:
         return {"kind": "particles", **_foreign_frame_facts(*series[0], reader, terms)}
     shown = series if len(series) <= MOST_FRAMES_READ else [series[0], series[-1]]
@@ -90,7 +96,7 @@ def foreign_facts(paths: Sequence, reader: str, terms: ForeignTerms) -> dict:
 
 def _foreign_frame_facts(frame, time, reader, terms):
     """Facts about one frame of another code."""
-    particles = foreign_particles(frame, terms)
+    particles = third_party_particles(frame, terms)
     origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)
     facts = particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume)
     if terms.axes is None or terms.origin is None:
@@ -112,7 +118,7 @@ def _foreign_frame_facts(frame, time, reader, terms):
         "cell_size": frame.cell_size,
         "particle_volume": frame.particle_volume,
         "arrays": list(frame.columns),
-        "to_be_told": untold(frame, terms),
+        "to_be_told": missing_declarations(frame, terms),
     }
 
 

@@ -15,12 +15,12 @@ from ..analysis.runout import ends_along, heights_under
 from ..errors import GeoreferenceError, InputError
 from ..fields import Quantity
 from ..gis.outlines import mask_outline
-from ..interop.frame_list import foreign_files
+from ..interop.frame_list import third_party_files
 from ..interop.readers.registry import OWN, reader_of
 from ..io.exported import is_export
 from ..io.observed import cells_within, read_outline
+from ..io.reprojection import is_raster
 from ..io.results import UNNAMED, names_rasters, open_result
-from ..io.vector import is_raster
 from ..messages import log
 from ..reports.comparison import MapSide, write_classes, write_comparison_map, write_table
 from ..terrain.georeference import name_of, same_place
@@ -133,7 +133,7 @@ def _reader(path, asked):
         return None
     if any(reader_of(frame) == OWN for frame in path.glob("*.h5")):
         return OWN
-    reader, files = foreign_files(path, asked)
+    reader, files = third_party_files(path, asked)
     return reader if files else None
 
 

@@ -11,7 +11,7 @@ from ..conversion.columns import points_to_columns
 from ..conversion.options import ColumnOptions, PointOptions
 from ..conversion.points import columns_to_points
 from ..errors import InputError, OutputError
-from ..interop.declarations import ForeignTerms
+from ..interop.declarations import Declarations
 from ..interop.frame_list import OWN, list_frames
 from ..io.atomic import refuse_existing
 from ..io.frames import read_frame, write_frame
@@ -36,7 +36,7 @@ class ConvertRequest:
     crs: str | None = None
     dem_band: int | None = None
     at_time: float | None = None
-    terms: ForeignTerms = field(default_factory=ForeignTerms)
+    terms: Declarations = field(default_factory=Declarations)
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ class GivenFrame:
         """The frame, whatever `density` is: mass and volume are there."""
         return self.frame
 
-    def read_places(self):
+    def read_positions(self):
         """The frame, which has more than places."""
         return self.frame
 

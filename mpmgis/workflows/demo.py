@@ -8,9 +8,10 @@ import numpy as np
 from ..analysis.maxima import MAXIMA_BANDS
 from ..errors import InputError
 from ..io.atomic import refuse_existing, whole_folder
+from ..io.dtm import read_terrain
 from ..io.links import refuse_link
-from ..io.raster import read_raster, read_terrain
-from ..io.vector import read_release
+from ..io.raster import read_raster
+from ..io.release_areas import read_release
 from ..messages import details, muted
 from ..reports.picture import write_picture
 from ..scene import read_scene

@@ -469,7 +469,7 @@ def _write_maps(folder, study, products, tasks, records, workers):
 
 def _release(study):
     """Polygons of the scene's release; none where it has no outline of its own."""
-    from ..io.vector import read_outlines  # brings GDAL's vector files
+    from ..io.release_areas import read_outlines  # brings GDAL's vector files
 
     _, prepared = study.first
     release = prepared.scene.release

@@ -23,10 +23,10 @@ from ..analysis.sampling import (
 from ..errors import InputError
 from ..gis import folder as qgis_folder
 from ..gis.outlines import StepSpool
-from ..interop.declarations import ForeignTerms
+from ..interop.declarations import Declarations
 from ..interop.frame_list import OWN, list_frames, missing_frames
 from ..io.atomic import whole_folder
-from ..io.ogr import pyogrio
+from ..io.libraries import pyogrio
 from ..io.raster_output import require_square
 from ..messages import log
 from ..terrain.elevation import Terrain
@@ -86,8 +86,8 @@ class ExportRequest:
     sidecar: Path | None = None
 
     def terms(self):
-        """ForeignTerms: what is said about another code's files."""
-        return ForeignTerms.named(vars(self) | {"time_step": self.frame_step}, self.crs)
+        """Declarations: what is said about another code's files."""
+        return Declarations.named(vars(self) | {"time_step": self.frame_step}, self.crs)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _survey_entry(entry, bed, density, axes):
 
 
 def _reached_by_entry(entry, bed, axes):
-    return reached(entry.read_places(), bed, axes)
+    return reached(entry.read_positions(), bed, axes)
 
 
 def _fastest_entry(entry, bed, grid, density):

@@ -9,9 +9,10 @@ import numpy as np
 from ..analysis.maxima import SolverPeaks
 from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..io.atomic import refuse_existing
+from ..io.dtm import read_terrain
 from ..io.gdal_input import require_local
 from ..io.links import is_above
-from ..io.raster import open_raster, read_terrain
+from ..io.raster import open_raster
 from ..messages import log
 from ..terrain.georeference import LOCAL, name_of, same_place, warp_command
 
@@ -173,7 +174,7 @@ def release_outlines(entries, terrain):
     file = release_file(entries)
     if file is None:
         return None
-    from ..io.vector import read_outlines  # brings GDAL's vector files, which rasters alone do without
+    from ..io.release_areas import read_outlines  # brings GDAL's vector files, which rasters alone do without
 
     try:
         require_local(file, entries[0].path)

@@ -253,7 +253,7 @@ def exported_peaks(request, stack, progress=lambda done, total: None, used=(), u
     if exported or any(names_rasters(path) for path in request.frames):
         _require_alone(request)
         _refuse_options_of_frames(request, used if exported else (*used, *used_of_rasters))
-        return replace(open_result(request.frames[0]).with_our_names(), name=result_name(request))
+        return replace(open_result(request.frames[0]).with_export_names(), name=result_name(request))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
     asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
     export_raster(asked, progress)

@@ -14,8 +14,8 @@ from queue import Empty, SimpleQueue
 
 from .. import system
 from ..errors import InputError, one_line
-from ..io.extras import needed_for
-from ..io.trust import is_trusted
+from ..io.input_files import is_trusted
+from ..io.libraries import needed_for
 from .workers import POLL_SECONDS, RETRIES
 
 

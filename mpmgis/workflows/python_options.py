@@ -9,7 +9,7 @@ from ..errors import InputError
 
 
 class ForeignOptions(TypedDict, total=False):
-    """What another code's files do not say themselves (`mpmgis.interop.declarations.ForeignTerms`)."""
+    """What another code's files do not say themselves (`mpmgis.interop.declarations.Declarations`)."""
 
     reader: str
     crs: str

@@ -8,9 +8,10 @@ import numpy as np
 from .. import system
 from ..errors import OutputError
 from ..io.atomic import refuse_existing
+from ..io.dtm import READ_WHOLE, TerrainFile, read_terrain
 from ..io.particle_files import require_format, write_columns
-from ..io.raster import READ_WHOLE, TerrainFile, read_terrain
-from ..io.vector import read_release, with_crs_beside
+from ..io.release_areas import read_release
+from ..io.reprojection import with_crs_hint
 from ..messages import log
 from ..particles import Particles
 from ..seeding.columns import plan_seed
@@ -63,7 +64,7 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = with_crs_beside(release, lambda: _terrain(dem, crs, dem_band, fill_nodata))
+    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata))
     area = read_release(release, terrain, thickness, thickness_mode, surface)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
@@ -100,7 +101,7 @@ def seed_frame(
     **options,
 ):
     """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
-    terrain = with_crs_beside(release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata))
+    terrain = with_crs_hint(release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata))
     area = read_release(release, terrain, thickness, thickness_mode, surface)
     seed = _planned(terrain, area, options)
     slabs = [particles.arrays() for particles in seed.slabs()]

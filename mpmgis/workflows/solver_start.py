@@ -12,7 +12,7 @@ from ..conversion.options import PointOptions
 from ..conversion.points import columns_to_points
 from ..conversion.solver_start import SolverStart, placed_box, release_density, solver_start, with_material
 from ..errors import InputError, OutputError
-from ..interop.declarations import SUFFIX, ForeignTerms, axis_matrix, write_sidecar
+from ..interop.declarations import SUFFIX, Declarations, axis_matrix, write_sidecar
 from ..interop.writers.registry import SOLVER_FILES
 from ..interop.writers.start_files import SolverFiles, write_terrain
 from ..io.atomic import refuse_existing, whole_folder
@@ -298,7 +298,7 @@ def _require_same(files, folder, number, start):
 def _terms(files, first, times, dem):
     """What the sidecar says: of all files of the folder, and of the solver's results."""
     of_time = {"times": tuple(times)} if files.finish is not None else {}
-    return ForeignTerms(
+    return Declarations(
         crs=first.crs, origin=first.box.origin, axes=files.axes, density=first.density, dem=dem, **of_time
     )
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import rasterio
 from exporting import AFFINES, sheet_frames, terrain, write_frames, write_run
-from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame

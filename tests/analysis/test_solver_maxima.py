@@ -11,7 +11,6 @@ import pytest
 import rasterio
 from affine import Affine
 from exporting import AFFINES, NORTH, WEST, terrain, write_run
-from mpmgis.messages import collected
 
 from mpmgis.analysis import maxima as solver_maxima
 from mpmgis.analysis.cells import Bed
@@ -21,7 +20,7 @@ from mpmgis.analysis.sampling import export_grid
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.interop.frame_list import list_frames
-from mpmgis.io.raster import read_terrain
+from mpmgis.io.dtm import read_terrain
 from mpmgis.messages import collected
 from mpmgis.scene import read_scene
 from mpmgis.terrain.elevation import Terrain

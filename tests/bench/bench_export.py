@@ -18,8 +18,8 @@ from mpmgis.fields import BAND, Quantity
 from mpmgis.gis.mesh import step_chunks
 from mpmgis.gis.outlines import BANDS, StepSpool, step_outline
 from mpmgis.interop.frame_list import list_frames
+from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import write_frame
-from mpmgis.io.raster import read_terrain
 from mpmgis.io.raster_output import SparseBands, write_geotiff, write_rows
 from mpmgis.kernels import binning
 from mpmgis.particles import Frame, Particles

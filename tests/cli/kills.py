@@ -170,8 +170,8 @@ def prepare(site, verbs):
     """Imports, whole results and costs: (whole, cost) by verb. Everything that is compiled is run in children."""
     for name in ("seed", "convert", "run", "export", "export_rasters"):
         importlib.import_module(f"mpmgis.workflows.{name}")
-    for name in ("particle_files", "qgis_folder", "outlines"):
-        importlib.import_module(f"mpmgis.io.{name}")
+    for name in ("io.particle_files", "gis.folder", "gis.outlines"):
+        importlib.import_module(f"mpmgis.{name}")
     result = {}
     for verb in verbs:
         to = "columns" if verb == "columns" else f"{verb}_whole"

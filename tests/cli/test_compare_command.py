@@ -438,9 +438,9 @@ def bad_cases(tmp_path, first, second):
     sliver = write_shapes(tmp_path / "sliver.gpkg", shapely.box(100.1, 100.1, 100.4, 100.4))
     return {
         "no such file": ((first, tmp_path / "none.tif"), "no such file"),
-        "an empty folder": ((first, tmp_path / "empty"), "holds no result: wanted an export"),
+        "an empty folder": ((first, tmp_path / "empty"), "contains no result: expected an export"),
         "two outlines": ((area, area), "both outlines"),
-        "lines as outline": ((first, path), "wanted polygons"),
+        "lines as outline": ((first, path), "expected polygons"),
         "an outline as line": ((first, second, "--line", area), "wanted lines"),
         "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to the flow"),
         "two lines": ((first, second, "--line", two), "2 lines that do not join"),

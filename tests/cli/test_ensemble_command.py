@@ -12,7 +12,6 @@ import numpy as np
 import psutil
 import pytest
 import rasterio
-from mpmgis.messages import collected
 from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main

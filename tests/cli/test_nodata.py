@@ -10,7 +10,6 @@ import shapely
 from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
@@ -87,8 +86,8 @@ def test_a_filled_hole_is_flowed_over_and_kept_in_the_terrain_of_the_run(tmp_pat
     height = write_site(tmp_path, [IN_THE_PATH, BESIDE], collar=20.0)
     code, err, record = run(tmp_path, capsys, FILL)
     assert code == 0
-    assert "filled 78 cells without elevation in 2 holes amid the DTM, up to 15 m from known ground" in err
-    assert "96 cells of nodata that reach the edge of the DTM stay" in err
+    assert "filled 78 cells without elevation in 2 holes of the DTM, up to 15 m from known cells" in err
+    assert "96 nodata cells connected to the edge of the DTM are kept" in err
     assert "into a hole" not in err and "nodata amid the DTM:" not in err
     filled = record["nodata"]["filled"]
     assert (filled["cells"], filled["holes"], filled["left"], filled["distance"]) == (78, 2, 96, 15.0)

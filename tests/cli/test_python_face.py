@@ -149,7 +149,7 @@ def test_one_frame_of_ones_own(site):
     assert total == pytest.approx(frame.particles.mass.sum(), rel=1e-6)
     with pytest.raises(mpmgis.MpmgisError, match=r"EPSG:32632.*EPSG:32633.*reproject"):
         mpmgis.depth_average(frame, dem.rio.write_crs("EPSG:32633"))
-    with pytest.raises(InputError, match="wanted a path, a Terrain or"):
+    with pytest.raises(InputError, match="expected a path, a Terrain or"):
         mpmgis.depth_average(frame, np.zeros((3, 3)))
     with pytest.raises(InputError, match="holds 7 frames"):
         mpmgis.depth_average(site / "results")
@@ -194,8 +194,8 @@ def test_a_dtm_in_memory_is_looked_at_as_a_file_is(site):
     own = mpmgis.Frame(frame.particles, dimension=2, origin=frame.origin)
     for dem, words in (
         (dtm.rio.reproject("EPSG:4326"), "mpmgis needs metres"),
-        (dtm[:1], "wanted y and x"),
-        (dtm + 20_000.0, "heights reach from"),
+        (dtm[:1], "expected y and x"),
+        (dtm + 20_000.0, "elevations are from"),
     ):
         with pytest.raises(mpmgis.MpmgisError, match=words):
             mpmgis.depth_average(own, dem)

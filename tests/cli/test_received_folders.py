@@ -162,9 +162,9 @@ def test_inputs_are_never_replaced(site, tmp_path, capsys, monkeypatch, name, by
         (site / given).resolve().write_text(scene)
     path = site / (given if name == "scene.toml" else "own.toml")
     words = ["run", path, "-o", results, "--overwrite", "-q"]
-    assert refused(words, tmp_path, capsys, name, "what the run is made from")
+    assert refused(words, tmp_path, capsys, name, "is an input of the run")
     monkeypatch.chdir(results)
-    assert refused(["run", path, "-o", ".", "--overwrite", "-q"], tmp_path, capsys, "what the run is made from")
+    assert refused(["run", path, "-o", ".", "--overwrite", "-q"], tmp_path, capsys, "is an input of the run")
 
 
 def test_sources_of_a_virtual_raster_are_inputs(site, tmp_path, capsys):
@@ -179,7 +179,7 @@ def test_sources_of_a_virtual_raster_are_inputs(site, tmp_path, capsys):
     )
     (site / "scene.toml").write_text(SHORT.replace("dtm.tif", "dtm.vrt"))
     words = ["run", site / "scene.toml", "--overwrite", "-q"]
-    assert refused(words, tmp_path, capsys, "terrain.tif", "what the run is made from")
+    assert refused(words, tmp_path, capsys, "terrain.tif", "is an input of the run")
 
 
 def test_overwrite_replaces_no_files_that_no_run_wrote(site, tmp_path, capsys, monkeypatch):
@@ -396,4 +396,4 @@ def test_a_release_beside_its_parts_is_an_input(site, tmp_path, capsys):
     (site / "results" / "barriers.csv").write_text("kept beside it")
     (site / "scene.toml").write_text(SHORT.replace("release.geojson", "results/barriers.shp"))
     words = ["run", site / "scene.toml", "--overwrite", "-q"]
-    assert refused(words, tmp_path, capsys, "barriers.csv", "what the run is made from")
+    assert refused(words, tmp_path, capsys, "barriers.csv", "is an input of the run")

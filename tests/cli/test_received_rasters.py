@@ -11,7 +11,8 @@ from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, SceneError
 from mpmgis.io.gdal_input import require_local, require_undisguised
 from mpmgis.io.raster import open_raster
-from mpmgis.io.vector import is_raster, read_table
+from mpmgis.io.reprojection import is_raster
+from mpmgis.io.vector_table import read_table
 from mpmgis.workflows.run_setup.prepare import scene_to_prepare
 
 VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><SRS>EPSG:32632</SRS>
@@ -51,20 +52,20 @@ def test_a_scene_names_no_raster_in_the_network(site, capfd, source):
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source=source))
     (site / "scene.toml").write_text(SCENE.replace("dtm.tif", "dtm.vrt"))
     err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
-    assert "lies in the network or in a database" in err and str(site / "dtm.vrt") in err
+    assert "is in the network or in a database" in err and str(site / "dtm.vrt") in err
     assert not (site / "out").exists()
 
 
 @pytest.mark.parametrize("source", [name for name in REMOTE if name.startswith("/")])
 def test_a_scene_names_nothing_in_the_network(site, capfd, source):
     (site / "scene.toml").write_text(SCENE.replace("dtm.tif", source))
-    assert "lies in the network" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert "is in the network" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
 
 
 def test_what_leads_to_the_network_over_another_file(site):
     (site / "inner.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.vrt"))
-    with pytest.raises(FormatError, match=r"inner\.vrt names, lies in the network"):
+    with pytest.raises(FormatError, match=r"inner\.vrt refers to, is in the network"):
         require_local(site / "outer.vrt", "scene.toml")
     (site / "inner.vrt").rename(site / "inner.tif")
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.tif"))
@@ -75,17 +76,17 @@ def test_what_leads_to_the_network_over_another_file(site):
 def test_names_that_the_text_hides(site):
     for hidden in ("&#47;vsicurl/http://a/b", "<![CDATA[/vsicurl/http://a/b]]>", "\n  /vsicurl/http://a/b "):
         (site / "dtm.vrt").write_text(VRT.format(relative=0, source=hidden))
-        with pytest.raises(FormatError, match="lies in the network"):
+        with pytest.raises(FormatError, match="is in the network"):
             require_local(site / "dtm.vrt", "scene.toml")
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source="/vsi&curl/x"))
-    with pytest.raises(FormatError, match="no readable list of files"):
+    with pytest.raises(FormatError, match="not a readable list of files"):
         require_local(site / "dtm.vrt", "scene.toml")
 
 
 def test_shapes_in_the_network(site):
     (site / "release.vrt").write_text(OGR.format("/vsicurl/http://127.0.0.1:9/a.gpkg"))
     (site / "scene.toml").write_text(SCENE.replace("release.geojson", "release.vrt"))
-    with pytest.raises(FormatError, match="lies in the network"):
+    with pytest.raises(FormatError, match="is in the network"):
         scene_to_prepare(site / "scene.toml")
 
 
@@ -130,7 +131,7 @@ def test_what_the_user_types_may_lie_anywhere(site, capfd):
         assert source.count == 1
     release = ("--release", site / "release.geojson", "--thickness", "2")
     err = refused(capfd, "seed", "--dem", REMOTE[0], *release, "-o", site / "seed.h5")
-    assert "no raster that GDAL reads" in err
+    assert "not a raster that GDAL can read" in err
 
 
 def test_a_dtm_that_frames_name(site, capfd):
@@ -141,7 +142,7 @@ def test_a_dtm_that_frames_name(site, capfd):
     with h5py.File(site / "seed.h5", "r+") as file:
         file.attrs["dem"] = "inner.vrt"
     err = refused(capfd, "export-raster", site / "seed.h5", "-o", site / "maps")
-    assert "lies in the network" in err and "inner.vrt names" in err
+    assert "is in the network" in err and "inner.vrt names" in err
 
 
 @pytest.mark.parametrize("name", ["dtm.tif", "release.geojson", "scene.toml"])

@@ -4,7 +4,6 @@ import subprocess
 import sys
 
 import pytest
-from mpmgis.messages import collected
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError

@@ -129,7 +129,7 @@ def test_a_digest_that_was_changed_or_taken_away_is_refused(runs, tmp_path, attr
     if attribute != RESULT:  # versions without it are gone on with, their result has no digest
         with h5py.File(newest, "r+") as file:
             del file.attrs[attribute]
-        with pytest.raises(FormatError, match="tells no digest"):
+        with pytest.raises(FormatError, match="has no digest"):
             require_restartable(newest, before)
 
 

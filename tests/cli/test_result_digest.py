@@ -109,5 +109,5 @@ def test_frames_of_a_version_without_digests_are_read_and_not_gone_on_with(run_s
     (results / "run.json").write_text(json.dumps(told))
     before = {path.name: path.read_bytes() for path in results.iterdir()}
     assert main(["run", str(run_site / "scene.toml"), "-q", "-o", str(results), "--resume"]) == 2
-    assert "tells no digest of what a restart needs" in capsys.readouterr().err
+    assert "has no digest of the restart state" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in results.iterdir()} == before

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from mpmgis.messages import collected
 from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main

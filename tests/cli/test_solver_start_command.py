@@ -226,7 +226,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing(with_files, capsys):
         + "".join(f"property float {name}\n" for name in ("x", "y", "z", "vx", "vy", "vz"))
         + "end_header\n1 2 3 0 0 0\n"
     )
-    assert "theirs.ply (ply) does not say: the particles' volume" in refusal(
+    assert "theirs.ply (ply) lacks: the volume of the particles" in refusal(
         capsys, ["convert", "theirs.ply", "--for", "paraview"]
     )
     (with_files / "theirs.ply").unlink()

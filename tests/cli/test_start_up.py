@@ -66,9 +66,9 @@ def test_seeding_and_exporting_import_no_more_than_they_need(site):
 def test_pyogrio_comes_without_pandas_and_geopandas_still_reads_with_it(site):
     code = f"""
 import sys
-from mpmgis.io.ogr import LOOKED_FOR, pyogrio
+from mpmgis.io.libraries import DETECTED_BY_PYOGRIO, pyogrio
 library = pyogrio()
-assert library is pyogrio() and not set(LOOKED_FOR) & set(sys.modules)
+assert library is pyogrio() and not set(DETECTED_BY_PYOGRIO) & set(sys.modules)
 import geopandas, pandas
 table = geopandas.read_file({str(site / "release.geojson")!r}, engine="pyogrio")
 assert isinstance(table, geopandas.GeoDataFrame) and pandas.DataFrame and len(table) == 1
@@ -83,7 +83,7 @@ assert len(geopandas.read_file("again.gpkg", engine="pyogrio", use_arrow=True)) 
 def test_pyogrio_is_imported_as_usual_beside_other_threads(site):
     code = """
 import sys, threading
-from mpmgis.io.ogr import pyogrio
+from mpmgis.io.libraries import pyogrio
 end = threading.Event()
 threading.Thread(target=end.wait).start()
 try:

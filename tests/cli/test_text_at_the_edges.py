@@ -73,7 +73,7 @@ def test_long_lists_and_dotted_text_are_no_long_keys(tmp_path):
 
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", "a\x7fb", "a\udcffb"])
 def test_folders_that_no_project_file_can_name_are_refused(name, tmp_path):
-    with pytest.raises(OutputError, match="holds control characters"), whole_folder(tmp_path / name):
+    with pytest.raises(OutputError, match="contains control characters"), whole_folder(tmp_path / name):
         pass
     assert not any(tmp_path.iterdir())
 

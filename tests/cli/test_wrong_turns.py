@@ -4,7 +4,6 @@ import json
 
 import pytest
 import shapely
-from mpmgis.messages import collected
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
@@ -44,7 +43,7 @@ def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
     table = json.loads((site / "release.geojson").read_text())
     del table["crs"]
     (site / "release.geojson").write_text(json.dumps(table))
-    assert "without a CRS inside, GeoJSON is in degrees" in refused(site, capsys, SCENE)
+    assert "GeoJSON without a CRS is in degrees" in refused(site, capsys, SCENE)
     write_shapes(site / "release.geojson", [shapely.box(60, 150, 160, 250)], crs="EPSG:4326")
     assert run(site, SHORT) == 0
 
@@ -61,7 +60,7 @@ def test_the_wrong_file_is_told_what_the_right_one_is(site, capsys):
     assert main(["run", str(site)]) == 2
     assert "a folder; name the file in it" in capsys.readouterr().err
     assert main(["runout", str(site / "dtm.tif")]) == 2
-    assert "name the folder of a run, its frame_*.h5" in capsys.readouterr().err
+    assert "give the folder of a run, its frame_*.h5" in capsys.readouterr().err
 
 
 def test_an_export_says_what_to_open(site, capsys):
@@ -97,9 +96,9 @@ def test_a_dtm_without_a_crs_is_refused_with_that_of_the_release_on_it(site, cap
     words = ["seed", "--dem", str(site / "bare.tif"), "--release", str(site / f"on_it.{suffix}")]
     assert main([*words, "--thickness", "1"]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
-    assert line.endswith(f"on_it.{suffix} lies on it in EPSG:32632: if the DTM is in that, too, --crs EPSG:32632")
+    assert line.endswith(f"on_it.{suffix} overlaps it and is in EPSG:32632: if the DTM is too, give --crs EPSG:32632")
     scene = SCENE.replace("dtm.tif", "bare.tif").replace("release.geojson", f"on_it.{suffix}")
-    assert refused(site, capsys, scene).endswith('if the DTM is in that, too, [terrain] crs = "EPSG:32632"')
+    assert refused(site, capsys, scene).endswith('if the DTM is too, give [terrain] crs = "EPSG:32632"')
     assert main([*words, "--thickness", "1", "--crs", "EPSG:32632", "-o", str(site / "a.h5")]) == 0
 
 

@@ -475,10 +475,10 @@ def import_what_commands_import():
     import importlib
 
     answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical")
-    for name in ("seed", "convert", "run", "export", "compare", "effects", "export_rasters", *answers):
+    for name in ("seed", "convert", "run", "export", "compare", "export_rasters", *answers):
         importlib.import_module(f"mpmgis.workflows.{name}")
-    for name in ("inspect", "particle_files", "qgis_folder", "outlines"):
-        importlib.import_module(f"mpmgis.io.{name}")
+    for name in ("reports.inspect", "io.particle_files", "gis.folder", "gis.outlines"):
+        importlib.import_module(f"mpmgis.{name}")
     for name in ("seed", "convert", "run", "export_raster", "compare", "effects", "info", *answers):
         importlib.import_module(f"mpmgis.cli.{name}")
 

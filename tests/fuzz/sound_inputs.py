@@ -10,9 +10,9 @@ import rasterio
 import shapely
 from affine import Affine
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "analysis"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "interop"))
 
-import foreign_writers
+import third_party_writers as writers
 
 from mpmgis.cli.main import main
 
@@ -150,21 +150,24 @@ SCENES = {
 
 
 FOREIGN = {  # other codes' files: folder -> (its writer, the files in it that are damaged)
-    "cbgeo": (foreign_writers.write_cbgeo_pieces, ["particles-0_2-0500.h5", "mpm.json"]),
-    "kratos": (foreign_writers.write_kratos_times, ["MPM_Material_0_0.5000000.vtk", "ProjectParameters.json"]),
-    "gid": (foreign_writers.write_kratos_gid, ["slide.post.res", "slide.post.msh"]),
-    "geotaichi": (foreign_writers.write_geotaichi, ["MPMParticle000001.npz"]),
-    "anura3d": (foreign_writers.write_anura3d, ["slide_MPVector_001.vtk", "slide_MPScalar_001.vtk", "slide.CPS_001"]),
-    "geomechanics": (foreign_writers.write_mpm_geomechanics, ["particles_2.vtu", "particleTimeSerie.pvd"]),
-    "lammps": (foreign_writers.write_lammps, ["slide.lammpstrj"]),
-    "zlib": (foreign_writers.vtk_writer(".vtu", "binary", packed=True), ["slide_1.vtu"]),
-    "raw": (foreign_writers.vtk_writer(".vtp", "raw", header="UInt64"), ["slide_1.vtp"]),
-    "legacy": (foreign_writers.write_legacy, ["slide_1.vtk"]),
-    "ply": (foreign_writers.write_ply, ["slide_50.ply"]),
-    "npz": (foreign_writers.write_npz, ["step1.npz"]),
-    "hdf5": (foreign_writers.write_hdf5, ["step1.h5"]),
-    "csv": (foreign_writers.csv_writer(), ["slide.csv"]),
-    "parquet": (foreign_writers.write_parquet, ["slide.parquet"]),
+    "cbgeo": (writers.write_cbgeo_pieces, ["particles-0_2-0500.h5", "mpm.json"]),
+    "kratos": (writers.write_kratos_times, ["MPM_Material_0_0.5000000.vtk", "ProjectParameters.json"]),
+    "gid": (writers.write_kratos_gid, ["slide.post.res", "slide.post.msh"]),
+    "geotaichi": (writers.write_geotaichi, ["MPMParticle000001.npz"]),
+    "anura3d": (
+        writers.write_anura3d,
+        ["slide_MPVector_001.vtk", "slide_MPScalar_001.vtk", "slide.CPS_001"],
+    ),
+    "geomechanics": (writers.write_mpm_geomechanics, ["particles_2.vtu", "particleTimeSerie.pvd"]),
+    "lammps": (writers.write_lammps, ["slide.lammpstrj"]),
+    "zlib": (writers.vtk_writer(".vtu", "binary", packed=True), ["slide_1.vtu"]),
+    "raw": (writers.vtk_writer(".vtp", "raw", header="UInt64"), ["slide_1.vtp"]),
+    "legacy": (writers.write_legacy, ["slide_1.vtk"]),
+    "ply": (writers.write_ply, ["slide_50.ply"]),
+    "npz": (writers.write_npz, ["step1.npz"]),
+    "hdf5": (writers.write_hdf5, ["step1.h5"]),
+    "csv": (writers.csv_writer(), ["slide.csv"]),
+    "parquet": (writers.write_parquet, ["slide.parquet"]),
 }
 GUIDELINES = """\
 [swiss-flood]

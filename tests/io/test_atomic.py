@@ -178,7 +178,7 @@ def test_the_folder_one_stands_in_is_never_replaced(tmp_path, monkeypatch, name)
     here = tmp_path / "here"
     here.mkdir()
     monkeypatch.chdir(here)
-    with pytest.raises(OutputError, match="folder you are in"), whole_folder(name, overwrite=True):
+    with pytest.raises(OutputError, match="current working folder"), whole_folder(name, overwrite=True):
         raise AssertionError("the block must not run")
     assert everything(tmp_path) == ["here"]
 

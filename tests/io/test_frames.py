@@ -176,34 +176,34 @@ def poke(name, value):
 
 
 BROKEN = {
-    "another format": (lambda f: f.attrs.update(format="other"), "format 'other', wanted 'mpmgis-frame'"),
-    "no format": (lambda f: f.attrs.__delitem__("format"), "it is no mpmgis frame"),
+    "another format": (lambda f: f.attrs.update(format="other"), "format 'other', expected 'mpmgis-frame'"),
+    "no format": (lambda f: f.attrs.__delitem__("format"), "not an mpmgis frame"),
     "newer format": (lambda f: f.attrs.update(format_version=2), "format version 2, this mpmgis reads up to 1; update"),
-    "version a word": (lambda f: f.attrs.update(format_version="two"), "format_version is 'two', wanted a number"),
-    "dimension 4": (lambda f: f.attrs.update(dimension=4), "dimension 4, wanted 2 or 3"),
-    "dimension a word": (lambda f: f.attrs.update(dimension="flat"), "dimension is 'flat', wanted a number"),
-    "time NaN": (lambda f: f.attrs.update(time=np.nan), "time nan, wanted a finite number"),
-    "step no frame can hold": (lambda f: f.attrs.update(step=-1e300), "step is -1e.300, wanted a whole number from 0"),
-    "step NaN": (lambda f: f.attrs.update(step=np.nan), "step is nan, wanted a whole number"),
+    "version a word": (lambda f: f.attrs.update(format_version="two"), "format_version is 'two', expected a number"),
+    "dimension 4": (lambda f: f.attrs.update(dimension=4), "dimension 4, expected 2 or 3"),
+    "dimension a word": (lambda f: f.attrs.update(dimension="flat"), "dimension is 'flat', expected a number"),
+    "time NaN": (lambda f: f.attrs.update(time=np.nan), "time nan, expected a finite number"),
+    "step no frame can hold": (lambda f: f.attrs.update(step=-1e300), "step is -1e.300, expected an integer from 0"),
+    "step NaN": (lambda f: f.attrs.update(step=np.nan), "step is nan, expected an integer"),
     "step of the next machine": (
         lambda f: f.attrs.update(step=np.uint64(2**63)),
-        "wanted a whole number from 0 to 2.53",
+        "an integer from 0 to 2.53",
     ),
     "text of bytes": (
         lambda f: f.attrs.create("dem", b"dem\xff", dtype=h5py.string_dtype()),
-        "attribute dem of / is 'dem.udcff', wanted UTF-8",
+        "attribute dem of / is 'dem.udcff', expected UTF-8",
     ),
     "text of bytes beside the particles": (
         lambda f: f["particles"].attrs.create("release", b"bytes\xff", dtype=h5py.string_dtype()),
-        "attribute release of /particles is 'bytes.udcff', wanted UTF-8",
+        "attribute release of /particles is 'bytes.udcff', expected UTF-8",
     ),
     "text of bytes in the state": (
         lambda f: f["state"].attrs.create("note", b"\xff", dtype=h5py.string_dtype()),
-        "attribute note of /state is '.udcff', wanted UTF-8",
+        "attribute note of /state is '.udcff', expected UTF-8",
     ),
-    "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', wanted a number"),
-    "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "wanted three finite numbers"),
-    "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "wanted three finite numbers"),
+    "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', expected a number"),
+    "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "expected three finite numbers"),
+    "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "expected three finite numbers"),
     "crs junk": (lambda f: f.attrs.update(crs="somewhere"), "wanted EPSG:n, WKT or a PROJ string"),
     "no particles": (lambda f: f.__delitem__("particles"), "no group 'particles'"),
     "no position": (lambda f: f["particles"].__delitem__("position"), "no particles/position"),
@@ -219,29 +219,32 @@ BROKEN = {
     "position flat": (lambda f: replace(f, "position", np.zeros((COUNT, 2))), r"position has shape \(17, 2\)"),
     "velocity short": (lambda f: replace(f, "velocity", np.zeros((COUNT - 1, 3))), r"velocity has shape \(16, 3\)"),
     "mass short": (lambda f: replace(f, "mass", np.ones(COUNT - 1)), r"mass has shape \(16,\)"),
-    "mass of words": (lambda f: replace(f, "mass", np.array([b"heavy"] * COUNT)), "wanted numbers"),
+    "mass of words": (lambda f: replace(f, "mass", np.array([b"heavy"] * COUNT)), "expected numbers"),
     "mass a number": (lambda f: replace(f, "mass", 1.0), r"mass has shape \(\)"),
     "mass a group": (
         lambda f: [f["particles"].__delitem__("mass"), f["particles"].create_group("mass")],
-        "mass is no dataset",
+        "mass is not a dataset",
     ),
-    "position NaN": (poke("position", np.nan), "position holds 3 values that are NaN or infinite, the first in row 3"),
-    "velocity infinite": (poke("velocity", np.inf), "velocity holds 3 values"),
-    "velocity of no flow": (poke("velocity", -1e300), r"velocity reaches 1e\+300 m s-1 in row 3, wanted at most"),
+    "position NaN": (
+        poke("position", np.nan),
+        "position contains 3 values that are NaN or infinite, the first in row 3",
+    ),
+    "velocity infinite": (poke("velocity", np.inf), "velocity contains 3 values"),
+    "velocity of no flow": (poke("velocity", -1e300), r"velocity reaches 1e\+300 m s-1 in row 3, expected at most"),
     "position on no map": (poke("position", 1e12), r"position reaches 1e\+12 m in row 3"),
     "mass of a galaxy": (poke("mass", 1e40), r"mass reaches 1e\+40 kg in row 3"),
-    "mass zero": (poke("mass", 0.0), "mass is 0 in row 3, wanted above 0"),
-    "volume of nothing": (poke("volume", 5e-324), "volume is 4.94066e-324 in row 3, wanted above 0 .1e-30 at"),
-    "volume negative": (poke("volume", -1.0), "volume is -1 in row 3, wanted above 0"),
+    "mass zero": (poke("mass", 0.0), "mass is 0 in row 3, expected above 0"),
+    "volume of nothing": (poke("volume", 5e-324), "volume is 4.94066e-324 in row 3, expected above 0 .1e-30 at"),
+    "volume negative": (poke("volume", -1.0), "volume is -1 in row 3, expected above 0"),
     "area zero": (poke("area", 0.0), "area is 0 in row 3"),
-    "thickness negative": (poke("thickness", -0.5), "thickness is -0.5 in row 3, wanted 0 or more"),
+    "thickness negative": (poke("thickness", -0.5), "thickness is -0.5 in row 3, expected 0 or more"),
     "thickness zero and no area": (
         lambda f: [poke("thickness", 0.0)(f), f["particles"].__delitem__("area")],
         "thickness is 0 in row 3",
     ),
-    "id not whole": (lambda f: replace(f, "id", np.arange(COUNT) + 0.5), "particles/id is not made of whole"),
-    "id negative": (lambda f: replace(f, "id", np.arange(COUNT) - 1), "particles/id is not made of whole"),
-    "no rows": (without_rows, "no particle in it"),
+    "id not whole": (lambda f: replace(f, "id", np.arange(COUNT) + 0.5), "particles/id must contain integers"),
+    "id negative": (lambda f: replace(f, "id", np.arange(COUNT) - 1), "particles/id must contain integers"),
+    "no rows": (without_rows, "contains no particle"),
 }
 
 
@@ -268,14 +271,14 @@ def test_a_truncated_file_is_refused_in_one_line(path, keep):
 @pytest.mark.parametrize("content", [b"", b"not hdf5", b"\x89HDF\r\n\x1a\n" + bytes(range(256)) * 8])
 def test_junk_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "a.h5").write_bytes(content)
-    with pytest.raises(FormatError, match=r"a\.h5 is no readable HDF5 file"):
+    with pytest.raises(FormatError, match=r"a\.h5 is not a readable HDF5 file"):
         read_frame(tmp_path / "a.h5")
 
 
 def test_a_missing_file_and_a_folder_are_named_as_such(tmp_path):
     with pytest.raises(FormatError, match=r"none\.h5: no such file"):
         read_frame(tmp_path / "none.h5")
-    with pytest.raises(FormatError, match="is a folder, not a frame; name its files"):
+    with pytest.raises(FormatError, match="is a folder, not a frame; give its files"):
         read_frame(tmp_path)
 
 

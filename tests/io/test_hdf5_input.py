@@ -159,7 +159,7 @@ def test_values_of_any_length_are_refused(frame):
     """Each of them may be the same long text."""
     with h5py.File(frame, "r+") as file:
         file.create_dataset("state/words", data=["x"] * COUNT, dtype=h5py.string_dtype())
-    with pytest.raises(FormatError, match="state/words holds object"):
+    with pytest.raises(FormatError, match="state/words has type object"):
         read_frame(frame)
 
 

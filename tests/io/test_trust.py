@@ -15,8 +15,8 @@ from mpmgis.errors import FormatError, InputError
 from mpmgis.fields import Quantity
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.gdal_input import require_local, require_undisguised
+from mpmgis.io.input_files import is_trusted, trusting
 from mpmgis.io.raster_output import write_geotiff
-from mpmgis.io.trust import is_trusted, trusting
 from mpmgis.io.vector_table import read_table
 from mpmgis.particles import Frame, Particles
 from mpmgis.terrain.grid import Grid
@@ -79,11 +79,11 @@ def test_nothing_is_trusted_unless_it_is_said():
 @pytest.mark.parametrize("kind", ["link", "virtual", "storage"])
 def test_frames_of_hdf5_lead_to_other_files_only_where_they_are_trusted(site, kind):
     path = with_mass_elsewhere(site, kind)
-    with pytest.raises(FormatError, match="wanted values in the file itself"):
+    with pytest.raises(FormatError, match="expected values in the file itself"):
         read_frame(path)
     with trusting():
         assert np.array_equal(read_frame(path).particles.mass, np.full(COUNT, 1e3))
-    with pytest.raises(FormatError, match="wanted values in the file itself"):
+    with pytest.raises(FormatError, match="expected values in the file itself"):
         read_frame(path)
 
 
@@ -97,7 +97,7 @@ def test_what_trusted_files_lead_to_must_be_there_and_a_file(site, kind, instead
         if not hasattr(os, "mkfifo"):
             pytest.skip("no pipes with names here")
         os.mkfifo(other)
-    says = "which is not there" if instead == "nothing" else "which is no plain file"
+    says = "which is missing" if instead == "nothing" else "which is not a regular file"
     with trusting(), pytest.raises(FormatError, match=says):
         read_frame(path)
 
@@ -107,12 +107,12 @@ def test_the_command_and_python_read_them_in_threads_too(site, kind, capsys):
     path = with_mass_elsewhere(site, kind)
     words = ["export-raster", str(path), "-o", str(site / "gis"), "--no-qgis", "--workers", "2", "-q"]
     assert main(words) == 2
-    assert "wanted values in the file itself" in capsys.readouterr().err
+    assert "expected values in the file itself" in capsys.readouterr().err
     assert main([*words, "--trust"]) == 0 and not is_trusted()
     assert (site / "gis" / "dtm.tif").exists()
     assert main(["info", str(path), "-q"]) == 2
     assert main(["info", str(path), "-q", "--trust"]) == 0
-    with pytest.raises(FormatError, match="wanted values in the file itself"):
+    with pytest.raises(FormatError, match="expected values in the file itself"):
         mpmgis.export_raster(path, site / "again", qgis=False)
     assert mpmgis.export_raster(path, site / "again", qgis=False, trust=True)
 
@@ -139,11 +139,11 @@ def test_another_codes_datasets_are_read_from_other_files(site, kind, capsys):
 def test_rasters_behind_another_suffix_and_names_in_the_network(site):
     (site / "hidden.tif").write_text(VRT)
     for refuse in (require_undisguised, lambda path: require_local(path, "scene.toml")):
-        with pytest.raises(FormatError, match="say --trust"):
+        with pytest.raises(FormatError, match="give --trust"):
             refuse(site / "hidden.tif")
         with trusting():
             refuse(site / "hidden.tif")
-    with pytest.raises(FormatError, match="lies in the network"):
+    with pytest.raises(FormatError, match="is in the network"):
         require_local("/vsicurl/http://127.0.0.1:9/a.tif", "scene.toml")
     with trusting():
         require_local("/vsicurl/http://127.0.0.1:9/a.tif", "scene.toml")
@@ -158,7 +158,7 @@ def test_a_scene_may_name_what_the_user_trusts(site, capsys):
         '[friction]\nlaw = "Coulomb"\nmu = 0.3\n[output]\nend_time = 1\nframe_interval = 1\n'
     )
     assert main(["run", "scene.toml", "-q"]) == 2
-    assert "say --trust" in capsys.readouterr().err
+    assert "give --trust" in capsys.readouterr().err
     assert main(["run", "scene.toml", "-q", "--trust"]) == 2
     assert "no.shp: no such file" in capsys.readouterr().err
 

@@ -14,7 +14,7 @@ from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
 from mpmgis.interop.readers.npz import open_file, read_members
-from mpmgis.io.vector import read_table
+from mpmgis.io.vector_table import read_table
 from mpmgis.reports.inspect_maps import project_facts
 
 PROJECT = """<!DOCTYPE qgis><qgis version="3.40.1"><projectCrs><spatialrefsys><authid>EPSG:2056</authid></spatialrefsys>
@@ -65,7 +65,7 @@ def test_a_project_says_its_layers(tmp_path, suffix):
 def test_a_project_that_unpacks_to_too_much(tmp_path, capfd):
     path = write_zip(tmp_path / "p.qgz", {"p.qgs": bytes(101_000_000)})
     assert path.stat().st_size < 200_000
-    assert "p.qgs has 101 MB unpacked, wanted at most 100 MB" in refused(capfd, path)
+    assert "p.qgs has 101 MB uncompressed, expected at most 100 MB" in refused(capfd, path)
 
 
 def test_a_directory_that_lies_about_the_size(tmp_path, capfd):
@@ -74,7 +74,7 @@ def test_a_directory_that_lies_about_the_size(tmp_path, capfd):
     path = write_zip(tmp_path / "p.qgz", {"p.qgs": b"<qgis>" + b" " * size})
     raw = path.read_bytes().replace((size + 6).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
     path.write_bytes(raw)
-    assert "no readable QGIS project" in refused(capfd, path)
+    assert "not a readable QGIS project" in refused(capfd, path)
 
 
 def test_many_small_elements_take_no_memory(tmp_path):
@@ -99,7 +99,7 @@ def test_more_layers_than_any_project(tmp_path):
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_methods_that_unpack_without_end(tmp_path, capfd, method):
     path = write_zip(tmp_path / "p.qgz", {"p.qgs": bytes(50_000_000)}, method)
-    assert "p.qgs is not packed by deflate" in refused(capfd, path)
+    assert "p.qgs is not compressed by deflate" in refused(capfd, path)
 
 
 @pytest.mark.parametrize("name", ["p.qgs", "p.qgz", "p.npz"])
@@ -113,7 +113,7 @@ def test_arrays_are_held_against_memory(tmp_path, little_memory):
     np.savez_compressed(tmp_path / "p.npz", position=np.zeros((20_000, 3)), velocity=np.zeros((20_000, 3)))
     assert (tmp_path / "p.npz").stat().st_size < 5000
     frame = open_file(tmp_path / "p.npz")
-    with pytest.raises(FormatError, match=r"p.npz: position.npy unpacked needs about 0\.00144 GB of memory"):
+    with pytest.raises(FormatError, match=r"p.npz: position.npy uncompressed needs about 0\.00144 GB of memory"):
         frame.read(("position.x",))
 
 
@@ -128,7 +128,7 @@ def test_a_header_that_says_to_be_long(tmp_path):
     del raw
     tracemalloc.start()
     try:
-        with pytest.raises(FormatError, match="is no array of NumPy"):
+        with pytest.raises(FormatError, match="is not an array of NumPy"):
             read_members(path)
         assert tracemalloc.get_traced_memory()[1] < 1e7
     finally:
@@ -138,7 +138,7 @@ def test_a_header_that_says_to_be_long(tmp_path):
 def test_more_members_than_any_archive(tmp_path, monkeypatch):
     monkeypatch.setattr("mpmgis.io.input_files.MOST_MEMBERS", 3)
     path = write_zip(tmp_path / "p.npz", {f"{k}.npy": b"" for k in range(4)})
-    with pytest.raises(FormatError, match="holds 4 files, wanted at most 3"):
+    with pytest.raises(FormatError, match="holds 4 files, expected at most 3"):
         read_members(path)
 
 
@@ -148,5 +148,5 @@ def test_zipped_shapes_are_read_and_held_against_memory(tmp_path, monkeypatch):
     path = write_zip(tmp_path / "a.zip", {"a.geojson": (tmp_path / "a.geojson").read_bytes()})
     assert len(read_table(path)) == 1
     monkeypatch.setattr(machine, "available_memory", lambda: 100)
-    with pytest.raises(FormatError, match=r"a\.zip unpacked needs"):
+    with pytest.raises(FormatError, match=r"a\.zip uncompressed needs"):
         read_table(path)

@@ -61,17 +61,17 @@ def dem_empty(k):
     k.dem = k.file("empty.tif", b"")
 
 
-@recipe("no raster that GDAL reads")
+@recipe("not a raster that GDAL can read")
 def dem_junk(k):
     k.dem = k.file("junk.tif", bytes(range(256)) * 20)
 
 
-@recipe("no raster that GDAL reads")
+@recipe("not a raster that GDAL can read")
 def dem_is_text(k):
     k.dem = k.file("notes.txt", b"this is no raster\n" * 10)
 
 
-@recipe("no raster that GDAL reads")
+@recipe("not a raster that GDAL can read")
 def dem_is_a_folder(k):
     k.dem = k.folder / "sub"
     k.dem.mkdir()
@@ -83,7 +83,7 @@ def dem_truncated(k):
     k.dem = k.file("cut.tif", path.read_bytes()[:300_000])
 
 
-@recipe("no raster that GDAL reads")
+@recipe("not a raster that GDAL can read")
 def dem_is_a_vector(k):
     k.dem = k.vector("v.geojson", ring())
 
@@ -184,7 +184,7 @@ def dem_nan_under_the_release(k):
     k.dem = k.raster("h.tif", heights)
 
 
-@recipe("heights reach from")
+@recipe("elevations are from")
 def dem_of_other_numbers(k):
     heights = np.full((60, 60), 700.0)
     heights[3, 3] = -1e30
@@ -230,7 +230,7 @@ def release_without_index(k):
     k.release.with_suffix(".shx").unlink()
 
 
-@recipe("no feature at all")
+@recipe("contains no feature")
 def release_without_features(k):
     k.release = k.folder / "none.gpkg"
     geopandas.GeoDataFrame({"d0": []}, geometry=[], crs="EPSG:32632").to_file(k.release, geometry_type="Polygon")
@@ -241,7 +241,7 @@ def release_with_empty_geometry(k):
     k.release = k.vector("e.gpkg", shapely.Polygon(), d0=[1.0])
 
 
-@recipe("holds Point, wanted polygons")
+@recipe("contains Point, expected polygons")
 def release_of_points(k):
     k.release = k.vector("p.gpkg", shapely.Point(X, Y), d0=[1.0])
 
@@ -362,7 +362,7 @@ def mask_without_thickness(k):
     k.release = k.raster("m.tif", np.eye(60))
 
 
-@recipe("no cell holds a value other than 0")
+@recipe("all values are 0 or nodata")
 def mask_of_zeros(k):
     k.release = k.raster("m.tif", np.zeros((60, 60)))
 
@@ -402,7 +402,7 @@ def surface_and_normal(k):
     k.options = ["--surface", k.raster("s.tif", np.full((60, 60), 2000.0)), "--thickness-mode", "normal"]
 
 
-@recipe("do not lie on the DTM")
+@recipe("are outside the DTM")
 def thickness_raster_elsewhere_without_crs(k):
     k.options = ["--thickness", k.raster("t.tif", np.ones((9, 9)), Affine(5, 0, 0, 0, -5, 0), None)]
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from seed_sites import CENTRE, PIXELS, area_of, inclined, paper_hump, to_nodes
 
 from mpmgis.messages import collected

@@ -3,7 +3,6 @@
 import shutil
 
 import pytest
-from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame

@@ -7,12 +7,11 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.raster import read_terrain
-from mpmgis.io.vector import read_release
+from mpmgis.io.dtm import read_terrain
+from mpmgis.io.release_areas import read_release
 from mpmgis.messages import collected
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.release import ThicknessRaster
@@ -148,7 +147,7 @@ def test_points_and_lines_are_refused(tmp_path, terrain):
     features(shapely.LineString(ring().exterior.coords), d0=[1.0]).to_file(tmp_path / "l.gpkg")
     features(shapely.Point(X, Y), d0=[1.0]).to_file(tmp_path / "p.gpkg")
     for name, kind in (("l", "LineString"), ("p", "Point")):
-        with pytest.raises(InputError, match=f"holds {kind}, wanted polygons"):
+        with pytest.raises(InputError, match=f"holds {kind}, expected polygons"):
             read_release(tmp_path / f"{name}.gpkg", terrain)
 
 

@@ -8,12 +8,12 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from mpmgis.messages import collected
 from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.raster import read_raster, read_terrain
+from mpmgis.io.dtm import read_terrain
+from mpmgis.io.raster import read_raster
 from mpmgis.messages import collected
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.terrain.georeference import metric_equivalent, name_of
@@ -245,4 +245,4 @@ def test_a_vertical_datum_is_told_and_left_out(tmp_path):
     with collected() as told:
         terrain = read_terrain(tmp_path / "d.tif")
     assert terrain.grid.crs.to_epsg() == 25832
-    assert ["DHHN92" in line and "heights are taken as they are" in line for line in told] == [True]
+    assert ["DHHN92" in line and "elevations are used unchanged" in line for line in told] == [True]

@@ -12,8 +12,8 @@ import shapely
 from seed_sites import ring, write_dtm
 
 from mpmgis.cli.main import main
+from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import read_frame
-from mpmgis.io.raster import read_terrain
 
 ROOT = Path(__file__).parents[2]
 PLACES = [ROOT / "sample_data/lava_falls", ROOT / "../shared/data/lava_falls"]

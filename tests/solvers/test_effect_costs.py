@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
-from mpmgis.messages import collected
 
 from mpmgis.effects.barrier import Barrier, NoBarrier
 from mpmgis.effects.cohesion import Cohesion

@@ -13,8 +13,8 @@ from affine import Affine
 from mpmgis import machine
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
+from mpmgis.io.dtm import TerrainFile, read_terrain
 from mpmgis.io.frames import read_frame
-from mpmgis.io.raster import TerrainFile, read_terrain
 from mpmgis.messages import collected
 from mpmgis.workflows import seed as seeding
 from mpmgis.workflows.run_setup import prepare
@@ -28,7 +28,7 @@ UPRIGHT = Affine(PIXEL, 0, WEST, 0, PIXEL, NORTH)  # south-up
 CHILD = """
 import resource, sys
 from mpmgis.cli.main import main
-from mpmgis.io.raster import TerrainFile
+from mpmgis.io.dtm import TerrainFile
 from mpmgis.kernels import sampling
 def peak():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
@@ -118,7 +118,7 @@ def test_cells_without_heights_are_named_as_in_the_whole(huge, tmp_path):
     beside = MIDDLE[0] - 510 * PIXEL, MIDDLE[1]
     with pytest.raises(InputError, match=r"no elevation under release .* in cell \(row, column\) \(49\d\d, 44"):
         seeding.seed_file(huge, release_at(tmp_path / "area.gpkg", *beside), tmp_path / "out.h5")
-    with pytest.raises(InputError, match=r"every cell in rows 985 to .* where it is needed, is nodata"):
+    with pytest.raises(InputError, match=r"every cell in the needed rows 985 to .* is nodata"):
         far = WEST + 1000 * PIXEL, NORTH - 1000 * PIXEL
         seeding.seed_file(huge, release_at(tmp_path / "far.gpkg", *far), tmp_path / "out.h5")
     assert not (tmp_path / "out.h5").exists()

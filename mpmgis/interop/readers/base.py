@@ -1,9 +1,9 @@
-"""Another code's files: what they say of one frame, and what a reader of a code is.
+"""Interface of the readers of other codes: ThirdPartyFrame, Reader, and functions for several of them.
 
-A reader is one module that offers `READER`, a ForeignReader; a row in `foreign/readers` brings it in. It parses, and
-tells what the files say of themselves; what that means on the map is decided in `foreign/meaning`, the same for all
-codes. Reading happens twice: first only where things lie, then, frame by frame and maybe on another machine, the
-numbers. So `ForeignFrame.read` is a `functools.partial` of a module's function, which can be sent there.
+A reader is one module with `READER`, a Reader, and an entry in `readers/registry`. It parses files and returns their
+own data; `interop/georeferencing` puts them on the map in the same way for all codes. Reading has two passes: first
+the layout, then the numbers, frame by frame and possibly in another process. Therefore `ThirdPartyFrame.read` is a
+`functools.partial` of a module's function, which can be pickled.
 """
 
 import json
@@ -19,61 +19,61 @@ import numpy as np
 from ...errors import FormatError, one_line
 from ...io.input_files import require_file
 from ...machine import memory_lack
-from ..declarations import ForeignTerms
+from ..declarations import Declarations
 
-MOST_DIGITS = 15  # of a number in a file's name that is taken as one
+MOST_DIGITS = 15  # of a number in a file name
 _NUMBERED = re.compile(rf".*?(\d{{1,{MOST_DIGITS}}})", re.DOTALL)
 
 
 @dataclass(frozen=True)
-class ForeignFrame:
-    """What files say of one frame.
+class ThirdPartyFrame:
+    """One frame in files of another code.
 
     Parameters
     ----------
     path : Path
-        The file, or the first of those that make up the frame.
+        The file, or the first of the files of the frame.
     count : int
-        Particles in it, those that the code has put out of action included.
+        Number of particles, inactive ones included.
     columns : tuple of str
-        Its columns.
+        Names of the columns.
     read : callable
-        `read(names)` gives float64[count] of each of some columns, by name.
-    meant : dict of str to str
-        Our names (`terms.NAMES`) and the columns that this code has for them.
+        `read(names)` returns float64[count] of columns, by name.
+    column_map : dict of str to str
+        Names (`declarations.NAMES`) and the columns of this code.
     number : int or None
-        Its number in the series.
+        Number in the series.
     time : float or None
-        [s], where the files say it.
+        [s], where the files have it.
     particle_volume, density, cell_size : float or None
-        [m3] of every particle, [kg m-3] of the release, [m] of the code's grid, where they are said.
-    said : ForeignTerms or None
-        What the files themselves say in the words of a sidecar.
-    axes_word, density_word : str
-        What belongs to the question where its axes point, and which density it has.
+        [m3] of every particle, [kg m-3] of the release, [m] of the code's grid, where the files have them.
+    declared : Declarations or None
+        Georeference in the files themselves.
+    axes_hint, density_hint : str
+        Added to the error messages for missing axes and density.
     """
 
     path: Path
     count: int
     columns: tuple
     read: Callable
-    meant: dict = field(default_factory=dict)
+    column_map: dict = field(default_factory=dict)
     number: int | None = None
     time: float | None = None
     particle_volume: float | None = None
     density: float | None = None
     cell_size: float | None = None
-    said: ForeignTerms | None = None
-    axes_word: str = ""
-    density_word: str = ""
+    declared: Declarations | None = None
+    axes_hint: str = ""
+    density_hint: str = ""
 
 
-class ForeignReader(NamedTuple):
-    """A code's reader.
+class Reader(NamedTuple):
+    """The reader of a code.
 
-    `recognises(path, head)`: whether the file, whose first bytes are `head`, is this code's. `frames(paths, terms)`:
-    the ForeignFrames in some files. `fits(path, head)`: whether it is of the format at all, for formats that anybody
-    uses; None where there is no difference.
+    `recognises(path, head)`: whether the file with the first bytes `head` is of this code. `frames(paths, terms)`: the
+    ThirdPartyFrames in files. `fits(path, head)`: whether a file has the format, for common formats; None where this
+    is the same as `recognises`.
     """
 
     name: str
@@ -83,7 +83,7 @@ class ForeignReader(NamedTuple):
 
 
 def frame_of_each(open_file):
-    """`frames` of a ForeignReader whose files hold a frame each, as `open_file(path)` gives it."""
+    """`frames` of a Reader with one frame per file, returned by `open_file(path)`."""
     return partial(_each_opened, open_file)
 
 
@@ -92,7 +92,7 @@ def _each_opened(open_file, paths, terms):
 
 
 def frames_of_pieces(paths, pieces_of, open_file):
-    """The ForeignFrames in files of parallel runs: `pieces_of(path)` are all that make one frame, each named or not."""
+    """The ThirdPartyFrames in files of parallel runs: `pieces_of(path)` are all files of one frame."""
     groups = {}
     for path in map(Path, paths):
         pieces = pieces_of(path)
@@ -101,7 +101,7 @@ def frames_of_pieces(paths, pieces_of, open_file):
 
 
 def joined(frames):
-    """One ForeignFrame of the pieces that the processes of a parallel run wrote: all rows, the columns of all."""
+    """One ThirdPartyFrame of the pieces of a parallel run: all rows, common columns."""
     if len(frames) == 1:
         return frames[0]
     first = frames[0]
@@ -121,22 +121,24 @@ def _read_joined(reads, names):
 
 
 def beside(frames):
-    """One ForeignFrame of files that hold other columns of the same particles.
+    """One ThirdPartyFrame of files with different columns of the same particles.
 
     Raises
     ------
     FormatError
-        They do not hold as many.
+        Different numbers of particles.
     """
     first = frames[0]
     for frame in frames[1:]:
         if frame.count != first.count:
-            raise FormatError(f"{first.path} holds {first.count} particles, {frame.path} beside it {frame.count}")
+            raise FormatError(
+                f"{first.path} contains {first.count} particles, {frame.path} of the same step {frame.count}"
+            )
     owner = {name: k for k, frame in reversed(list(enumerate(frames))) for name in frame.columns}
-    return replace(first, columns=tuple(owner), read=partial(_read_beside, [frame.read for frame in frames], owner))
+    return replace(first, columns=tuple(owner), read=partial(_read_merged, [frame.read for frame in frames], owner))
 
 
-def _read_beside(reads, owner, names):
+def _read_merged(reads, owner, names):
     found = {}
     for k, read in enumerate(reads):
         wanted = tuple(name for name in names if owner[name] == k)
@@ -146,7 +148,7 @@ def _read_beside(reads, owner, names):
 
 
 def number_of(path):
-    """The number at the end of a file's name before its suffix; None where there is none."""
+    """The number at the end of a file name before its suffix; None where there is none."""
     found = _NUMBERED.fullmatch(Path(path).stem)
     return int(found[1]) if found else None
 
@@ -157,11 +159,11 @@ def require_readable(path):
     Raises
     ------
     FormatError
-        Missing, a folder, empty, or not to be opened.
+        Missing, a folder, empty, or not readable.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise FormatError(f"{path} is no file but a {'folder' if path.is_dir() else 'device or pipe'}; name a file")
+        raise FormatError(f"{path} is a {'folder' if path.is_dir() else 'device or pipe'}, expected a file")
     try:
         with open(path, "rb"):
             size = path.stat().st_size
@@ -172,24 +174,24 @@ def require_readable(path):
     return size
 
 
-def require_room(path, count, bytes_each):
-    """Refuse `count` particles that this machine cannot hold, before they are read.
+def require_memory(path, count, bytes_each):
+    """Refuse `count` particles that do not fit into memory, before they are read.
 
     Raises
     ------
     FormatError
     """
     if lack := memory_lack(count * bytes_each):
-        raise FormatError(f"{path}: {count:.6g} particles need {lack}; it is damaged, or for a larger machine")
+        raise FormatError(f"{path}: {count:.6g} particles need {lack}; it is damaged, or needs a larger machine")
 
 
 def read_settings(path):
-    """A code's own settings (JSON) beside its files, to see what they say; {} where they are not there.
+    """Settings of a code (JSON) next to its files; {} where they do not exist.
 
     Raises
     ------
     FormatError
-        There, and no JSON object.
+        The file is not a JSON object.
     """
     require_file(path)
     try:
@@ -197,14 +199,14 @@ def read_settings(path):
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is no readable JSON ({one_line(error)[:80]}); mend it or move it away") from error
+        raise FormatError(f"{path} is not readable JSON ({one_line(error)[:80]}); correct or move it") from error
     if not isinstance(settings, dict):
-        raise FormatError(f"{path} is no JSON object; mend it or move it away")
+        raise FormatError(f"{path} is not a JSON object; correct or move it")
     return settings
 
 
 def setting(settings, *keys):
-    """What lies under nested keys; None where anything on the way is not there."""
+    """The value under nested keys; None where a key is missing."""
     for key in keys:
         settings = settings.get(key) if isinstance(settings, dict) else None
     return settings
@@ -218,6 +220,6 @@ def setting_above_zero(settings, *keys):
 
 
 def same_density(values):
-    """The density that all materials of a code's settings have; None where they differ or one says none."""
+    """The common density of all materials of a code's settings; None where they differ or one has none."""
     values = list(values)
     return values[0] if values and all(value is not None and value == values[0] for value in values) else None

@@ -1,8 +1,8 @@
 """Files of CB-Geo MPM: `particles<step>.h5`, of a parallel run `particles-<rank>_<size>-<step>.h5`; `mpm.json`.
 
-HDF5 with one dataset `table`, a record a particle, read by the names of its fields: 53, 74 or 87 of them in different
-branches of the code. `volume` is the volume now, which grows where the flow opens up; what was released is mass over
-density. Time is step * analysis.dt of `mpm.json`, which also has the density.
+HDF5 with one dataset `table`, one record per particle, read by field names: 53, 74 or 87 fields in different branches
+of the code. `volume` is the current volume, which grows in expansion; the released volume is mass over density. Time is
+step * analysis.dt of `mpm.json`, which also has the density.
 """
 
 import re
@@ -14,10 +14,10 @@ import h5py
 import numpy as np
 
 from ...errors import FormatError, one_line
-from ...io.hdf5 import elsewhere, opened, require_room
+from ...io.hdf5 import elsewhere, opened, require_memory
 from .base import (
-    ForeignFrame,
-    ForeignReader,
+    Reader,
+    ThirdPartyFrame,
     frames_of_pieces,
     number_of,
     read_settings,
@@ -27,13 +27,13 @@ from .base import (
     setting_above_zero,
 )
 
-MEANT = {
+COLUMN_MAP = {
     **{axis: f"coord_{axis}" for axis in "xyz"}, **{f"v{axis}": f"velocity_{axis}" for axis in "xyz"},
     "mass": "mass", "id": "id",
 }  # fmt: skip
 NEEDED = (*(f"coord_{axis}" for axis in "xyz"), *(f"velocity_{axis}" for axis in "xyz"), "mass")
 ROWS_AT_ONCE = 100_000  # of 416 bytes and more
-SETTINGS_FOLDERS = 3  # up from the files: results/<uuid>/ lies beside mpm.json
+SETTINGS_FOLDERS = 3  # searched upwards from the files: results/<uuid>/ is next to mpm.json
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _PIECE = re.compile(r"(.*)-(\d{1,9})_(\d{1,9})-(\d{1,15})")
 
@@ -51,25 +51,25 @@ def recognises(path, head):
 
 @contextmanager
 def _table(path):
-    """The dataset `table` of the file at `path`, open, its values in the file itself."""
+    """The open dataset `table` of the file at `path`, with values in the file itself."""
     require_readable(path)
     try:
         with opened(path) as file:
             link = file.get("table", getlink=True)
             table = file["table"] if isinstance(link, h5py.HardLink) else None
             if not isinstance(table, h5py.Dataset) or table.ndim != 1 or table.dtype.names is None:
-                raise FormatError(f"{path} has no table of records; it is no particle file of CB-Geo MPM")
+                raise FormatError(f"{path} has no table of records; it is not a particle file of CB-Geo MPM")
             if elsewhere(table.id, path):
-                raise FormatError(f"{path}: its table lies in other files; wanted one that holds its own")
+                raise FormatError(f"{path}: its table is in other files; expected values in the file itself")
             yield table
     except FormatError:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
 
 
 def frames(paths, terms):
-    """The ForeignFrames in some files; those of a parallel run bring in the pieces beside them."""
+    """The ThirdPartyFrames in files; the other pieces of a parallel run are included."""
     return frames_of_pieces(paths, _pieces, open_file)
 
 
@@ -88,18 +88,18 @@ def _pieces(path):
     if lacking or len(found) != size:
         raise FormatError(
             f"{path}: {len(found)} of {size} pieces of step {int(step)} are there"
-            f"{f', rank {lacking[0]} is missing' if lacking else ''}; bring them together in one folder"
+            f"{f', rank {lacking[0]} is missing' if lacking else ''}; put them into one folder"
         )
     return [found[rank] for rank in sorted(found)]
 
 
 def open_file(path):
-    """The ForeignFrame at `path`.
+    """The ThirdPartyFrame at `path`.
 
     Raises
     ------
     FormatError
-        No HDF5, damaged, no table, or one without place, velocity and mass.
+        No HDF5, damaged, no table, or no position, velocity and mass.
     """
     path = Path(path)
     with _table(path) as table:
@@ -107,27 +107,27 @@ def open_file(path):
         columns = tuple(name for name, kind in kinds.items() if kind.kind in "fiu" and kind.shape == ())
         lacking = [name for name in NEEDED if name not in columns]
         if lacking:
-            raise FormatError(f"{path}: its table has no numbers {', '.join(lacking)}; it is damaged or no CB-Geo file")
+            raise FormatError(f"{path}: its table lacks {', '.join(lacking)}; it is damaged or not a CB-Geo file")
         count = len(table)
-    if count == 0 and _PIECE.fullmatch(path.stem) is None:  # a rank may have none
-        raise FormatError(f"{path}: no particle in it")
+    if count == 0 and _PIECE.fullmatch(path.stem) is None:  # a rank may be empty
+        raise FormatError(f"{path}: contains no particle")
     settings, number = _settings(path), number_of(path)
     step = setting_above_zero(settings, "analysis", "dt")
-    return ForeignFrame(
+    return ThirdPartyFrame(
         path=path,
         count=count,
         columns=columns,
         read=partial(_read, path, count),
-        meant=MEANT,
+        column_map=COLUMN_MAP,
         number=number,
         time=number * step if step is not None and number is not None else None,
         density=_density(settings),
-        density_word=", or mpm.json beside it; its volumes are those of now",
+        density_hint=", or mpm.json in its folder; its volumes are current ones",
     )
 
 
 def _settings(path):
-    """`mpm.json` beside the file, or in a folder above that is named in it; {} where there is none."""
+    """`mpm.json` in the folder of the file, or in a parent folder if its uuid fits; {} where there is none."""
     folder = path.resolve().parent
     for up, place in enumerate((folder, *folder.parents[:SETTINGS_FOLDERS])):
         settings = read_settings(place / "mpm.json")
@@ -144,8 +144,8 @@ def _density(settings):
 def _read(path, count, names):
     with _table(path) as table:
         if len(table) != count or not set(names) <= set(table.dtype.names):
-            raise FormatError(f"{path} has changed since it was opened; try again when its code has written it")
-        require_room(f"{path}: table", count, 8 * len(names), table)
+            raise FormatError(f"{path} has changed since it was opened; repeat when its code has finished writing")
+        require_memory(f"{path}: table", count, 8 * len(names), table)
         found = {name: np.empty(count) for name in names}
         for start in range(0, count, ROWS_AT_ONCE):
             rows = table[start : start + ROWS_AT_ONCE]
@@ -154,4 +154,4 @@ def _read(path, count, names):
     return found
 
 
-READER = ForeignReader("cbgeo", recognises, frames)
+READER = Reader("cbgeo", recognises, frames)

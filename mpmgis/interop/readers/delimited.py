@@ -1,6 +1,6 @@
-"""Tables of text, a particle a row, with a line of names: CSV with commas, semicolons, tabs or blanks.
+"""Text tables with a header and one row per particle: CSV with commas, semicolons, tabs or blanks.
 
-Several times in one file are told apart by a column of times (`time`, or --columns time=COLUMN).
+A column of times (`time`, or --columns time=COLUMN) separates several times in one file.
 """
 
 from functools import partial
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FormatError
-from .base import ForeignReader
+from .base import Reader
 from .parsing import (
     BLANK,
     Form,
@@ -34,21 +34,21 @@ OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
 def header_of(head):
     """The Form of a table whose first bytes are `head`.
 
-    Lines before the names begin with #; so may the line of names itself.
+    Lines before the header begin with #; the header may begin with # too.
 
     Raises
     ------
     ValueError
-        There is no line of names.
+        There is no header.
     """
     at, names = 0, None
     while True:
         stop = head.find(b"\n", at)
         if stop < 0:
-            raise ValueError("no line of names and one of numbers")
+            raise ValueError("no header followed by numbers")
         line = head[at:stop].decode("utf-8-sig" if at == 0 else "utf-8").strip()
         if line and not line.startswith("#") and _is_number(_cells(line, _delimiter(line))[0]):
-            break  # numbers: the names stood in the last line of comment
+            break  # numbers: the header was the last comment line
         if line:
             names = line
             if not line.startswith("#"):
@@ -56,13 +56,13 @@ def header_of(head):
                 break
         at = stop + 1
     if names is None:
-        raise ValueError("no line of names before the numbers")
+        raise ValueError("no header before the numbers")
     delimiter = _delimiter(names.lstrip("# "))
     cells = _cells(names.lstrip("# "), delimiter)
     row = head[at : head.find(b"\n", at)] if head.find(b"\n", at) > 0 else head[at:]
     decimal = "," if delimiter == ";" and b"," in row else "."
     if not all(cells) or len(set(cells)) != len(cells):
-        raise ValueError("a name is empty or there twice")
+        raise ValueError("a column name is empty or occurs twice")
     return Form(tuple(cells), delimiter, decimal, at)
 
 
@@ -84,7 +84,7 @@ def _is_number(word):
 
 
 def fits(path, head):
-    """True for a table of text with a line of names, by its suffix and its first lines."""
+    """True for a text table with a header, by its suffix and its first lines."""
     if Path(path).suffix.lower() not in SUFFIXES or b"\0" in head:
         return False
     try:
@@ -94,7 +94,7 @@ def fits(path, head):
 
 
 def recognises(path, head):
-    """True for a table with the columns of a place and a velocity."""
+    """True for a table with columns of position and velocity."""
     if not fits(path, head):
         return False
     names = header_of(head).columns
@@ -102,35 +102,35 @@ def recognises(path, head):
 
 
 def open_file(path, time_column=None):
-    """The ForeignFrames in one table, by the times in `time_column`, or else in one that is called so.
+    """The ThirdPartyFrames in one table, separated by `time_column`, or else by a column named time.
 
     Raises
     ------
     FormatError
-        No table, a row of other length, something else than numbers in the column of times.
+        No table, a row of another length, invalid numbers in the column of times.
     """
     with mapped(path) as content:
         head = content[:LONGEST_HEADER]
     try:
         form = header_of(head)
     except ValueError as error:
-        raise FormatError(f"{path} is no table with a line of names ({error})") from None
-    columns, meant = form.columns, plainly_named(dict.fromkeys(form.columns, 1))
+        raise FormatError(f"{path} is not a table with a header ({error})") from None
+    columns, column_map = form.columns, plainly_named(dict.fromkeys(form.columns, 1))
     if set(columns) >= OWN_COLUMNS:
-        raise FormatError(f"{path} is a seed of columns that mpmgis wrote; its frame (.h5) can be exported")
-    time_column = time_column_of(path, columns, meant, time_column)
+        raise FormatError(f"{path} is a seed of columns by mpmgis; export its frame (.h5) instead")
+    time_column = time_column_of(path, columns, column_map, time_column)
     parts = _whole(path, form) if time_column is None else _parts(path, form, time_column)
     if not parts or parts[0][1] == 0:
-        raise FormatError(f"{path}: no particle in it")
+        raise FormatError(f"{path}: contains no particle")
     reads = (partial(_read, path, first, last, form, time_column, time, count) for time, count, first, last in parts)
     return [
-        frame_of_rows(path, columns, meant, time, count, read)
+        frame_of_rows(path, columns, column_map, time, count, read)
         for (time, count, *_), read in zip(parts, reads, strict=True)
     ]
 
 
 def _whole(path, form):
-    """All rows, as the only part of a table."""
+    """All rows as one part."""
     count, last = 0, b"\n"
     with mapped(path) as content:
         for at in range(form.start, len(content), AT_ONCE):
@@ -141,7 +141,7 @@ def _whole(path, form):
 
 
 def _parts(path, form, time_column):
-    """(Time [s], rows, first byte, last byte) of every time; those between the bytes may be of other times too."""
+    """(Time [s], rows, first byte, last byte) of every time; rows in between may belong to other times."""
     times = read_rows(path, form.start, None, form, (time_column,))[time_column]
     if not np.isfinite(times).all():
         raise FormatError(f"{path}: a time in row {int(np.flatnonzero(~np.isfinite(times))[0])} is missing or infinite")
@@ -156,7 +156,7 @@ def _parts(path, form, time_column):
 
 
 def _bytes_of_rows(content, start, count, rows):
-    """First byte of some rows; the whole table where blank lines make rows and lines two things."""
+    """First byte of some rows; the whole table where blank lines prevent counting rows by lines."""
     wanted, found, lines = np.sort(np.unique(rows)), {}, 0
     for at in range(start, len(content), AT_ONCE):
         ends = np.flatnonzero(np.frombuffer(content[at : at + AT_ONCE], np.uint8) == 10)
@@ -178,4 +178,4 @@ def _read(path, start, stop, form, time_column, time, count, names):
     return require_rows(path, rows_of_time(found, time_column, time), names, count)
 
 
-READER = ForeignReader("csv", recognises, frames_of_tables(open_file), fits)
+READER = Reader("csv", recognises, frames_of_tables(open_file), fits)

@@ -1,18 +1,18 @@
 """Particle files of GeoTaichi: `particles/MPMParticle<k>.npz`.
 
-NumPy's archive: t_current, body_num, active, mass, volume, position, velocity, stress and more, of newer versions
-particleID too. `state_vars` is pickled and left alone. `volume` is the volume now. What is not `active` has left the
-code's domain.
+NumPy archive: t_current, body_num, active, mass, volume, position, velocity, stress and more, in newer versions also
+particleID. `state_vars` is pickled and not read. `volume` is the current volume. Particles that are not `active` have
+left the domain of the code.
 """
 
 from dataclasses import replace
 
 from ...errors import FormatError
-from .base import ForeignReader, frame_of_each
+from .base import Reader, frame_of_each
 from .npz import fits, open_file, read_members
 from .parsing import column_names
 
-MEANT = {
+COLUMN_MAP = {
     **dict(zip("xyz", column_names("position", 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("velocity", 3), strict=True)),
     "mass": "mass", "id": "particleID", "active": "active",
@@ -29,19 +29,19 @@ def recognises(path, head):
 
 
 def frame_of(path):
-    """The ForeignFrame at `path`.
+    """The ThirdPartyFrame at `path`.
 
     Raises
     ------
     FormatError
-        No archive, damaged, without what particles have.
+        No archive, damaged, without the arrays of particles.
     """
     members = read_members(path)
     lacking = sorted(SIGNATURE - set(members))
     if lacking or members["position"].shape[1:] != (3,):
-        raise FormatError(f"{path} lacks {', '.join(lacking) or 'three coordinates'}; it is no file of GeoTaichi's")
-    frame = open_file(path, MEANT, members["position"].shape[0])
-    return replace(frame, density_word="; its volumes are those of now, which do not tell it")
+        raise FormatError(f"{path} lacks {', '.join(lacking) or 'three coordinates'}; it is not a file of GeoTaichi")
+    frame = open_file(path, COLUMN_MAP, members["position"].shape[0])
+    return replace(frame, density_hint="; current volumes do not give it")
 
 
-READER = ForeignReader("geotaichi", recognises, frame_of_each(frame_of))
+READER = Reader("geotaichi", recognises, frame_of_each(frame_of))

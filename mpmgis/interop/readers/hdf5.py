@@ -1,11 +1,12 @@
-"""HDF5 that no one code wrote: particles as datasets by name, in the root or one level of groups below it.
+"""General HDF5: particles as datasets by name, in the root or in groups one level below.
 
-A dataset is a scalar column (n,) or (n, 1), a vector (n, k), or a table of records, whose fields are columns. Names are
-those of the particles' group (`position`), or paths (`particles/position`). Groups that differ by a number alone and
-hold a time each, or are called steps, are the frames of a series. What is ambiguous is refused with the candidates.
+A dataset is a scalar column (n,) or (n, 1), a vector (n, k), or a table of records whose fields are columns. Names are
+relative to the group of the particles (`position`), or paths (`particles/position`). Groups that differ only by a
+number and have a time, or are named as steps, are the frames of a series. Ambiguous names are an error with the
+candidates.
 
-Files come from strangers. Only what the file itself holds is read: no soft or external links, no external storage, no
-virtual datasets. Declared shapes and chunks are held against the memory that is free before anything is read.
+Files are untrusted. Only values in the file itself are read: no soft or external links, no external storage, no
+virtual datasets. Declared shapes and chunks are compared with the free memory before reading.
 """
 
 import re
@@ -18,18 +19,18 @@ import h5py
 import numpy as np
 
 from ...errors import FormatError, InputError, one_line
-from ...io.hdf5 import MOST_OBJECTS, elsewhere, not_followed, opened, require_room
+from ...io.hdf5 import MOST_OBJECTS, elsewhere, not_followed, opened, require_memory
 from ..declarations import POSSIBLE, VECTORS, terms_in
-from .base import ForeignFrame, ForeignReader, number_of, require_readable
+from .base import Reader, ThirdPartyFrame, number_of, require_readable
 from .parsing import candidates_named, columns_of, picked
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
-OFFSETS = (0, 512, 1024, 2048)  # where HDF5 begins: behind a user block, such as MATLAB's
+OFFSETS = (0, 512, 1024, 2048)  # start of HDF5: after a user block, for example of MATLAB
 OWN_FORMATS = "mpmgis-"
 MOST_COMPONENTS = 100
 MOST_NAMED = 12
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
-SAID = ("crs", "origin", "axes")  # attributes of the root, as a sidecar has them
+DECLARED = ("crs", "origin", "axes")  # attributes of the root, as in a sidecar
 _NUMBERED = re.compile(r"(.*?)[-_.#]?(\d{1,15})", re.DOTALL)
 
 
@@ -51,16 +52,16 @@ class Group(NamedTuple):
 
 
 class Content(NamedTuple):
-    """What a file holds: its groups, the names of what lies in other files, what its root says of the map."""
+    """Content of a file: groups, names of values in other files, density and georeference in the root."""
 
     groups: dict
     elsewhere: tuple
     density: float | None
-    said: object
+    declared: object
 
 
 def fits(path, head):
-    """True for any HDF5 that opens and is no file of mpmgis."""
+    """True for any readable HDF5 that is not of mpmgis."""
     if not any(head[offset:].startswith(MAGIC) for offset in OFFSETS):
         return False
     try:
@@ -71,7 +72,7 @@ def fits(path, head):
 
 
 def recognises(path, head):
-    """True where one group of such a file has a place and a velocity by names that say so."""
+    """True where one group has a position and a velocity by name."""
     if not fits(path, head):
         return False
     try:
@@ -91,11 +92,11 @@ def _opened(path):
     except FormatError:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
-        raise FormatError(f"{path} is no readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
 
 
 def _text(value):
-    """A text of an attribute or a dataset; "" for what is none."""
+    """Text of an attribute or a dataset; "" for other types."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bytes):
@@ -104,21 +105,18 @@ def _text(value):
 
 
 def _number(value):
-    """A finite number; None for what is none."""
+    """A finite number; None for other values."""
     value = np.asarray(value)
     if value.size != 1 or value.dtype.kind not in "fiu":
         return None
     return float(value.item()) if np.isfinite(value.item()) else None
 
 
-# ---------------------------------------------------------------------------------------------------- what there is
-
-
 def _content(path, terms):
-    """Content of the file; what `terms` say already is not asked of it."""
+    """Content of the file; declarations in `terms` have priority."""
     with _opened(path) as file:
         if _text(file.attrs.get("format")).startswith(OWN_FORMATS):
-            raise FormatError(f"{path} is a file of mpmgis; leave --reader hdf5 out")
+            raise FormatError(f"{path} is a file of mpmgis; omit --reader hdf5")
         groups, apart = _groups(path, file)
         density = _number(file.attrs.get("density", ""))
         low, high, _ = POSSIBLE["density"]
@@ -127,9 +125,9 @@ def _content(path, terms):
 
 
 def _said(path, attrs, terms):
-    """What the root says of the map, as ForeignTerms; coordinates in a CRS are its own, east, north and up."""
+    """Georeference in the root, as Declarations; coordinates in a CRS are east, north and up."""
     content = {}
-    for key in SAID:
+    for key in DECLARED:
         if key in attrs and getattr(terms, key) is None and not (key == "crs" and terms.local):
             value = attrs[key]
             if key == "origin":
@@ -144,14 +142,14 @@ def _said(path, attrs, terms):
 
 
 def _groups(path, file):
-    """(name -> Group of the root and of every group in it, names of what lies in other files)."""
+    """(name -> Group of the root and of every group in it, names of values in other files)."""
     groups, apart, left = {}, [], [MOST_OBJECTS]
     inner = []
     of_file = _time(file.attrs)
     groups[""] = _group(path, "", file, apart, inner, left)
     for name in inner:
         groups[name] = _group(path, name, file[name], apart, [], left)
-    if of_file is None and groups[""].time is None and "Header" in inner:  # as Gadget and its kin have it
+    if of_file is None and groups[""].time is None and "Header" in inner:  # as in Gadget files
         of_file = _time(file["Header"].attrs)
     if groups[""].time is None:
         groups[""] = groups[""]._replace(time=of_file)
@@ -159,12 +157,12 @@ def _groups(path, file):
 
 
 def _group(path, name, group, apart, inner, left):
-    """Group of what lies in an HDF5 group; names of groups in it are added to `inner`."""
+    """The Group of an HDF5 group; names of groups in it are added to `inner`."""
     arrays, time = {}, _time(group.attrs)
     for key in group:
         left[0] -= 1
         if left[0] < 0:
-            raise FormatError(f"{path} holds more than {MOST_OBJECTS} objects; it is no file of particles")
+            raise FormatError(f"{path} contains more than {MOST_OBJECTS} objects; it is not a particle file")
         full = f"{name}/{key}" if name else key
         if not_followed(group.get(key, getlink=True), path):
             apart.append(full)
@@ -177,7 +175,7 @@ def _group(path, name, group, apart, inner, left):
             if elsewhere(dataset.id, path):
                 apart.append(full)
             elif dataset.size == 1 and key.lower() == "time":
-                require_room(f"{path}: {full}", 1, 8, dataset)
+                require_memory(f"{path}: {full}", 1, 8, dataset)
                 time = _number(dataset[()])
             else:
                 arrays |= _sources(key, full, dataset)
@@ -207,26 +205,23 @@ def _sources(key, full, dataset):
     return found
 
 
-# ------------------------------------------------------------------------------------------- where the particles are
-
-
 def _candidates(group):
-    """Our quantities and the places of the group that may be them, as columns by name."""
+    """Quantities of mpmgis and the candidate columns of the group, by name."""
     return candidates_named({name: source.components for name, source in group.arrays.items()})
 
 
 def frames(paths, terms):
-    """The ForeignFrames in some files."""
+    """The ThirdPartyFrames in some files."""
     return [frame for path in paths for frame in _frames(Path(path), terms)]
 
 
 def _frames(path, terms):
     content = _content(path, terms)
-    homes = _homes(path, content, terms)
+    homes = _particle_groups(path, content, terms)
     series = _series(homes, content)
     if len(homes) > 1 and series is None:
         raise InputError(
-            f"{path} has particles in several groups ({_listed(homes)}); name one of them, for example --columns "
+            f"{path} has particles in several groups ({_listed(homes)}); choose one, for example --columns "
             f"{_example(content.groups[homes[0]])}"
         )
     if series is None:
@@ -235,7 +230,7 @@ def _frames(path, terms):
 
 
 def _listed(names):
-    """Some names in a message; the root's is /."""
+    """Names for a message; the root is /."""
     more = ", .." if len(names) > MOST_NAMED else ""
     return ", ".join(one_line(name or "/")[:60] for name in names[:MOST_NAMED]) + more
 
@@ -248,8 +243,8 @@ def _example(group):
     return f"position={group.name}/{first[:-2]}" if first.endswith(".x") else f"x={group.name}/{first},.."
 
 
-def _homes(path, content, terms):
-    """Names of the groups that hold a place: where the user says, else by the names in them."""
+def _particle_groups(path, content, terms):
+    """Names of the groups with positions: as declared by the user, else by their array names."""
     asked = {column.lstrip("/") for name, column in terms.column_pairs() if name in VECTORS["position"]}
     paths = {full for group in content.groups.values() for full in _columns(group, True)}
     in_paths = sorted(column for column in asked if "/" in column and column in paths)
@@ -261,14 +256,14 @@ def _homes(path, content, terms):
         homes = [name for name, group in content.groups.items() if asked - set(in_paths) <= set(_columns(group))]
     if homes:
         return homes
-    what = f"no group has all of {', '.join(sorted(asked))}" if asked else "nothing is called a position"
+    what = f"no group has all of {', '.join(sorted(asked))}" if asked else "no array is named as a position"
     arrays = [f"{full} {_shape(s)}" for g in content.groups.values() for full, s in _by_path(g).items()]
-    held = f"it holds {_listed(arrays)}" if arrays else "it holds no rows of numbers"
+    held = f"it contains {_listed(arrays)}" if arrays else "it contains no rows of numbers"
     if content.elsewhere:
         apart = _listed(list(content.elsewhere))
-        held += f"; {apart} lie in other files or behind links and are not read without --trust"
-    cure = "; name the datasets with --columns x=..,y=..,z=.. or position=.." if arrays else ""
-    raise InputError(f"{path}: {what}: {held}{cure}")
+        held += f"; {apart} are in other files or behind links and are not read without --trust"
+    fix = "; name the datasets with --columns x=..,y=..,z=.. or position=.." if arrays else ""
+    raise InputError(f"{path}: {what}: {held}{fix}")
 
 
 def _shape(source):
@@ -302,37 +297,37 @@ def _series(homes, content):
 
 
 def _frame(path, content, home, terms, time, number):
-    """The ForeignFrame of the particles in the group `home`."""
+    """The ThirdPartyFrame of the particles in the group `home`."""
     group = content.groups[home]
     asked = dict(terms.column_pairs())
     if "time" in asked:
-        raise InputError(f"{path}: HDF5 has one time for a file or a group; leave time out of --columns, give --times")
+        raise InputError(f"{path}: HDF5 has one time per file or group; omit time in --columns, give --times")
     candidates = _candidates(group)
     for quantity, places in candidates.items():
         names = VECTORS.get(quantity, (quantity,))
         if len(places) > 1 and quantity != "id" and not all(name in asked for name in names):
             choice = " or ".join(", ".join(place.values()) for place in places)
-            raise InputError(f"{path}: {quantity} may be {one_line(choice)[:200]}; say which with --columns")
-    meant = {name: column for places in candidates.values() for name, column in places[0].items()}
-    sources = _row_sources(path, content, group, asked, meant)
+            raise InputError(f"{path}: {quantity} may be {one_line(choice)[:200]}; choose with --columns")
+    column_map = {name: column for places in candidates.values() for name, column in places[0].items()}
+    sources = _row_sources(path, content, group, asked, column_map)
     count = next(iter(sources.values())).rows
-    return ForeignFrame(
+    return ThirdPartyFrame(
         path=path,
         count=count,
         columns=tuple(columns_of({name: source.components for name, source in sources.items()})),
         read=partial(_read, path, sources),
-        meant=meant,
+        column_map=column_map,
         number=number,
         time=group.time if group.time is not None else time,
         density=content.density,
-        said=content.said,
+        declared=content.declared,
     )
 
 
-def _row_sources(path, content, group, asked, meant):
-    """name -> Source of all that has a row for each particle: the group's by name, all by path, others' by name if
-    it is the only one of that name."""
-    first = asked.get("x") or meant["x"]
+def _row_sources(path, content, group, asked, column_map):
+    """name -> Source of all arrays with a row per particle: of the group by name, of all groups by path, of other
+    groups by unique names."""
+    first = asked.get("x") or column_map["x"]
     everything, times_seen = {}, {}
     for other in content.groups.values():
         everything |= _by_path(other)
@@ -349,13 +344,10 @@ def _row_sources(path, content, group, asked, meant):
     several = [name for name in short if times_seen.get(name, 0) > 1]
     if several:
         raise InputError(
-            f"{path}: {several[0]} lies in several groups ({_listed([p for p in everything if p.endswith(several[0])])}"
-            "); say which with --columns"
+            f"{path}: {several[0]} is in several groups ({_listed([p for p in everything if p.endswith(several[0])])}"
+            "); choose with --columns"
         )
     return of_rows
-
-
-# ------------------------------------------------------------------------------------------------------------ reading
 
 
 def _read(path, sources, names):
@@ -369,12 +361,12 @@ def _array(path, file, source):
     dataset = file[source.dataset]
     where = f"{path}: {source.dataset}"
     if not isinstance(dataset, h5py.Dataset) or elsewhere(dataset.id, path):
-        raise FormatError(f"{where} has changed since it was opened; try again when its code has written it")
+        raise FormatError(f"{where} has changed since it was opened; repeat when its code has finished writing")
     if dataset.shape[:1] != (source.rows,):
-        raise FormatError(f"{where} has shape {dataset.shape}, wanted {source.rows} rows; the file has changed")
-    require_room(where, source.rows, 8 * source.components + dataset.dtype.itemsize, dataset)
+        raise FormatError(f"{where} has shape {dataset.shape}, expected {source.rows} rows; the file has changed")
+    require_memory(where, source.rows, 8 * source.components + dataset.dtype.itemsize, dataset)
     values = dataset.fields(source.field)[()] if source.field else dataset[()]
     return np.asarray(values, np.float64).reshape(source.rows, source.components)
 
 
-READER = ForeignReader("hdf5", recognises, frames, fits)
+READER = Reader("hdf5", recognises, frames, fits)

@@ -1,24 +1,24 @@
-"""VTK files of Kratos' MPMApplication: `<ModelPart>_<rank>_<label>.vtk`, of each step or time.
+"""VTK files of Kratos' MPMApplication: `<ModelPart>_<rank>_<label>.vtk` for each step or time.
 
-Legacy VTK, a vertex a material point, MP_* in fields of the cells. The label is a time where it has decimals, else the
-number of a step, which `ProjectParameters.json` (beside, or a folder up) makes a time; `ParticleMaterials.json` or what
-else the settings name has the density. MP_VOLUME and MP_DENSITY are those of now.
+Legacy VTK, one vertex per material point, MP_* in fields of the cells. The label is a time where it has decimals, else
+the number of a step, which `ProjectParameters.json` (same or parent folder) converts to a time. The materials file of
+the settings (`ParticleMaterials.json`) has the density. MP_VOLUME and MP_DENSITY are current values.
 """
 
 import re
 from pathlib import Path
 
 from ...errors import FormatError
-from .base import ForeignReader, frames_of_pieces, read_settings, same_density, setting, setting_above_zero
+from .base import Reader, frames_of_pieces, read_settings, same_density, setting, setting_above_zero
 from .parsing import column_names
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
-MEANT = {
+COLUMN_MAP = {
     **dict(zip("xyz", column_names(POINTS, 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("MP_VELOCITY", 3), strict=True)),
     "mass": "MP_MASS", "id": "KRATOS_ELEMENT_ID",
 }  # fmt: skip
-DENSITY_WORD = ", or the materials' json beside it; its volumes and densities are those of now"
+DENSITY_HINT = ", or the materials' json in its folder; its volumes and densities are current ones"
 _NAME = re.compile(r"(.+)_(\d{1,9})_(\d{1,15})(\.\d{1,15})?")
 
 
@@ -33,7 +33,7 @@ def recognises(path, head):
 
 
 def frames(paths, terms):
-    """The ForeignFrames in some files; the files of all ranks make one."""
+    """The ThirdPartyFrames in files; the files of all ranks form one frame."""
     return frames_of_pieces(paths, _pieces, open_file)
 
 
@@ -50,14 +50,14 @@ def _pieces(path):
     lacking = [rank for rank in range(len(found)) if rank not in found]
     if lacking:
         raise FormatError(
-            f"{path}: of its ranks {', '.join(map(str, sorted(found)))} are there, {lacking[0]} is missing; bring them "
-            "together in one folder"
+            f"{path}: found ranks {', '.join(map(str, sorted(found)))}, {lacking[0]} is missing; put them into "
+            "one folder"
         )
     return [found[rank] for rank in sorted(found)]
 
 
 def open_file(path):
-    """The ForeignFrame of one rank.
+    """The ThirdPartyFrame of one rank.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def open_file(path):
     path = Path(path)
     layout = read_layout(path)
     if not any(name.startswith("MP_") for name in layout.arrays):
-        raise FormatError(f"{path} has no fields MP_*; it is no file of Kratos' material points")
+        raise FormatError(f"{path} has no fields MP_*; it is not a file of Kratos' material points")
     settings, folder = project_settings(path)
     match = _NAME.fullmatch(path.stem)
     is_time = match is not None and match[4] is not None
@@ -75,16 +75,16 @@ def open_file(path):
     return legacy_frame(
         path,
         layout,
-        meant=MEANT,
+        column_map=COLUMN_MAP,
         number=step,
         time=float(match[3] + match[4]) if is_time else _time_of(settings, step),
         density=materials_density(settings, folder),
-        density_word=DENSITY_WORD,
+        density_hint=DENSITY_HINT,
     )
 
 
 def _time_of(settings, label):
-    """Time [s] of a whole label, which is a step unless the settings say that labels are times."""
+    """Time [s] of an integer label, which is a step unless the settings declare labels as times."""
     if label is None:
         return None
     outputs = setting(settings, "output_processes")
@@ -101,7 +101,7 @@ def _time_of(settings, label):
 
 
 def project_settings(path):
-    """(`ProjectParameters.json` of a run, its folder) beside `path` or a folder up; ({}, None) where there is none."""
+    """(`ProjectParameters.json`, its folder) in the folder of `path` or its parent; ({}, None) where there is none."""
     folder = Path(path).resolve().parent
     for place in (folder, folder.parent):
         settings = read_settings(place / "ProjectParameters.json")
@@ -111,7 +111,7 @@ def project_settings(path):
 
 
 def materials_density(settings, folder):
-    """DENSITY [kg m-3] of all materials that a run's settings name; None where it is not told or not one."""
+    """DENSITY [kg m-3] of all materials in the settings of a run; None where it is missing or not unique."""
     name = setting(settings, "solver_settings", "material_import_settings", "materials_filename")
     if folder is None or not isinstance(name, str):
         return None
@@ -121,4 +121,4 @@ def materials_density(settings, folder):
     return same_density(setting_above_zero(material, "Material", "Variables", "DENSITY") for material in materials)
 
 
-READER = ForeignReader("kratos", recognises, frames)
+READER = Reader("kratos", recognises, frames)

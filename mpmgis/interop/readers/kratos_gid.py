@@ -1,8 +1,8 @@
-"""GiD files of Kratos' MPMApplication: `<name>.post.msh` and `<name>.post.res`, all times in the two.
+"""GiD files of Kratos' MPMApplication: `<name>.post.msh` and `<name>.post.res` with all times.
 
-Text. The mesh holds material points where they were at first, `id x y z` a line; the results hold blocks
-`Result "MP_DISPLACEMENT" "Kratos" <time> Vector OnNodes` of lines `id values`. A point is where it was, and its
-displacement further. Points that later blocks leave out were lost by the code.
+Text. The mesh contains the initial positions of material points, lines of `id x y z`; the results contain blocks
+`Result "MP_DISPLACEMENT" "Kratos" <time> Vector OnNodes` of lines `id values`. A position is the initial position plus
+the displacement. Points that are missing in later blocks were lost by the code.
 """
 
 import re
@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import FormatError
-from .base import ForeignFrame, ForeignReader
-from .kratos import DENSITY_WORD, materials_density, project_settings
+from .base import Reader, ThirdPartyFrame
+from .kratos import DENSITY_HINT, materials_density, project_settings
 from .parsing import column_names, columns_of, mapped, text_numbers
 
 DISPLACEMENT = "MP_DISPLACEMENT"
-MEANT = {
+COLUMN_MAP = {
     **{axis: axis for axis in "xyz"},
     **dict(zip(("vx", "vy", "vz"), column_names("MP_VELOCITY", 3), strict=True)),
     "mass": "MP_MASS", "id": "id",
@@ -35,7 +35,7 @@ _END_MESH = re.compile(rb"^[ \t]*End[ \t]+Coordinates", re.MULTILINE | re.IGNORE
 
 
 class _Block(NamedTuple):
-    """Lines `id values` from `start` to `stop` [bytes]: `rows` of them, of so many `components`."""
+    """Lines `id values` from `start` to `stop` [bytes]: `rows` lines with `components` values."""
 
     start: int
     stop: int
@@ -44,7 +44,7 @@ class _Block(NamedTuple):
 
 
 def recognises(path, head):
-    """True for a mesh of points and for the results beside one."""
+    """True for a mesh of points and for results with such a mesh."""
     path = Path(path)
     if path.name.endswith(".post.res"):
         return head.lstrip().lower().startswith(b"gid post results file") and _mesh_path(path).is_file()
@@ -60,18 +60,18 @@ def _mesh_path(path):
 
 
 def frames(paths, terms):
-    """The ForeignFrames in some pairs of files, each named by either of the two or both."""
+    """The ThirdPartyFrames in pairs of files; a pair is given by one of its files or both."""
     pairs = dict.fromkeys((path.parent, _stem(path)) for path in map(Path, paths))
     return [frame for folder, stem in pairs for frame in open_pair(folder / f"{stem}.post.res")]
 
 
 def open_pair(path):
-    """The ForeignFrames in one file of results.
+    """The ThirdPartyFrames in one file of results.
 
     Raises
     ------
     FormatError
-        No results of points, no mesh beside them, no displacements, damaged.
+        No results of points, no mesh in the same folder, no displacements, damaged.
     """
     mesh = _mesh_block(_mesh_path(path))
     times = _result_blocks(path)
@@ -82,20 +82,20 @@ def open_pair(path):
         moved = blocks.get(DISPLACEMENT)
         if moved is None or moved.components != 3:
             raise FormatError(
-                f"{path}: no {DISPLACEMENT} at {time:g} s, without which the points' places are not known; let Kratos "
-                "write it among the gauss_point_results"
+                f"{path}: no {DISPLACEMENT} at {time:g} s, which gives the positions of the points; add it to the "
+                "gauss_point_results of Kratos"
             )
         shapes = {name: block.components for name, block in blocks.items()}
         frames.append(
-            ForeignFrame(
+            ThirdPartyFrame(
                 path=path,
                 count=moved.rows,
                 columns=("x", "y", "z", "id", *columns_of(shapes)),
                 read=partial(_read, path, mesh, blocks, time),
-                meant=MEANT,
+                column_map=COLUMN_MAP,
                 time=time,
                 density=density,
-                density_word=DENSITY_WORD,
+                density_hint=DENSITY_HINT,
             )
         )
     return frames
@@ -106,10 +106,12 @@ def _mesh_block(path):
         begin = _MESH.search(content, 0, 4096)
         end = _END_MESH.search(content, begin.end()) if begin else None
         if end is None:
-            raise FormatError(f"{path} is no GiD mesh of points (MESH .. ElemType Point, Coordinates, End Coordinates)")
+            raise FormatError(
+                f"{path} is not a GiD mesh of points (MESH .. ElemType Point, Coordinates, End Coordinates)"
+            )
         rows = content[begin.end() : end.start()].count(b"\n")
         if rows == 0:
-            raise FormatError(f"{path}: no point in it")
+            raise FormatError(f"{path}: contains no point")
         return _Block(begin.end(), end.start(), rows, 3)
 
 
@@ -118,7 +120,7 @@ def _result_blocks(path):
     times, at = {}, 0
     with mapped(path) as content:
         if not content[:200].lstrip().lower().startswith(b"gid post results file"):
-            raise FormatError(f"{path} is no GiD file of results (it does not begin with 'GiD Post Results File')")
+            raise FormatError(f"{path} is not a GiD file of results (it does not begin with 'GiD Post Results File')")
         for _ in range(MOST_BLOCKS):
             found = _RESULT.search(content, at)
             if found is None:
@@ -132,12 +134,12 @@ def _result_blocks(path):
             width = len(text[:500].split(b"\n")[0].split())
             block = _Block(begin.end(), end.start(), text.count(b"\n"), max(width - 1, 0))
             if name in times.setdefault(time, {}):
-                raise FormatError(f"{path}: {name} is there twice for {time:g} s")
+                raise FormatError(f"{path}: {name} occurs twice for {time:g} s")
             if block.rows and block.components:
                 times[time][name] = block
             at = end.end()
     if not times:
-        raise FormatError(f"{path} holds no results of points (Result .. OnNodes)")
+        raise FormatError(f"{path} contains no results of points (Result .. OnNodes)")
     return times
 
 
@@ -147,7 +149,7 @@ def _time(path, word):
     except ValueError:
         time = np.nan
     if not np.isfinite(time):
-        raise FormatError(f"{path}: {word.decode('ascii', 'replace')[:20]!r} is no time of a Result")
+        raise FormatError(f"{path}: {word.decode('ascii', 'replace')[:20]!r} is not a time of a Result")
     return time
 
 
@@ -158,7 +160,7 @@ def _rows(path, block, what):
     width = 1 + block.components
     values = text_numbers(text, block.rows * width, path, what).reshape(block.rows, width)
     if not (np.isfinite(values[:, 0]) & (np.abs(values[:, 0]) < 2**53)).all():
-        raise FormatError(f"{path}: {what}: the first number of a line is no id; it is damaged")
+        raise FormatError(f"{path}: {what}: the first number of a line is not an id; it is damaged")
     return values[:, 0].astype(np.int64), values[:, 1:]
 
 
@@ -166,7 +168,7 @@ def _read(path, mesh, blocks, time, names):
     ids, moved = _rows(path, blocks[DISPLACEMENT], f"{DISPLACEMENT} at {time:g} s")
     order = np.argsort(ids, kind="stable")
     if (np.diff(ids[order]) == 0).any():
-        raise FormatError(f"{path}: {DISPLACEMENT} at {time:g} s names a point twice")
+        raise FormatError(f"{path}: {DISPLACEMENT} at {time:g} s has a point twice")
     arrays = {DISPLACEMENT: moved}
     found = {"id": ids.astype(np.float64)} if "id" in names else {}
     if {"x", "y", "z"} & set(names):
@@ -184,7 +186,7 @@ def _read(path, mesh, blocks, time, names):
 
 
 def _ordered(path, ids, values, wanted, what="its coordinates"):
-    """The rows of `values` for the points `wanted`."""
+    """The rows of `values` for the point ids `wanted`."""
     order = np.argsort(ids, kind="stable")
     place = np.minimum(np.searchsorted(ids[order], wanted), len(ids) - 1)
     rows = order[place]
@@ -194,4 +196,4 @@ def _ordered(path, ids, values, wanted, what="its coordinates"):
     return values[rows]
 
 
-READER = ForeignReader("kratos-gid", recognises, frames)
+READER = Reader("kratos-gid", recognises, frames)

@@ -1,8 +1,8 @@
-"""How dumps of LAMMPS and its like make up a series: pieces of a parallel run, steps that are written twice.
+"""Series of LAMMPS dumps: pieces of a parallel run and steps that are written twice.
 
-A `%` in the name of a dump becomes the rank, which stands nowhere in the file: files of the same step are pieces where
-no grain is in two of them. A run that goes on from a restart writes the step that it starts from again, at the end of
-the same file (`append yes`) or into another. Karamelo names its pieces `proc-<rank>.` and always writes step 0.
+A `%` in the name of a dump becomes the rank, which is not stored in the file: files of the same step are pieces if no
+grain occurs in two of them. A restarted run repeats its first step, at the end of the same file (`append yes`) or in
+another file. Karamelo names its pieces `proc-<rank>.` and always writes step 0.
 """
 
 import re
@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"\d{1,15}")
 
 
 def pieces_by_name(path):
-    """The files of all ranks of this one's step, where their names say `proc-<rank>.`, as Karamelo's do."""
+    """The files of all ranks with the step of `path`, named `proc-<rank>.` as by Karamelo."""
     match = _PIECE.fullmatch(path.name)
     if match is None:
         return [path]
@@ -31,16 +31,16 @@ def pieces_by_name(path):
     }
     lacking = [rank for rank in range(len(found)) if rank not in found]
     if lacking:
-        raise FormatError(f"{path}: the piece of rank {lacking[0]} is missing; bring them together in one folder")
+        raise FormatError(f"{path}: the piece of rank {lacking[0]} is missing; put them into one folder")
     return [found[rank] for rank in sorted(found)]
 
 
 def numbered_by_name(frames):
-    """Frames that all say step 0, as Karamelo writes them: their steps are in their names."""
+    """Frames that all have step 0, as Karamelo writes them, with the steps of their file names."""
     names = [_PIECE.fullmatch(frame.path.name) or _LAST_NUMBER.fullmatch(frame.path.name) for frame in frames]
     numbers = [None if match is None else int(match[3] if match.re is _PIECE else match[1]) for match in names]
     if len(frames) == 1 and numbers[0] is not None and numbers[0] != 0:
-        numbers = [None]  # one file alone does not show whether its name's number is a step
+        numbers = [None]  # for a single file it is unknown whether the number is a step
     elif None in numbers or len(set(numbers)) < len(numbers):
         return frames
     return [
@@ -49,11 +49,11 @@ def numbered_by_name(frames):
     ]
 
 
-def with_pieces_beside(paths, first_step, open_file):
-    """`paths`, and pieces of the same parallel run that lie beside them and were not named.
+def with_all_pieces(paths, first_step, open_file):
+    """`paths`, and further pieces of the same parallel run in their folders.
 
-    Their names differ in one number, they begin with the same step, and hold other grains. `first_step(path)` is None
-    for what is no dump, `open_file(path)` gives the ForeignFrames.
+    Names of pieces differ in one number; the first step is the same and the grains are different. `first_step(path)`
+    is None for other files, `open_file(path)` returns the ThirdPartyFrames.
     """
     named = {path.resolve() for path in paths}
     likes = {(path.parent, _likeness(path)) for path in paths}
@@ -81,10 +81,10 @@ def _likeness(path):
 
 
 def _are_pieces(series, path, open_file):
-    """Whether the dump at `path` holds other grains than a series, by the first step in which both have any."""
+    """Whether the dump at `path` has other grains than a series, in the first step where both have grains."""
     try:
         other = open_file(path)
-    except FormatError:  # another run's, which is being written
+    except FormatError:  # of another run, incomplete
         return False
     if [frame.number for frame in series] != [frame.number for frame in other]:
         return False
@@ -93,17 +93,15 @@ def _are_pieces(series, path, open_file):
 
 
 def _disjoint(frames):
-    """Whether no grain, by its id, is in two of some frames; False where they have no ids."""
+    """Whether no grain (id) is in two of the frames; False without ids."""
     if not all("id" in frame.columns for frame in frames):
         return False
     ids = np.concatenate([frame.read(("id",))["id"] for frame in frames])
     return len(np.unique(ids)) == len(ids)
 
 
-def one_a_step(frames):
-    """`frames`, of each step one: pieces in other files joined, what a restart wrote again left out.
-
-    What is neither stays as it is.
+def one_per_step(frames):
+    """One frame per step: pieces are joined, steps repeated by a restart are omitted; others are unchanged.
 
     Raises
     ------
@@ -130,19 +128,19 @@ def _of_one_step(frames):
 
 
 def _are_same(frame, other):
-    """Whether two frames hold the same grains in the same places, in any order."""
-    names = tuple(dict.fromkeys(frame.meant.values()))
-    if frame.meant != other.meant or frame.count != other.count or "id" not in frame.meant:
+    """Whether two frames have the same grains with the same values, in any order."""
+    names = tuple(dict.fromkeys(frame.column_map.values()))
+    if frame.column_map != other.column_map or frame.count != other.count or "id" not in frame.column_map:
         return False
     tables = []
     for values in (frame.read(names), other.read(names)):
-        order = np.argsort(values[frame.meant["id"]], kind="stable")
+        order = np.argsort(values[frame.column_map["id"]], kind="stable")
         tables.append(np.stack([values[name][order] for name in names]))
     return np.array_equal(*tables)
 
 
 def _varying(paths):
-    """Sets of numbers, of those places in the names where they differ; [] for names that differ in other things."""
+    """Sets of the numbers that differ between the names; [] for names that differ in other parts."""
     if len({_likeness(path) for path in paths}) > 1:
         return []
     columns = zip(*(_NUMBER.findall(path.name) for path in paths), strict=True)
@@ -150,12 +148,12 @@ def _varying(paths):
 
 
 def _require_all_ranks(paths):
-    """Refuse pieces of which a rank is missing between 0 and the last."""
+    """Refuse pieces with a missing rank between 0 and the last."""
     varying = _varying(paths)
     if len(varying) == 1:
         lacking = sorted(set(range(max(varying[0]))) - varying[0])
         if lacking:
             raise FormatError(
-                f"{paths[0]} is one of {len(paths)} pieces of a step, and that of rank {lacking[0]} is missing; bring "
-                "them together in one folder"
+                f"{paths[0]} is one of {len(paths)} pieces of a step, the piece of rank {lacking[0]} is missing; put "
+                "them into one folder"
             )

@@ -1,6 +1,6 @@
-"""Files of the code Matter (larsblatny/matter): `particles_f<N>.ply` and `info.txt` beside them.
+"""Files of the code Matter (larsblatny/matter): `particles_f<N>.ply` and `info.txt` in the same folder.
 
-Binary PLY, one row a particle: x y z vx vy vz p q Je and more of plasticity; no mass, volume, density, time or id.
+Binary PLY, one row per particle: x y z vx vy vz p q Je and plastic variables; no mass, volume, density, time or id.
 `info.txt` has five lines: last frame, frames per second, grid spacing [m], particles, volume of each [m3].
 """
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from ...errors import FormatError
 from ...io.input_files import require_file
-from .base import ForeignFrame, ForeignReader, frame_of_each, number_of
+from .base import Reader, ThirdPartyFrame, frame_of_each, number_of
 from .ply import fits, read_ply_columns, read_ply_header
 
-SIGNATURE = {"x", "y", "vx", "vy", "p", "q", "Je"}  # of its particles; its grid has a mass and none of the last three
-MEANT = {name: name for name in ("x", "y", "z", "vx", "vy", "vz")}
+SIGNATURE = {"x", "y", "vx", "vy", "p", "q", "Je"}  # of its particles; its grid has a mass, but none of the last three
+COLUMN_MAP = {name: name for name in ("x", "y", "z", "vx", "vy", "vz")}
 _INFO = ("end_frame", "frames_per_second", "cell_size", "particles", "particle_volume")
 
 
@@ -28,53 +28,53 @@ def recognises(path, head):
 
 
 def open_file(path):
-    """The ForeignFrame at `path`.
+    """The ThirdPartyFrame at `path`.
 
     Raises
     ------
     FormatError
-        No PLY, damaged, in two dimensions, not Matter's columns, or an info.txt of something else.
+        No PLY, damaged, two-dimensional, columns of another code, or an invalid info.txt.
     """
     path = Path(path)
     header = read_ply_header(path)
     lacking = sorted(SIGNATURE - set(header.columns))
     if lacking:
-        raise FormatError(f"{path} has no {', '.join(lacking)} for its particles; it is no particle file of Matter")
+        raise FormatError(f"{path} lacks {', '.join(lacking)}; it is not a particle file of Matter")
     if "z" not in header.columns:
-        raise FormatError(f"{path} is a run of Matter in two dimensions (no z); only three can be put on a map")
+        raise FormatError(f"{path} is two-dimensional (no z), expected a run of Matter in three dimensions")
     info, number = _read_info(path.parent / "info.txt", header.count), number_of(path)
     timed = bool(info) and number is not None
-    return ForeignFrame(
+    return ThirdPartyFrame(
         path=path,
         count=header.count,
         columns=header.columns,
         read=partial(read_ply_columns, path, header),
-        meant=MEANT,
+        column_map=COLUMN_MAP,
         number=number,
         time=number / info["frames_per_second"] if timed else None,
         particle_volume=info.get("particle_volume"),
         cell_size=info.get("cell_size"),
-        axes_word=" e,u,-n in Matter's own scenes, whose y is up",
+        axes_hint=" e,u,-n in scenes of Matter, with y up",
     )
 
 
 def _read_info(path, count):
-    """What `info.txt` says that the particles do not; empty where there is none."""
+    """Values of `info.txt`; {} where it does not exist."""
     if not path.exists():
         return {}
     require_file(path)
     try:
         values = dict(zip(_INFO, map(float, path.read_text(encoding="utf-8").split()), strict=True))
     except (ValueError, OSError) as error:
-        raise FormatError(f"{path}: wanted five numbers, one a line ({', '.join(_INFO)})") from error
+        raise FormatError(f"{path}: expected five numbers, one per line ({', '.join(_INFO)})") from error
     if not all(np.isfinite(value) and value > 0 for name, value in values.items() if name != "end_frame"):
         raise FormatError(f"{path}: {', '.join(_INFO[1:])} must be above 0")
     if int(values["particles"]) != count:
         raise FormatError(
-            f"{path} is of {int(values['particles'])} particles, the frame beside it holds {count}: particles were "
-            "lost or the file is of another run; move it away and give --fps and --particle-volume"
+            f"{path} has {int(values['particles'])} particles, the frame {count}: particles were lost or the file is "
+            "of another run; move it and give --fps and --particle-volume"
         )
     return values
 
 
-READER = ForeignReader("matter", recognises, frame_of_each(open_file))
+READER = Reader("matter", recognises, frame_of_each(open_file))

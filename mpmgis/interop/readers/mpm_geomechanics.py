@@ -1,25 +1,26 @@
-"""Files of MPM-Geomechanics: `particles/particles_<k>.vtu` and `particleTimeSerie.pvd`, which has their times.
+"""Files of MPM-Geomechanics: `particles/particles_<k>.vtu` and `particleTimeSerie.pvd` with their times.
 
-VTK's XML as text with five significant digits; neither mass nor volume. What is not `Particle Active` has left.
+VTK XML as text with five significant digits, without mass and volume. Particles that are not `Particle Active` have
+left the domain.
 """
 
 from dataclasses import replace
 
 from ...errors import FormatError
-from .base import ForeignReader
+from .base import Reader
 from .parsing import column_names
 from .vtk import PLACES, frames, kind_of, read_list
 from .vtk_xml import read_layout
 
 SIGNATURE = "Particle Id"
-MEANT = PLACES | {
+COLUMN_MAP = PLACES | {
     **dict(zip(("vx", "vy", "vz"), column_names("Velocity", 3), strict=True)),
     "id": SIGNATURE, "active": "Particle Active",
 }  # fmt: skip
 
 
 def recognises(path, head):
-    """True for .vtu with "Particle Id", and for a .pvd that lists such."""
+    """True for .vtu with "Particle Id", and for a .pvd that lists such files."""
     kind = kind_of(head)
     try:
         if kind == "Collection":
@@ -32,8 +33,8 @@ def recognises(path, head):
 
 def _known(frame):
     if SIGNATURE not in frame.columns:
-        raise FormatError(f"{frame.path} has no {SIGNATURE!r}; it is no file of MPM-Geomechanics")
-    return replace(frame, meant=MEANT)
+        raise FormatError(f"{frame.path} has no {SIGNATURE!r}; it is not a file of MPM-Geomechanics")
+    return replace(frame, column_map=COLUMN_MAP)
 
 
-READER = ForeignReader("mpm-geomechanics", recognises, lambda paths, terms: frames(paths, terms, _known))
+READER = Reader("mpm-geomechanics", recognises, lambda paths, terms: frames(paths, terms, _known))

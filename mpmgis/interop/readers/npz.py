@@ -1,4 +1,4 @@
-"""NumPy's .npz: its arrays one by one, never unpickled; and the reader of those that no one code wrote."""
+"""NumPy archives (.npz): arrays one by one, never unpickled; and the reader of general ones."""
 
 from functools import partial
 from io import BytesIO
@@ -9,15 +9,15 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from ...io.input_files import MAGIC, opened_zip, require_unpacked_fits
-from .base import ForeignFrame, ForeignReader, frame_of_each, number_of, require_readable
+from .base import Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
 from .parsing import columns_of, picked, plainly_named
 
 MOST_COMPONENTS = 100
-LONGEST_HEADER = 10_000  # bytes, as NumPy's own limit; a header may say that it has 4 GB
+LONGEST_HEADER = 10_000  # [bytes] as the limit of NumPy; a header can declare 4 GB
 
 
 class Member(NamedTuple):
-    """An array of numbers in the archive: where its values begin [bytes], its shape, dtype and order."""
+    """An array of numbers in the archive: start of its values [bytes], shape, dtype and order."""
 
     name: str
     start: int
@@ -27,7 +27,7 @@ class Member(NamedTuple):
 
 
 def read_members(path):
-    """Dict of name and Member of all arrays of numbers; those of objects, which would be unpickled, are left out.
+    """Dict of name and Member of all arrays of numbers; arrays of (pickled) objects are omitted.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def read_members(path):
                 if member is not None:
                     found[info.filename.removesuffix(".npy")] = member
     if not found:
-        raise FormatError(f"{path} holds no arrays of numbers (.npy)")
+        raise FormatError(f"{path} contains no arrays of numbers (.npy)")
     return found
 
 
 def _member(path, archive, info):
-    """The Member that an entry holds; None where that is not made of numbers."""
+    """The Member of an entry; None where it has other types than numbers."""
     with archive.open(info) as file:
         stream = BytesIO(file.read(LONGEST_HEADER + 12))
         try:
@@ -56,7 +56,7 @@ def _member(path, archive, info):
             read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
             shape, fortran, dtype = read(stream, max_header_size=LONGEST_HEADER)
         except (ValueError, KeyError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError) as error:
-            raise FormatError(f"{path}: {info.filename} is no array of NumPy ({one_line(error)[:60]})") from error
+            raise FormatError(f"{path}: {info.filename} is not an array of NumPy ({one_line(error)[:60]})") from error
         start = stream.tell()
     if dtype.kind not in "fiub" or dtype.hasobject:
         return None
@@ -73,7 +73,7 @@ def _size(shape):
 
 
 def read_array(path, member):
-    """float64[n, components] of one Member, components all that lie behind the first axis.
+    """float64[n, components] of one Member; components are all axes after the first.
 
     Raises
     ------
@@ -81,12 +81,12 @@ def read_array(path, member):
         Damaged: truncated, or another checksum.
     """
     size = _size(member.shape)
-    bytes_each = 2 * np.dtype(member.dtype).itemsize + 8  # packed, in order, as float64
+    bytes_each = 2 * np.dtype(member.dtype).itemsize + 8  # compressed, ordered, as float64
     require_unpacked_fits(f"{path}: {member.name}", size * bytes_each)
     with opened_zip(path, ".npz") as archive, archive.open(member.name) as stream:
         stream.read(member.start)
         raw = stream.read(size * np.dtype(member.dtype).itemsize)
-        stream.read(1)  # reaching the end is what makes zipfile compare the checksum
+        stream.read(1)  # zipfile checks the checksum at the end
     values = np.frombuffer(raw, member.dtype, size)
     values = values.reshape(member.shape, order="F" if member.fortran else "C")
     return values.astype(np.float64).reshape(member.shape[0] if member.shape else 1, -1)
@@ -103,14 +103,14 @@ def component_counts(members):
 
 
 def rowed(members, count):
-    """Those of `members` that have a row for each of `count` particles."""
+    """The `members` with a row for each of `count` particles."""
     rows = {name: member for name, member in members.items() if member.shape[:1] == (count,)}
     counts = component_counts(rows)
     return {name: member for name, member in rows.items() if 0 < counts[name] <= MOST_COMPONENTS}
 
 
 def single(path, members, *names):
-    """The first of some arrays that holds one finite number; None where none does."""
+    """The number in the first of the arrays `names` that exists with one value; None without a finite one."""
     for name in names:
         if name in members and _size(members[name].shape) == 1:
             value = float(read_array(path, members[name])[0, 0])
@@ -124,18 +124,18 @@ def fits(path, head):
 
 
 def recognises(path, head):
-    """True for an archive with a place and a velocity."""
+    """True for an archive with position and velocity."""
     if not fits(path, head):
         return False
     try:
         frame = open_file(path)
     except FormatError:
         return False
-    return {"x", "vx"} <= set(frame.meant)
+    return {"x", "vx"} <= set(frame.column_map)
 
 
-def open_file(path, meant=None, count=None):
-    """The ForeignFrame in an archive; `meant` as a code has it, `count` of its particles.
+def open_file(path, column_map=None, count=None):
+    """The ThirdPartyFrame in an archive; `column_map` of the code, `count` particles.
 
     Raises
     ------
@@ -146,17 +146,17 @@ def open_file(path, meant=None, count=None):
         count = max((member.shape[0] for member in members.values() if member.shape), default=0)
     members_of_rows = rowed(members, count)
     if count == 0 or not members_of_rows:
-        raise FormatError(f"{path}: no particle in it")
+        raise FormatError(f"{path}: contains no particle")
     components = component_counts(members_of_rows)
-    return ForeignFrame(
+    return ThirdPartyFrame(
         path=path,
         count=count,
         columns=tuple(columns_of(components)),
         read=partial(read_columns, path, members_of_rows),
-        meant=plainly_named(components) if meant is None else meant,
+        column_map=plainly_named(components) if column_map is None else column_map,
         number=number_of(path),
         time=single(path, members, "t_current", "time", "TimeValue", "t"),
     )
 
 
-READER = ForeignReader("npz", recognises, frame_of_each(open_file), fits)
+READER = Reader("npz", recognises, frame_of_each(open_file), fits)

@@ -1,4 +1,4 @@
-"""Parquet tables, a particle a row; several times in one file are told apart by a column of times."""
+"""Parquet tables with one row per particle; a column of times separates several times in one file."""
 
 from contextlib import contextmanager
 from functools import partial
@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from ...errors import FormatError, one_line
-from ...io.extras import needed_for
-from .base import ForeignReader, require_readable, require_room
+from ...io.libraries import needed_for
+from .base import Reader, require_memory, require_readable
 from .parsing import (
     frame_of_rows,
     frames_of_tables,
@@ -19,7 +19,7 @@ from .parsing import (
 )
 
 MAGIC = b"PAR1"
-OWN_NOTE = b"mpmgis"  # key of the schema's metadata that a seed of mpmgis has
+OWN_NOTE = b"mpmgis"  # metadata key of seeds of mpmgis
 
 
 def fits(path, head):
@@ -28,7 +28,7 @@ def fits(path, head):
 
 
 def recognises(path, head):
-    """True for a table with the columns of a place and a velocity."""
+    """True for a table with columns of position and velocity."""
     if not fits(path, head):
         return False
     try:
@@ -41,14 +41,14 @@ def recognises(path, head):
 @contextmanager
 def _opened(path):
     with needed_for(f"{path}: Parquet", "parquet"):
-        import pyarrow.parquet  # brings a fifth of a second, which frames of mpmgis do without
+        import pyarrow.parquet  # 0.2 s; not needed for frames of mpmgis
 
     require_readable(path)
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             yield file
     except (pyarrow.ArrowException, OSError, ValueError) as error:
-        raise FormatError(f"{path} is no readable Parquet file ({one_line(error)[:100]}); it is damaged") from error
+        raise FormatError(f"{path} is not a readable Parquet file ({one_line(error)[:100]}); it is damaged") from error
 
 
 def _columns(file):
@@ -61,7 +61,7 @@ def _columns(file):
 
 
 def open_file(path, time_column=None):
-    """The ForeignFrames in one table, by the times in `time_column`, or else in one that is called so.
+    """The ThirdPartyFrames in one table, by the times in `time_column`, or else in one that is called so.
 
     Raises
     ------
@@ -71,14 +71,14 @@ def open_file(path, time_column=None):
     with _opened(path) as file:
         columns, count = _columns(file), file.metadata.num_rows
         if OWN_NOTE in (file.schema_arrow.metadata or {}):
-            raise FormatError(f"{path} is a seed of columns that mpmgis wrote; its frame (.h5) can be exported")
+            raise FormatError(f"{path} is a seed of columns by mpmgis; export its frame (.h5) instead")
     if count <= 0 or not columns:
-        raise FormatError(f"{path}: no particle in it")
-    meant = plainly_named(dict.fromkeys(columns, 1))
-    time_column = time_column_of(path, columns, meant, time_column)
+        raise FormatError(f"{path}: contains no particle")
+    column_map = plainly_named(dict.fromkeys(columns, 1))
+    time_column = time_column_of(path, columns, column_map, time_column)
     parts = [(None, count)] if time_column is None else _parts(path, time_column, count)
     return [
-        frame_of_rows(path, columns, meant, time, rows, partial(_read, path, time_column, time, rows))
+        frame_of_rows(path, columns, column_map, time, rows, partial(_read, path, time_column, time, rows))
         for time, rows in parts
     ]
 
@@ -92,7 +92,7 @@ def _values(path, names, groups=None):
 
 def _parts(path, time_column, count):
     """(Time [s], rows) of every time."""
-    require_room(path, count, 32)
+    require_memory(path, count, 32)
     times = _values(path, [time_column])[time_column]
     if len(times) != count or not np.isfinite(times).all():
         raise FormatError(f"{path}: a time in its column {time_column!r} is missing or infinite")
@@ -102,7 +102,7 @@ def _parts(path, time_column, count):
 
 
 def _groups_of(path, time_column, time):
-    """The row groups that may hold a time, by their statistics."""
+    """The row groups that may contain a time, by their statistics."""
     with _opened(path) as file:
         paths = [file.metadata.schema.column(k).path for k in range(file.metadata.num_columns)]
         wanted = []
@@ -122,4 +122,4 @@ def _read(path, time_column, time, count, names):
     return require_rows(path, rows_of_time(found, time_column, time), names, count)
 
 
-READER = ForeignReader("parquet", recognises, frames_of_tables(open_file), fits)
+READER = Reader("parquet", recognises, frames_of_tables(open_file), fits)

@@ -1,4 +1,4 @@
-"""Building blocks of readers: vector components, numbers as text, memory-mapped files, rows, tables with times."""
+"""Functions for readers: vector components, numbers in text, memory-mapped files, rows, tables with times."""
 
 import csv
 import mmap
@@ -13,9 +13,9 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from ..declarations import COMPONENTS, VECTORS
-from .base import ForeignFrame, number_of, require_readable, require_room
+from .base import ThirdPartyFrame, number_of, require_memory, require_readable
 
-SYNONYMS = {  # names that say what they are, in small letters, for files that no one code wrote
+SYNONYMS = {  # column names in lower case, for general formats
     "position": ("position", "positions", "pos", "coordinates", "coords", "points", "x"),
     "velocity": ("velocity", "velocities", "vel", "v", "u"),
     "id": ("id", "ids", "particle_id", "particleid", "particleids"),
@@ -53,16 +53,16 @@ def picked(read_array, arrays, names):
 
 
 def plainly_named(arrays):
-    """Our names and columns for arrays (name -> components) whose names say what they are, in any case of letters."""
+    """Names of mpmgis and columns for arrays (name -> components) with names of SYNONYMS, in any case."""
     found = candidates_named(arrays)
     return {name: column for places in found.values() for name, column in places[0].items()}
 
 
 def candidates_named(arrays):
-    """Our quantities and all that may be them, each as our names and columns, the likeliest first.
+    """Quantities of mpmgis and their candidates, each as names and columns, the most likely first.
 
-    `arrays` (name -> components) whose names say what they are, in any case of letters. A place or a velocity is a
-    vector, or as many of its components as there are by their own names.
+    `arrays` (name -> components) are matched with SYNONYMS, in any case. A position or a velocity is a vector, or its
+    components by name.
     """
     small = {}
     for name, components in arrays.items():
@@ -82,9 +82,9 @@ def candidates_named(arrays):
 
 
 def require_whole(path, what, got, wanted):
-    """Refuse an array that has other than the wanted number of values."""
+    """Refuse an array with another number of values than expected."""
     if got != wanted:
-        raise FormatError(f"{path}: {what} holds {got} numbers, wanted {wanted}; it is truncated or damaged")
+        raise FormatError(f"{path}: {what} has {got} numbers, expected {wanted}; it is truncated or damaged")
 
 
 def text_numbers(text, count, path, what, more=False):
@@ -93,33 +93,33 @@ def text_numbers(text, count, path, what, more=False):
     Raises
     ------
     FormatError
-        Something else than numbers, or not as many.
+        Other content than numbers, or another count.
     """
-    if len(text) < 2 * count - 1:  # a digit and a blank each; so that no count makes room for what is not there
+    if len(text) < 2 * count - 1:  # one digit and one blank each; no memory for missing numbers
         require_whole(path, what, f"at most {(len(text) + 1) // 2}", count)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # how NumPy says that it came upon something else
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy's report of other content
         try:
-            values = np.fromstring(text, np.float64, sep=" ")  # given a count it hands out memory that it never filled
+            values = np.fromstring(text, np.float64, sep=" ")  # with a count it would return uninitialised memory
         except (DeprecationWarning, ValueError):
-            raise FormatError(f"{path}: {what} holds something else than numbers; it is damaged") from None
+            raise FormatError(f"{path}: {what} contains something else than numbers; it is damaged") from None
     values = values[:count] if more else values
     require_whole(path, what, len(values), count)
     return values
 
 
 GZIP = b"\x1f\x8b\x08"
-AT_ONCE = 4_000_000  # bytes of a .gz that are unpacked at a time
+AT_ONCE = 4_000_000  # [bytes] of a .gz decompressed at a time
 
 
 @contextmanager
 def mapped(path):
-    """The bytes of the file at `path`: a read-only mmap, what is taken of which must be copied; of a .gz bytes.
+    """The bytes of the file at `path`: a read-only mmap, from which data must be copied; bytes of a .gz.
 
     Raises
     ------
     FormatError
-        Missing, empty, or not to be opened; a .gz that is damaged, or too large when unpacked.
+        Missing, empty or not readable; a .gz that is damaged, or too large when decompressed.
     """
     require_readable(path)
     with open(path, "rb") as file:
@@ -137,19 +137,19 @@ def mapped(path):
 
 @lru_cache(maxsize=1)  # the frames of a file are read one after the other
 def _unpacked(path, size, changed):
-    """All bytes in a .gz; `size` and `changed` tell it from what was there before."""
+    """All bytes in a .gz; `size` and `changed` identify the version of the file."""
     parts, total = [], 0
     for part in _parts(path):
         total += len(part)
-        require_room(path, 2 * total, 1)
+        require_memory(path, 2 * total, 1)
         parts.append(part)
     if total == 0:
-        raise FormatError(f"{path} is empty when unpacked")
+        raise FormatError(f"{path} is empty when decompressed")
     return b"".join(parts)
 
 
 def _parts(path):
-    """The bytes in a .gz, in parts; it may be several in a row, as programs that append make it."""
+    """The bytes in a .gz, in parts; it may contain several streams, as by programs that append."""
     stream = zlib.decompressobj(wbits=31)
     with open(path, "rb") as file:
         packed = file.read(AT_ONCE)
@@ -157,17 +157,17 @@ def _parts(path):
             try:
                 yield stream.decompress(packed, AT_ONCE)
             except zlib.error as error:
-                raise FormatError(f"{path} cannot be unpacked ({one_line(error)[:60]}); it is damaged") from error
+                raise FormatError(f"{path} cannot be decompressed ({one_line(error)[:60]}); it is damaged") from error
             packed = stream.unused_data if stream.eof else stream.unconsumed_tail
             packed = packed or file.read(AT_ONCE)
             if stream.eof and packed:
                 stream = zlib.decompressobj(wbits=31)
     if not stream.eof:
-        raise FormatError(f"{path} ends before all is unpacked; it is truncated")
+        raise FormatError(f"{path} ends within its compressed data; it is truncated")
 
 
 def unpacked_head(head, size):
-    """The first `size` bytes of a file that begins with `head`; of a .gz unpacked, as far as that goes."""
+    """The first `size` bytes of a file that begins with `head`; a .gz is decompressed as far as possible."""
     if not head.startswith(GZIP):
         return head
     stream, found = zlib.decompressobj(wbits=31), b""
@@ -181,19 +181,19 @@ def unpacked_head(head, size):
     return found[:size]
 
 
-# bytes that Arrow takes at a time: further threads gain nothing for a text of that size, and a process that ends while
-# they have only just begun may abort (apache/arrow#34314)
+# [bytes] block size of Arrow: more threads gain nothing for smaller texts, and a process that ends just after their
+# start may abort (apache/arrow#34314)
 ONE_BLOCK = 1 << 20
-# what Arrow takes for a number that is missing
+# texts that Arrow reads as a missing number
 NO_NUMBER = frozenset(
     {"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN", "N/A", "NA", "NULL"}
     | {"NaN", "n/a", "nan", "null"}
 )
-BLANK = " "  # a delimiter that stands for any number of blanks and tabs
+BLANK = " "  # delimiter for any number of blanks and tabs
 
 
 class Form(NamedTuple):
-    """How a table is written: names of its `columns`, `delimiter`, `decimal` sign, first byte of its rows."""
+    """Format of a table: names of the `columns`, `delimiter`, `decimal` sign, first byte of the rows (`start`)."""
 
     columns: tuple
     delimiter: str
@@ -207,14 +207,14 @@ def read_rows(path, start, stop, form, names):
     Raises
     ------
     FormatError
-        A row with more or fewer columns, or something else than numbers in the columns `names`.
+        A row with another number of columns, or other content than numbers in the columns `names`.
     """
     with mapped(path) as content:
         raw = content[start : len(content) if stop is None else stop]
     if form.delimiter == BLANK:
-        raw = _even(raw)
+        raw = _single_spaced(raw)
     try:
-        import pyarrow.csv  # brings a tenth of a second, which frames of mpmgis do without
+        import pyarrow.csv  # 0.1 s; not needed for frames of mpmgis
     except ImportError:
         return read_by_python(path, raw, form, names)
     try:
@@ -235,12 +235,12 @@ def read_rows(path, start, stop, form, names):
 
 
 def read_by_python(path, raw, form, names):
-    """As `read_rows` for the bytes `raw` of the file at `path`, without Arrow: two seconds a million rows.
+    """As `read_rows` for the bytes `raw` of the file at `path`, without Arrow: 2 s per million rows.
 
     Raises
     ------
     FormatError
-        As of `read_rows`.
+        As `read_rows`.
     """
     text = raw.decode("utf-8", "replace")
     places, width = [form.columns.index(name) for name in names], len(form.columns)
@@ -250,7 +250,7 @@ def read_by_python(path, raw, form, names):
             if not row:
                 continue
             if len(row) != width:
-                raise ValueError(f"row {len(values) + 1} has {len(row)} columns, wanted {width}")
+                raise ValueError(f"row {len(values) + 1} has {len(row)} columns, expected {width}")
             values.append([_number(row[place], form.decimal) for place in places])
     except (ValueError, csv.Error) as error:
         raise FormatError(f"{path}: its rows: {one_line(error)[:120]}; it is damaged") from error
@@ -259,16 +259,16 @@ def read_by_python(path, raw, form, names):
 
 
 def _number(text, decimal):
-    """The number that `text` is, NaN where it is missing."""
+    """The number in `text`, NaN where it is missing."""
     text = text.strip()
     if text in NO_NUMBER:
         return np.nan
     if "_" in text:
-        raise ValueError(f"{text[:40]!r} is no number")
+        raise ValueError(f"{text[:40]!r} is not a number")
     return float(text if decimal == "." else text.replace(decimal, "."))
 
 
-def _even(raw):
+def _single_spaced(raw):
     """Rows with one blank between numbers and none at the ends of lines."""
     raw = raw.replace(b"\t", b" ").replace(b"\r\n", b"\n")
     while b"  " in raw:
@@ -280,7 +280,7 @@ MOST_TIMES = 100_000
 
 
 def frames_of_tables(open_file):
-    """`frames` of a ForeignReader of tables, whose `open_file(path, time_column)` gives the frames of one."""
+    """`frames` of a Reader of tables; `open_file(path, time_column)` returns the frames of one table."""
     return partial(_frames, open_file)
 
 
@@ -288,22 +288,22 @@ def _frames(open_file, paths, terms):
     return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
 
 
-def time_column_of(path, columns, meant, asked=None):
-    """The column of times of a table: the one `asked` for, else the one that is called so, else None.
+def time_column_of(path, columns, column_map, asked=None):
+    """The column of times of a table: `asked`, else the column named time, else None.
 
     Raises
     ------
     FormatError
         The table has no such column.
     """
-    found = asked or meant.get("time")
+    found = asked or column_map.get("time")
     if found is not None and found not in columns:
         raise FormatError(f"{path}: no column {found!r} of times, only {', '.join(columns)[:300]}")
     return found
 
 
 def require_few_times(path, times):
-    """Refuse more `times` than a series has: their column is another quantity's.
+    """Refuse more than MOST_TIMES `times`: the column is of another quantity.
 
     Raises
     ------
@@ -311,25 +311,25 @@ def require_few_times(path, times):
     """
     if len(times) > MOST_TIMES:
         raise FormatError(
-            f"{path} holds {len(times)} times, wanted at most {MOST_TIMES}; is its column of times right?"
+            f"{path} contains {len(times)} times, expected at most {MOST_TIMES}; check the column of times"
         )
 
 
-def frame_of_rows(path, columns, meant, time, count, read):
-    """The ForeignFrame of the `count` rows of a `time` [s], or of all rows of a table without times (None)."""
-    return ForeignFrame(
+def frame_of_rows(path, columns, column_map, time, count, read):
+    """The ThirdPartyFrame of the `count` rows of a `time` [s], or of all rows of a table without times (None)."""
+    return ThirdPartyFrame(
         path=path,
         count=count,
         columns=columns,
         read=read,
-        meant=meant,
+        column_map=column_map,
         number=number_of(path) if time is None else None,
         time=time,
     )
 
 
 def rows_of_time(found, time_column, time):
-    """Those of the rows in `found` (column -> float64[n]) that are of a `time` [s]; all where it is None."""
+    """The rows in `found` (column -> float64[n]) of a `time` [s]; all where it is None."""
     if time is None:
         return found
     of_time = found[time_column] == time
@@ -337,13 +337,13 @@ def rows_of_time(found, time_column, time):
 
 
 def require_rows(path, found, names, count):
-    """Name -> float64[count] of the columns `names` that were read.
+    """Name -> float64[count] of the columns `names`.
 
     Raises
     ------
     FormatError
-        They are more or fewer rows than there were when the file was opened.
+        The number of rows has changed since the file was opened.
     """
     if names and len(found[names[0]]) != count:
-        raise FormatError(f"{path} holds {len(found[names[0]])} rows, wanted {count}; it is damaged or has changed")
+        raise FormatError(f"{path} has {len(found[names[0]])} rows, expected {count}; it is damaged or has changed")
     return {name: found[name] for name in names}

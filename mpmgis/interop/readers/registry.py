@@ -1,6 +1,6 @@
-"""The readers of other codes' files, by name: to add one, write its module and add a row here.
+"""The readers of files of other codes, by name: to add one, write its module and add it here.
 
-They are asked in this order whose a file is: codes first, formats that anybody uses after them.
+The format is detected in this order: specific codes first, general formats after them.
 """
 
 from pathlib import Path
@@ -25,25 +25,25 @@ from . import (
 from .parsing import unpacked_head
 
 OWN = "mpmgis"
-HEAD = 4096  # bytes of a file that a reader sees before it opens it
+HEAD = 4096  # [bytes] of a file for the detection of its format
 CODES = (matter, cbgeo, kratos, kratos_gid, geotaichi, anura3d, mpm_geomechanics, lammps)
 FORMATS = (vtk, ply, npz, hdf5, delimited, parquet)
 FOREIGN = {module.READER.name: module.READER for module in (*CODES, *FORMATS)}
 
 
 def reader_of(path, asked=None, lenient=False):
-    """Name of the reader for a file: as `asked` for, else by its contents, else our own.
+    """Name of the reader for a file: `asked`, else detected from its content, else OWN.
 
-    `lenient` takes a file for one of particles by its format alone, where it must be of particles in any case.
+    `lenient` accepts a general format without particle columns, for files that must contain particles.
 
     Raises
     ------
     InputError
-        There is no reader of the name asked for.
+        `asked` is unknown.
     """
     if asked is not None:
         if asked != OWN and asked not in FOREIGN:
-            raise InputError(f"--reader {asked}: there is no such reader; choose from {', '.join((OWN, *FOREIGN))}")
+            raise InputError(f"--reader {asked}: unknown reader; choose from {', '.join((OWN, *FOREIGN))}")
         return asked
     path = Path(path)
     head = head_of(path)
@@ -54,7 +54,7 @@ def reader_of(path, asked=None, lenient=False):
 
 
 def head_of(path):
-    """The first bytes of a file, of a .gz unpacked; none of what is no file or cannot be opened."""
+    """The first bytes of a file (.gz decompressed); b"" for other objects and unreadable files."""
     try:
         if not Path(path).is_file():
             return b""

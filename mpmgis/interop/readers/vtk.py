@@ -1,7 +1,7 @@
-"""VTK files of points that no one code wrote: .vtp, .vtu, legacy .vtk; with the .pvd or .pvtu that lists them.
+"""General VTK files of points: .vtp, .vtu, legacy .vtk; with the .pvd or .pvtu that lists them.
 
-Columns are the arrays of points, those of three components with .x, .y, .z. A time stands in a `.pvd` that lists the
-file, or in the field TimeValue. Pieces, in one file or in several, make one frame.
+Columns are the arrays of points, those of three components with .x, .y, .z. The time is in a `.pvd` that lists the
+file, or in the field TimeValue. Pieces, in one file or in several, form one frame.
 """
 
 import re
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import FormatError
-from .base import ForeignFrame, ForeignReader, joined, number_of
+from .base import Reader, ThirdPartyFrame, joined, number_of
 from .parsing import column_names, columns_of, mapped, picked, plainly_named
 from .vtk_legacy import MAGIC, legacy_frame
 from .vtk_legacy import read_layout as read_legacy_layout
@@ -26,35 +26,35 @@ _ROOT = re.compile(rb"<VTKFile\b[^>]{0,400}\btype\s*=\s*[\"'](\w{1,40})[\"']")
 
 
 class Listed(NamedTuple):
-    """A file that a .pvd or .pvtu names, and the time [s] that it gives it (None: none)."""
+    """A file listed in a .pvd or .pvtu, and its time [s] there (None: no time)."""
 
     path: Path
     time: float | None
 
 
 def kind_of(head):
-    """What VTK's XML file is, by its first bytes: PolyData, UnstructuredGrid, Collection, ..; '' for other files."""
+    """Type of a VTK XML file by its first bytes: PolyData, UnstructuredGrid, Collection, ..; '' for other files."""
     found = _ROOT.search(head)
     return found[1].decode() if found else ""
 
 
 def read_list(path, all_there=False):
-    """The Listed of a .pvd, .pvtu or .pvtp, relative names from its folder; `all_there` wants all of them.
+    """The Listed of a .pvd, .pvtu or .pvtp, names relative to its folder; `all_there` requires all files.
 
     Raises
     ------
     FormatError
-        No XML of VTK, names no file, or one that is not there, a time that is no number.
+        No VTK XML, no or missing files, an invalid time.
     """
     path, listing = Path(path), _List(path)
     with mapped(path) as content:
         parse_outline(path, content, len(content), listing)
     if not listing.found:
-        raise FormatError(f"{path} names no file")
+        raise FormatError(f"{path} lists no file")
     if all_there and listing.missing:
         missing = len(listing.missing)
         raise FormatError(
-            f"{path} names {missing} files that are not there, the first {listing.missing[0][:80]}; name those that are"
+            f"{path} lists {missing} missing files, the first {listing.missing[0][:80]}; give the existing files"
         )
     return listing.found
 
@@ -76,9 +76,9 @@ class _List:
         except ValueError:
             time = np.nan
         if time is not None and not np.isfinite(time):
-            raise FormatError(f"{self.path}: timestep {attributes['timestep'][:20]!r} is no time")
+            raise FormatError(f"{self.path}: timestep {attributes['timestep'][:20]!r} is not a time")
         if len(self.found) >= MOST_LISTED or "\0" in name:
-            raise FormatError(f"{self.path} names more than {MOST_LISTED} files, or none that could be; it is damaged")
+            raise FormatError(f"{self.path} lists more than {MOST_LISTED} files, or an invalid name; it is damaged")
         file = self.path.parent / name
         if not file.is_file():
             self.missing.append(name)
@@ -89,7 +89,7 @@ class _List:
 
 
 def listed_times(paths):
-    """Dict of resolved path and time [s] of what the .pvd files beside `paths`, or a folder up, list."""
+    """Dict of resolved path and time [s] of files in the .pvd lists in the folders of `paths` or their parents."""
     folders = dict.fromkeys(
         place for path in paths for place in (Path(path).parent, Path(path).resolve().parent.parent)
     )
@@ -100,21 +100,21 @@ def listed_times(paths):
     return times
 
 
-def frames(paths, terms, meaning=None):
-    """The ForeignFrames in files and lists of files; `meaning(frame)` is the frame as a code's reader knows it.
+def frames(paths, terms, convert=None):
+    """The ThirdPartyFrames in files and lists of files; `convert(frame)` adapts a frame to a code.
 
-    A .pvd among files only tells their times; alone it stands for the files that it lists.
+    A .pvd together with files only gives their times; alone it represents the files that it lists.
     """
     found = []
     for pieces, time in _groups([Path(path) for path in paths]):
         frame = joined([open_file(piece) for piece in pieces])
         frame = frame if time is None else replace(frame, time=time)
-        found.append(frame if meaning is None else meaning(frame))
+        found.append(frame if convert is None else convert(frame))
     return found
 
 
 def _groups(paths):
-    """([files of a frame], time [s] that a .pvd gives it or None) of every frame."""
+    """([files of a frame], time [s] in a .pvd or None) of every frame."""
     files = [path for path in paths if path.suffix.lower() != ".pvd"]
     if not files:
         groups = {}
@@ -129,7 +129,7 @@ def _groups(paths):
 
 
 def open_file(path):
-    """The ForeignFrame of one file, or of the pieces that a .pvtu lists.
+    """The ThirdPartyFrame of one file, or of the pieces that a .pvtu lists.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def open_file(path):
         head = content[:4096]
     if head.startswith(MAGIC):
         layout = read_legacy_layout(path)
-        return legacy_frame(path, layout, meant=_meant({name: b.components for name, b in layout.arrays.items()}))
+        return legacy_frame(path, layout, column_map=_meant({name: b.components for name, b in layout.arrays.items()}))
     kind = kind_of(head)
     if kind in [f"P{name}" for name in FILES]:
         pieces = joined([_open_xml(listed.path) for listed in read_list(path, all_there=True)])
@@ -152,20 +152,20 @@ def _open_xml(path):
     layout = read_layout(path)
     pieces = [piece for piece in layout.pieces if POINTS in piece]
     if not pieces:
-        raise FormatError(f"{path} holds no points")
+        raise FormatError(f"{path} contains no points")
     names = [name for name in pieces[0] if all(name in piece for piece in pieces)]
     arrays = {name: pieces[0][name].components for name in names if pieces[0][name].components}
     for name in arrays:
         if any(piece[name].components != arrays[name] for piece in pieces):
             raise FormatError(f"{path}: {name} has other components in other pieces; it is damaged")
     if arrays.get(POINTS) != 3:
-        raise FormatError(f"{path}: its points have {arrays.get(POINTS, 0)} coordinates, wanted 3")
-    return ForeignFrame(
+        raise FormatError(f"{path}: the points have {arrays.get(POINTS, 0)} coordinates, expected 3")
+    return ThirdPartyFrame(
         path=path,
         count=sum(piece[POINTS].count for piece in pieces),
         columns=tuple(columns_of(arrays)),
         read=partial(_read, path, layout, arrays),
-        meant=_meant(arrays),
+        column_map=_meant(arrays),
         number=number_of(path),
         time=_time(path, layout),
     )
@@ -199,7 +199,7 @@ def fits(path, head):
 
 
 def recognises(path, head):
-    """True for VTK of points that have a velocity, and for lists of files."""
+    """True for VTK points with a velocity, and for lists of files."""
     if not fits(path, head):
         return False
     if kind_of(head) == "Collection":
@@ -207,14 +207,14 @@ def recognises(path, head):
     try:
         if head.startswith(MAGIC):
             return any(name.lower() in ("velocity", "v", "vel") for name in read_legacy_layout(path).arrays)
-        return "vx" in open_file(path).meant
+        return "vx" in open_file(path).column_map
     except FormatError:
         return False
 
 
 def _is_own(head):
-    """True for a seed that mpmgis wrote as .vtp: columns, which are no points."""
+    """True for a seed of columns (not points) that mpmgis wrote as .vtp."""
     return b'<!-- {"format": "mpmgis-columns"' in head
 
 
-READER = ForeignReader("vtk", recognises, frames, fits)
+READER = Reader("vtk", recognises, frames, fits)

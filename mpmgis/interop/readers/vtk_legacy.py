@@ -1,7 +1,7 @@
-"""Legacy VTK files of points, binary (big-endian) or text: where their arrays lie, and the arrays.
+"""Legacy VTK files of points, binary (big-endian) or text: layout and arrays.
 
-Versions 1.0 to 5.1 of the format, datasets UNSTRUCTURED_GRID and POLYDATA. The attributes of cells are the points' own
-where each cell is one point, the k-th cell the k-th point, as particle codes write them.
+Versions 1.0 to 5.1 of the format, datasets UNSTRUCTURED_GRID and POLYDATA. Attributes of cells belong to the points
+where the k-th cell is the k-th point, as particle codes write them.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import FormatError
-from .base import MOST_DIGITS, ForeignFrame, number_of
+from .base import MOST_DIGITS, ThirdPartyFrame, number_of
 from .parsing import columns_of, mapped, picked, text_numbers
 
 MAGIC = b"# vtk DataFile Version"
@@ -41,7 +41,7 @@ class Block(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """`points` of them, `arrays` (name -> Block) of points, whose places are POINTS, and of the whole: `fields`."""
+    """Number of `points`, `arrays` (name -> Block) of the points (positions: POINTS), `fields` of the file."""
 
     points: int
     arrays: dict
@@ -49,7 +49,7 @@ class Layout(NamedTuple):
 
 
 class _Reader:
-    """Goes through the bytes of a file: lines of words, and blocks of numbers between them."""
+    """Sequential reader of lines of words and blocks of numbers."""
 
     def __init__(self, path, content):
         self.path, self.content, self.at, self.binary = path, content, 0, False
@@ -61,7 +61,7 @@ class _Reader:
             if stop < 0:
                 if len(self.content) - self.at >= LONGEST_LINE:
                     raise FormatError(
-                        f"{self.path}: a line of {LONGEST_LINE} bytes at byte {self.at}, wanted a keyword"
+                        f"{self.path}: a line of {LONGEST_LINE} bytes at byte {self.at}, expected a keyword"
                     )
                 stop = len(self.content)
             words = self.content[self.at : stop].decode("ascii", "replace").split()
@@ -80,14 +80,14 @@ class _Reader:
     def number(self, words, k):
         """The k-th word as a whole number."""
         if k >= len(words) or not _NUMBER.fullmatch(words[k]):
-            raise FormatError(f"{self.path}: {' '.join(words)[:60]!r}: wanted a whole number as word {k + 1}")
+            raise FormatError(f"{self.path}: {' '.join(words)[:60]!r}: expected an integer as word {k + 1}")
         return int(words[k])
 
     def block(self, name, count, components, kind):
-        """The Block that begins here; goes on behind it."""
+        """The Block at the present position, which moves behind it."""
         dtype = TYPES.get(kind.lower())
         if dtype is None:
-            raise FormatError(f"{self.path}: {name} holds {kind[:20]!r}, wanted {', '.join(TYPES)}")
+            raise FormatError(f"{self.path}: {name} has type {kind[:20]!r}, expected {', '.join(TYPES)}")
         start = self.at
         if self.binary:
             stop = start + count * components * np.dtype(dtype).itemsize
@@ -110,18 +110,18 @@ def read_layout(path):
     """
     with mapped(path) as content:
         if not content[: len(MAGIC)].startswith(MAGIC):
-            raise FormatError(f"{path} is no legacy VTK file (it does not begin with {MAGIC.decode()!r})")
+            raise FormatError(f"{path} is not a legacy VTK file (it does not begin with {MAGIC.decode()!r})")
         reader = _Reader(path, content)
         reader.line()
         reader.at = content.find(b"\n", reader.at) + 1  # the title, which may be blank
         form = reader.words(1, "after its title")[0].upper()
         if form not in ("ASCII", "BINARY"):
-            raise FormatError(f"{path}: its third line is {form[:20]!r}, wanted ASCII or BINARY")
+            raise FormatError(f"{path}: its third line is {form[:20]!r}, expected ASCII or BINARY")
         reader.binary = form == "BINARY"
         dataset = " ".join(reader.words(2, "its dataset")).upper()
         if dataset not in ("DATASET UNSTRUCTURED_GRID", "DATASET POLYDATA"):
             raise FormatError(
-                f"{path}: {dataset[:60]!r}, wanted DATASET UNSTRUCTURED_GRID or POLYDATA of points; leave it out"
+                f"{path}: {dataset[:60]!r}, expected DATASET UNSTRUCTURED_GRID or POLYDATA of points; omit this file"
             )
         return _sections(reader)
 
@@ -153,29 +153,29 @@ def _sections(reader):
             count = points if at == "points" else cells
             arrays[at] |= _attribute(reader, words, count)
         else:
-            raise FormatError(f"{reader.path}: {key[:40]!r} where a section should begin; it is damaged")
+            raise FormatError(f"{reader.path}: got {key[:40]!r}, expected a section; it is damaged")
     if points is None:
-        raise FormatError(f"{reader.path} holds no POINTS")
+        raise FormatError(f"{reader.path} contains no POINTS")
     return Layout(points, _of_points(reader.path, points, cells, arrays), fields)
 
 
 def _of_points(path, points, cells, arrays):
-    """The arrays that have a row a point, those of cells among them where each cell is a point."""
+    """The arrays with one row per point, including those of cells where each cell is a point."""
     found = dict(arrays["points"])
     if cells == points:
         found |= {name: block for name, block in arrays["cells"].items() if name not in found}
     for name, block in found.items():
         if block.count != points:
-            raise FormatError(f"{path}: {name} has {block.count} rows, wanted one for each of {points} points")
+            raise FormatError(f"{path}: {name} has {block.count} rows, expected one for each of {points} points")
     return found
 
 
 def _skip_cells(reader, words):
-    """Go behind the cells; how many there are."""
+    """Skip the cells; returns their number."""
     count, size = reader.number(words, 1), reader.number(words, 2)
     before = reader.at
     following = reader.line()
-    if following is not None and following[0].upper() == "OFFSETS":  # from version 5.1 on: a count more, and two arrays
+    if following is not None and following[0].upper() == "OFFSETS":  # from version 5.1: one more count, and two arrays
         reader.block("OFFSETS", count, 1, following[1] if len(following) > 1 else "")
         following = reader.words(2, "after OFFSETS")
         reader.block("CONNECTIVITY", size, 1, following[1])
@@ -195,7 +195,7 @@ def _field(reader, words):
     """The arrays of a FIELD: lines `name components rows type`."""
     count, found = reader.number(words, 2), {}
     if count > MOST_ARRAYS:
-        raise FormatError(f"{reader.path}: a FIELD of {count} arrays, wanted at most {MOST_ARRAYS}; it is damaged")
+        raise FormatError(f"{reader.path}: a FIELD of {count} arrays, expected at most {MOST_ARRAYS}; it is damaged")
     while len(found) < count:
         words = reader.words(1, "an array of a FIELD")
         if words[0].upper() == "METADATA":
@@ -204,13 +204,13 @@ def _field(reader, words):
         components, rows = reader.number(words, 1), reader.number(words, 2)
         name = words[0]
         if name in found:
-            raise FormatError(f"{reader.path}: two arrays of a FIELD are called {name[:40]!r}")
+            raise FormatError(f"{reader.path}: two arrays of a FIELD are named {name[:40]!r}")
         found[name] = reader.block(name, rows, components, words[3] if len(words) > 3 else "")
     return {name: block for name, block in found.items() if block.components > 0}
 
 
 def _attribute(reader, words, count):
-    """{name: Block} of SCALARS, VECTORS and their like; {} of what is for the eye alone."""
+    """{name: Block} of SCALARS, VECTORS etc.; {} for attributes of display only."""
     key = words[0].upper()
     name = words[1] if len(words) > 1 else ""
     if key == "SCALARS":
@@ -231,7 +231,7 @@ def _attribute(reader, words, count):
     if key == "LOOKUP_TABLE":
         reader.block(name, reader.number(words, 2), 4, "unsigned_char")
         return {}
-    raise FormatError(f"{reader.path}: {key[:40]!r} is no attribute of legacy VTK; it is damaged")
+    raise FormatError(f"{reader.path}: {key[:40]!r} is not an attribute of legacy VTK; it is damaged")
 
 
 def read_block(path, block, name):
@@ -240,7 +240,7 @@ def read_block(path, block, name):
     Raises
     ------
     FormatError
-        Something else than numbers in a text file; changed since its layout was read.
+        Other content than numbers in a text file; changed since its layout was read.
     """
     with mapped(path) as content:
         raw = content[block.start : block.stop]
@@ -249,7 +249,7 @@ def read_block(path, block, name):
     else:
         if len(raw) != block.stop - block.start:
             raise FormatError(f"{path} has become shorter since it was opened")
-        with np.errstate(invalid="ignore"):  # a NaN is told with its row, later
+        with np.errstate(invalid="ignore"):  # NaN is reported later, with its row
             values = np.frombuffer(raw, block.dtype).astype(np.float64)
     return values.reshape(block.count, block.components)
 
@@ -260,8 +260,8 @@ def read_columns(path, arrays, names):
     return picked(lambda name: read_block(path, arrays[name], name), components, names)
 
 
-def legacy_frame(path, layout=None, **told):
-    """The ForeignFrame of a legacy VTK file; `told` is what a code's reader knows of it besides.
+def legacy_frame(path, layout=None, **attributes):
+    """The ThirdPartyFrame of a legacy VTK file; `attributes` are further fields of it.
 
     Raises
     ------
@@ -270,18 +270,18 @@ def legacy_frame(path, layout=None, **told):
     path = Path(path)
     layout = layout or read_layout(path)
     components = {name: block.components for name, block in layout.arrays.items()}
-    told = {"number": number_of(path), "time": _time(path, layout)} | told
-    return ForeignFrame(
+    attributes = {"number": number_of(path), "time": _time(path, layout)} | attributes
+    return ThirdPartyFrame(
         path=path,
         count=layout.points,
         columns=tuple(columns_of(components)),
         read=partial(read_columns, path, layout.arrays),
-        **told,
+        **attributes,
     )
 
 
 def _time(path, layout):
-    """What the field TIME or TimeValue says; None where there is none."""
+    """Value of the field TIME or TimeValue; None where there is none."""
     for name, block in layout.fields.items():
         if name.lower() in ("time", "timevalue") and block.count * block.components == 1:
             time = float(read_block(path, block, name)[0, 0])

@@ -1,7 +1,7 @@
-"""VTK's XML files of points (.vtp, .vtu): where their arrays lie, and the arrays.
+"""VTK XML files of points (.vtp, .vtu): layout and arrays.
 
-Arrays as text, base64, or appended raw or base64, plain or packed by zlib. The XML is gone through without keeping its
-text and without a document type, so that no entity can be defined; arrays are read when they are asked for.
+Arrays as text, base64, or appended raw or base64, uncompressed or compressed by zlib. The XML is parsed without storing
+its text; document types are refused, so that no entity can be defined. Arrays are read on demand.
 """
 
 import base64
@@ -46,8 +46,8 @@ class Array(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """What kind of file it is, its `pieces` (list of dict of name and Array of points), the Arrays of its `fields`,
-    what numbers the lengths in it are (`header`), whether it is `packed`, `base64` where appended data is text."""
+    """Type of the file (`kind`), `pieces` (list of dict of name and Array of points), Arrays of its `fields`, dtype of
+    lengths (`header`), `packed` where data are compressed, `base64` where appended data are text."""
 
     kind: str
     pieces: list
@@ -63,7 +63,7 @@ def read_layout(path):
     Raises
     ------
     FormatError
-        No VTK XML of points, damaged, packed by something else than zlib.
+        No VTK XML of points, damaged, another compression than zlib.
     """
     with mapped(path) as content:
         found = _APPENDED.search(content)
@@ -73,25 +73,25 @@ def read_layout(path):
         appended = found.end() if found else len(content)
         encoding = found[1] if found else b""
     if outline.kind not in FILES:
-        raise FormatError(f"{path}: VTK XML of type {outline.kind!r}, wanted {' or '.join(FILES)}")
+        raise FormatError(f"{path}: VTK XML of type {outline.kind!r}, expected {' or '.join(FILES)}")
     size = Path(path).stat().st_size
     pieces = [{array.name: array for array in outline.arrays(k, appended, size)} for k in range(outline.pieces)]
     fields = {array.name: array for array in outline.arrays(None, appended, size)}
     packed = outline.file.get("compressor", "")
     if packed not in PACKERS:
-        raise FormatError(f"{path} is packed by {packed[:40]}; let its code write it plain or with zlib")
+        raise FormatError(f"{path} is compressed by {packed[:40]}; let its code write it uncompressed or with zlib")
     header = outline.file.get("header_type", "UInt32")
     if header not in HEADERS:
-        raise FormatError(f"{path}: header_type {header[:20]!r}, wanted {' or '.join(HEADERS)}")
+        raise FormatError(f"{path}: header_type {header[:20]!r}, expected {' or '.join(HEADERS)}")
     order = {"LittleEndian": "<", "BigEndian": ">"}.get(outline.file.get("byte_order", "LittleEndian"))
     if order is None:
-        raise FormatError(f"{path}: byte_order {outline.file['byte_order'][:20]!r}, wanted LittleEndian or BigEndian")
+        raise FormatError(f"{path}: byte_order {outline.file['byte_order'][:20]!r}, expected LittleEndian or BigEndian")
     return Layout(outline.kind, pieces, fields, order + HEADERS[header], bool(packed), b"base64" in encoding)
 
 
 def parse_outline(path, content, stop, outline):
-    """Send the elements of an XML file up to byte `stop` to `outline`: its `start(tag, attributes, at)` and
-    `end(tag, at)`, where `at` is the place of the tag [bytes].
+    """Pass the elements of an XML file up to byte `stop` to `outline`: `start(tag, attributes, at)` and
+    `end(tag, at)`, where `at` is the position of the tag [bytes].
 
     Raises
     ------
@@ -102,7 +102,7 @@ def parse_outline(path, content, stop, outline):
     parser.buffer_text = False
 
     def refuse(*_):
-        raise FormatError(f"{path} declares a document type, which particle files have none of; it is not read")
+        raise FormatError(f"{path} declares a document type, which particle files do not have; it is not read")
 
     depth = 0
 
@@ -126,11 +126,11 @@ def parse_outline(path, content, stop, outline):
         if stop == len(content):
             parser.Parse(b"", True)
     except expat.ExpatError as error:
-        raise FormatError(f"{path} is no readable XML ({one_line(error)[:80]}); it is damaged") from error
+        raise FormatError(f"{path} is not readable XML ({one_line(error)[:80]}); it is damaged") from error
 
 
 class _Outline:
-    """The elements of a VTK file, as far as arrays of points need them."""
+    """The elements of a VTK file that describe arrays of points."""
 
     def __init__(self, path):
         self.path, self.file, self.kind = path, {}, ""
@@ -147,7 +147,7 @@ class _Outline:
         elif tag == "DataArray":
             self.open = [attributes, at, None]
         elif self.open is not None and self.open[2] is None:
-            self.open[2] = at  # VTK puts words on an array behind its numbers
+            self.open[2] = at  # VTK writes information elements after the numbers
         self.inside.append(tag)
 
     def end(self, tag, at):
@@ -161,9 +161,9 @@ class _Outline:
         self.open = None if tag == "DataArray" else self.open
 
     def number(self, word, what):
-        """A whole number."""
+        """`word` as an integer."""
         if not _DIGITS.fullmatch(word.strip()):
-            raise FormatError(f"{self.path}: {what} is {word[:20]!r}, wanted a whole number")
+            raise FormatError(f"{self.path}: {what} is {word[:20]!r}, expected an integer")
         return int(word)
 
     def arrays(self, piece, appended, size):
@@ -207,14 +207,14 @@ def read_array(path, layout, array):
             data = _unwrapped(path, layout, array, lambda start, stop: raw[start:stop])
         else:
             raise FormatError(
-                f"{path}: {array.name} has the format {array.form[:20]!r}, wanted ascii, binary, appended"
+                f"{path}: {array.name} has the format {array.form[:20]!r}, expected ascii, binary, appended"
             )
     values = np.frombuffer(data, layout.header[0] + array.dtype)
     return values.astype(np.float64).reshape(array.count, array.components)
 
 
 def _unwrapped(path, layout, array, take):
-    """The bytes of an array: `take(start, stop)` gives those of the file from where it begins."""
+    """The bytes of an array; `take(start, stop)` returns bytes relative to its start in the file."""
     text = array.form == "binary" or layout.base64
     wanted = array.count * array.components * np.dtype(array.dtype).itemsize
     size = np.dtype(layout.header).itemsize
@@ -222,18 +222,18 @@ def _unwrapped(path, layout, array, take):
         (length,), data = _headed(path, layout, array, take, text, 1, lambda header: int(header[0]))
         if length != wanted or len(data) < wanted:
             raise FormatError(
-                f"{path}: {array.name} holds {min(length, len(data))} bytes, wanted {wanted}; it is damaged"
+                f"{path}: {array.name} has {min(length, len(data))} bytes, expected {wanted}; it is damaged"
             )
         return data[:wanted]
     (blocks,), _ = _headed(path, layout, array, take, text, 1, lambda header: 0)
     if blocks > wanted or blocks * size > Path(path).stat().st_size:
-        raise FormatError(f"{path}: {array.name} says that it has {blocks} blocks; it is damaged")
+        raise FormatError(f"{path}: {array.name} declares {blocks} blocks; it is damaged")
     header, data = _headed(path, layout, array, take, text, 3 + blocks, lambda header: int(header[3:].sum()))
     return _unpacked(path, array, header[1:], data, wanted)
 
 
 def _headed(path, layout, array, take, text, items, length_of):
-    """(Lengths before the data, the data): `items` lengths, and `length_of(lengths)` bytes behind them."""
+    """(Lengths before the data, the data): `items` lengths, followed by `length_of(lengths)` bytes."""
     size = np.dtype(layout.header).itemsize * items
     try:
         if not text:
@@ -243,11 +243,11 @@ def _headed(path, layout, array, take, text, items, length_of):
         first = take(0, letters)
         header = _lengths(path, layout, array, base64.b64decode(first), size)
         length = length_of(header)
-        if first.endswith(b"=") or layout.packed:  # the lengths are a text of their own
+        if first.endswith(b"=") or layout.packed:  # the lengths are encoded separately
             return header, base64.b64decode(take(letters, letters + 4 * -(-length // 3)))
         return header, base64.b64decode(take(0, 4 * -(-(size + length) // 3)))[size:]
     except binascii.Error as error:
-        raise FormatError(f"{path}: {array.name} is no base64 ({one_line(error)[:60]}); it is damaged") from error
+        raise FormatError(f"{path}: {array.name} is not base64 ({one_line(error)[:60]}); it is damaged") from error
 
 
 def _lengths(path, layout, array, raw, size):
@@ -255,26 +255,30 @@ def _lengths(path, layout, array, raw, size):
         raise FormatError(f"{path} ends before {array.name}; it is truncated")
     header = np.frombuffer(raw[:size], layout.header)
     if header.max() > 1 << 50:
-        raise FormatError(f"{path}: {array.name} says that it has {header.max()} bytes; it is damaged")
+        raise FormatError(f"{path}: {array.name} declares {header.max()} bytes; it is damaged")
     return header.astype(np.int64)
 
 
 def _unpacked(path, array, header, data, wanted):
-    """Unpack blocks of `header[0]` bytes, the last of `header[1]` (0: whole), packed into `header[2:]` bytes each."""
+    """Decompress blocks of `header[0]` bytes, the last of `header[1]` (0: full), from `header[2:]` bytes each."""
     block, last, packed = int(header[0]), int(header[1]), header[2:].tolist()
     lengths = [block] * len(packed)
     if last and packed:
         lengths[-1] = last
     if sum(lengths) != wanted:
-        raise FormatError(f"{path}: {array.name} unpacks to {sum(lengths)} bytes, wanted {wanted}; it is damaged")
+        raise FormatError(
+            f"{path}: {array.name} decompresses to {sum(lengths)} bytes, expected {wanted}; it is damaged"
+        )
     parts, at = [], 0
     for length, size in zip(lengths, packed, strict=True):
         try:
             part = zlib.decompressobj().decompress(data[at : at + size], length) if length else b""
         except zlib.error as error:
-            raise FormatError(f"{path}: {array.name} cannot be unpacked ({one_line(error)}); it is damaged") from error
+            raise FormatError(
+                f"{path}: {array.name} cannot be decompressed ({one_line(error)}); it is damaged"
+            ) from error
         if len(part) != length:
-            raise FormatError(f"{path}: {array.name} unpacks to less than it says; it is damaged")
+            raise FormatError(f"{path}: {array.name} decompresses to less than declared; it is damaged")
         parts.append(part)
         at += size
     return b"".join(parts)

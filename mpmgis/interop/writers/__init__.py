@@ -1,1 +1,1 @@
-"""What other 3D solvers start from: their own input files, one module a solver, a row each in `solvers`."""
+"""Start files of other 3D solvers: one module per solver, one entry each in `registry`."""

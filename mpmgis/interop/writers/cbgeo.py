@@ -1,7 +1,7 @@
-"""CB-Geo MPM: mesh, particles, entity sets and json as text, and the full state as the HDF5 that it resumes from.
+"""CB-Geo MPM: mesh, particles, entity sets and settings as text, and the full state as HDF5 for a restart.
 
-It takes the HDF5 by the order of the fields, not by their names. A build with more of them than these 53 counts them,
-says that it cannot resume, and starts from the text files, at rest.
+The solver reads the HDF5 by the order of the fields, not by name. A build with more than these 53 fields reports that
+it cannot resume, and starts from the text files, at rest.
 """
 
 import math
@@ -21,8 +21,8 @@ _NUMBERS = (
     *("velocity_x", "velocity_y", "velocity_z", "stress_xx", "stress_yy", "stress_zz", "tau_xy", "tau_yz", "tau_xz"),
     *("strain_xx", "strain_yy", "strain_zz", "gamma_xy", "gamma_yz", "gamma_xz", "epsilon_v"),
 )
-STRESS = {"stress_xx": 0, "stress_yy": 1, "stress_zz": 2, "tau_xy": 3, "tau_yz": 5, "tau_xz": 4}  # of ours
-# as the code lays its records out: aligned, and the status behind the cell
+STRESS = {"stress_xx": 0, "stress_yy": 1, "stress_zz": 2, "tau_xy": 3, "tau_yz": 5, "tau_xz": 4}  # columns of mpmgis
+# record layout of the code: aligned, status after the cell
 ROW = np.dtype(
     {
         "names": [
@@ -66,7 +66,7 @@ def write(start, folder, number):
 
 
 def state_name(steps):
-    """Name of the file of step 0 in a run of so many `steps`: zeros to as many digits."""
+    """Name of the file of step 0 in a run of `steps` steps: as many zeros as digits."""
     return f"particles{'0' * (int(math.log10(steps)) + 1)}.h5"
 
 
@@ -92,8 +92,8 @@ def _write_state(path, start, cell_of):
 
 
 def state_variables(material):
-    """What CB-Geo keeps of a material besides stress, as it begins: of MohrCoulomb3D friction, dilation [rad],
-    cohesion [Pa], three invariants of the stress, plastic strain; of Newtonian3D its pressure."""
+    """Initial state variables of a material in CB-Geo: for MohrCoulomb3D friction, dilation [rad], cohesion [Pa],
+    three stress invariants, plastic strain; for Newtonian3D the pressure."""
     if material.law == "DruckerPrager":
         angle = math.radians(material.parameters["friction_angle"])
         return (angle, 0.0, material.parameters["cohesion"], 0.0, 0.0, 0.0, 0.0)
@@ -145,9 +145,9 @@ def _material(start):
 
 
 def read_back(folder, number):
-    """(place, volume) of the text files; those of the HDF5 are held against them.
+    """(position, volume) of the text files; NaN where positions in the HDF5 differ.
 
-    The masses over the density, where the HDF5 has another volume, which is that of now.
+    The volume is mass over density; the HDF5 has the current volume.
     """
     _, _, text = (folder / PARTICLES).read_bytes().partition(b"\n")
     place = read_rows(text, 3)

@@ -1,6 +1,6 @@
-"""GeoTaichi: particles as text, and a script that brings them in.
+"""GeoTaichi: particles as text, and a script that loads them.
 
-Its Newtonian fluid takes the bulk modulus; early versions took it in Cole's law, with an exponent of 7 and as stiff.
+Its Newtonian fluid uses the bulk modulus; early versions used Cole's law with an exponent of 7 and the same stiffness.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ mpm.run()
 
 
 def write(start, folder, number):
-    """Write the particles of a SolverStart, x y z volume and half sizes, and the script."""
+    """Write the particles of a SolverStart (x y z volume and half sizes) and the script to `folder`."""
     half = 0.5 * np.cbrt(start.volume)
     with open(folder / PARTICLES, "wb") as sink:
         write_rows(sink, start.position, start.volume, half, half, half)
@@ -79,7 +79,7 @@ def write(start, folder, number):
 
 
 def mean_velocity(start):
-    """[vx, vy, vz] [m s-1] of the whole body: GeoTaichi takes one for all of a file."""
+    """[vx, vy, vz] [m s-1] of the whole body: GeoTaichi uses one velocity per file."""
     return [float(value) for value in start.mass @ start.velocity / start.mass.sum()]
 
 
@@ -98,7 +98,7 @@ def _material(start):
 
 
 def read_back(folder, number):
-    """(place, volume) of the rows."""
+    """(position, volume) of the rows."""
     rows = read_rows((folder / PARTICLES).read_bytes(), 7)
     return rows[:, :3], rows[:, 3]
 

@@ -1,4 +1,4 @@
-"""Houdini: a .ply for each frame, y up, as its File node reads it."""
+"""Houdini: one .ply per frame, y up, for its File node."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def name_of(number):
 
 
 def write(start, folder, number):
-    """Write the points of a SolverStart to `folder`: x E, y up, z south, float32 as Houdini's own."""
+    """Write the points of a SolverStart to `folder`: x east, y up, z south, float32 as in Houdini."""
     rows = np.zeros(len(start.mass), ROW)
     for letter, prefix in (("position", ""), ("velocity", "v")):
         east, north, up = getattr(start, letter).T
@@ -32,14 +32,14 @@ def write(start, folder, number):
 
 
 def read_back(folder, number):
-    """(place, volume) of the vertices."""
+    """(position, volume) of the vertices."""
     path = folder / name_of(number)
     found = read_ply_columns(path, read_ply_header(path), ("x", "y", "z", "volume"))
     return np.column_stack([found["x"], -found["z"], found["y"]]), found["volume"]
 
 
 def finish(folder, times):
-    """Nothing else: a sequence is its numbers."""
+    """No further file: Houdini finds the sequence by its numbers."""
 
 
 FILES = SolverFiles(

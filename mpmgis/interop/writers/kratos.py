@@ -1,7 +1,7 @@
 """Kratos MPM: two .mdpa, two .json and the script that runs them.
 
-Kratos takes no points: it puts material points into the elements of a body's mesh. A cube of a point's volume around
-each point, with one material point an element, gives just these.
+Kratos creates material points in the elements of a body mesh. Therefore each point becomes a cube element with the
+volume of the point and one material point.
 """
 
 import math
@@ -12,7 +12,7 @@ from ...conversion.solver_start import CORNERS, solver_grid
 from .start_files import SolverFiles, read_rows, write_json, write_rows
 
 BODY, GRID, VELOCITIES = "start_Body.mdpa", "start_Grid.mdpa", "velocities.txt"
-PARTS = ("bed", "side_x", "side_y")  # of the grid, and what holds them: all directions, x, y
+PARTS = ("bed", "side_x", "side_y")  # of the grid; fixed in all directions, x, y
 HELD = {"bed": (True, True, True), "side_x": (True, False, False), "side_y": (False, True, False)}
 _HEAD = b"Begin ModelPartData\nEnd ModelPartData\n\nBegin Properties 0\nEnd Properties\n\n"
 _MAIN = '''"""Runs this folder's case with Kratos: python MainKratos.py."""
@@ -63,7 +63,7 @@ def _write_grid(path, grid):
 
 
 def _write_body(path, start, node_count, cell_count):
-    """The cubes, numbered on from the grid's nodes and elements."""
+    """Write the cubes, numbered after the nodes and elements of the grid."""
     half = 0.5 * np.cbrt(start.volume)
     nodes = (start.position[:, None] + half[:, None, None] * (2 * CORNERS - 1)).reshape(-1, 3)
     first, element = node_count + 1, cell_count + 1
@@ -169,7 +169,7 @@ def _output(start):
 
 
 def read_back(folder, number):
-    """(place, volume) of the cubes in the body's mesh."""
+    """(position, volume) of the cubes in the body mesh."""
     text = (folder / BODY).read_bytes()
     nodes = read_rows(text.partition(b"Begin Nodes\n")[2].partition(b"End Nodes")[0], 4)
     cells = text.partition(b"Begin Elements MPMUpdatedLagrangian3D8N\n")[2].partition(b"End Elements")[0]

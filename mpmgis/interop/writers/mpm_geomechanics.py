@@ -1,4 +1,4 @@
-"""MPM-Geomechanics: the case and its particles as json, the terrain as STL in text."""
+"""MPM-Geomechanics: case and particles as JSON, terrain as STL text."""
 
 import json
 
@@ -7,7 +7,7 @@ import numpy as np
 from .start_files import STL, SolverFiles, write_json
 
 CASE, PARTICLES = "case.json", "particles.json"
-CONTACT = 2.0  # cells from the ground within which it looks for contact
+CONTACT = 2.0  # [cells] distance to the ground within which contact is searched
 PLANES = tuple(f"plane_{axis}{end}" for axis in "XYZ" for end in "0n")
 
 
@@ -65,7 +65,7 @@ def _material(start):
 
 
 def read_back(folder, number):
-    """(place, volume) of the list."""
+    """(position, volume) of the list."""
     rows = json.loads((folder / PARTICLES).read_text(encoding="utf-8"))
     return np.array([row["position"] for row in rows]), np.array([row["volume"] for row in rows])
 

@@ -1,4 +1,4 @@
-"""ParaView: a .vtp for each frame and the .pvd that tells their times."""
+"""ParaView: one .vtp per frame and a .pvd with their times."""
 
 from xml.sax.saxutils import quoteattr
 
@@ -29,7 +29,7 @@ def write(start, folder, number):
 
 
 def finish(folder, times):
-    """Write the list of files and `times` [s]."""
+    """Write the .pvd with the files and their `times` [s]."""
     rows = "".join(
         f'<DataSet timestep={quoteattr(repr(float(time)))} part="0" file={quoteattr(name_of(number))}/>\n'
         for number, time in enumerate(times)
@@ -39,7 +39,7 @@ def finish(folder, times):
 
 
 def read_back(folder, number):
-    """(place, volume) of the points."""
+    """(position, volume) of the points."""
     path = folder / name_of(number)
     layout = read_layout(path)
     (piece,) = layout.pieces

@@ -1,4 +1,4 @@
-"""The solvers whose start files we write, by name: to add one, write its module and add it here."""
+"""Solvers with start files, by name: to add one, write its module and add it here."""
 
 from . import cbgeo, geotaichi, houdini, kratos, mpm_geomechanics, paraview
 

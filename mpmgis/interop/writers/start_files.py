@@ -1,4 +1,4 @@
-"""Start files of other solvers: what a writer offers, rows of numbers, and the terrain beside the points."""
+"""Start files of other solvers: interface of a writer, rows of numbers, and the terrain."""
 
 import json
 from collections.abc import Callable
@@ -30,40 +30,40 @@ Y_UP = ("e", "u", "-n")
 
 
 class SolverFiles(NamedTuple):
-    """A solver that starts from files of ours.
+    """Writer of the start files of a solver.
 
     Parameters
     ----------
     name, title : str
-        On the command line; to people.
+        Name on the command line; name in texts.
     write : callable
-        `write(start, folder, number)` puts a SolverStart's files into `folder`; `number` counts the frames.
+        `write(start, folder, number)` writes the files of a SolverStart to `folder`; `number` counts the frames.
     read_back : callable
-        `read_back(folder, number)`: (float64[n, 3] [m] place along E, N, up, float64[n] [m3] volume) as the files say.
+        `read_back(folder, number)`: (float64[n, 3] [m] position E, N, up, float64[n] [m3] volume) read from the files.
     files : str
-        What lies in the folder, for its README.txt.
+        Content of the folder, for its README.txt.
     start : str
-        How to start the solver with it.
+        Command that starts the solver.
     keeps, loses : str
-        Of a point, besides place, mass and stress.
+        Properties of a point that are written or lost, besides position, mass and stress.
     takes_stress : bool
     laws : tuple of str
-        Laws of [material] that it has too; empty where it needs no material.
+        Supported laws of [material]; empty where no material is needed.
     needs_grid : bool
-        It wants a background grid.
+        A background grid is required.
     needs_bed_friction : bool
     axes : tuple of str
-        Where its files' x, y and z point.
+        Directions of x, y and z in the files.
     tolerance : float
-        Largest error of a place, as a share of the box, with which its files tell it.
+        Largest error of a position in the files, as a fraction of the box.
     now : bool
-        Its volumes are the frame's own; else mass over density, from which it makes the mass.
+        Volumes are the current ones; else mass over density, from which the solver computes the mass.
     finish : callable or None
-        `finish(folder, times)` once all frames are written; only solvers that have it take several.
+        `finish(folder, times)` after all frames are written; solvers without it accept only one frame.
     terrain_on_grid : bool
-        Its ground is made of the grid's nodes, as text (`write_terrain`).
+        The ground has the nodes of the grid and is written as text (`write_terrain`).
     results : str
-        Its results as `mpmgis export-raster` takes them.
+        Pattern of the results, for `mpmgis export-raster`.
     """
 
     name: str
@@ -87,7 +87,7 @@ class SolverFiles(NamedTuple):
 
 
 def write_json(path, content):
-    """Write plain data as JSON."""
+    """Write JSON data to `path`."""
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -97,11 +97,11 @@ _TRIANGLES_AT_ONCE = 100_000
 
 
 def write_terrain(folder, box, axes, on_grid=False):
-    """Write the ground of a Box to `folder`: two triangles between four neighbouring pixels, and the heights where the
-    pixels are square and north up.
+    """Write the ground of a Box to `folder`: two triangles between four neighbouring pixels, and elevations where the
+    pixels are square and north-up.
 
-    Contact with triangles is often looked for at their middles, and only where the grid is: `on_grid` makes them of the
-    grid's own nodes, none beyond it, as text, which all readers know.
+    Solvers often search contact at triangle centres, and only inside the grid: `on_grid` uses the nodes of the grid for
+    the triangles, as text, which all readers support.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def write_terrain(folder, box, axes, on_grid=False):
     Returns
     -------
     list of str
-        The files' names.
+        Names of the files.
     """
     corners = _triangles(box.bed_at_nodes() if on_grid else _pixels(box)) @ axes.T
     (_write_text if on_grid else _write_binary)(folder / STL, corners, _normals(corners))
@@ -125,19 +125,19 @@ def write_terrain(folder, box, axes, on_grid=False):
 
 
 def _pixels(box):
-    """float64[rows, columns, 3] [m]: places of the pixels in the Box."""
+    """float64[rows, columns, 3] [m]: positions of the pixels in the Box."""
     terrain = box.terrain
     x, y = terrain.grid.xy(*np.indices(terrain.grid.shape))
     return np.stack([x, y, terrain.elevation], axis=-1) - np.asarray(box.origin)
 
 
 def _triangles(place):
-    """float64[k, 3, 3] [m]: corners of the triangles between neighbours of `place` [a, b, 3], counterclockwise from
-    above; none where one is NaN."""
+    """float64[k, 3, 3] [m]: corners of the triangles between neighbours of `place` [a, b, 3], counterclockwise seen
+    from above; triangles with NaN are omitted."""
     a, b, c, d = place[:-1, :-1], place[:-1, 1:], place[1:, :-1], place[1:, 1:]
     corners = np.stack([np.stack([a, c, b], axis=-2), np.stack([b, c, d], axis=-2)], axis=-3).reshape(-1, 3, 3)
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
-    if len(corners) and _normals(corners)[:, 2].mean() < 0:  # rows run the other way
+    if len(corners) and _normals(corners)[:, 2].mean() < 0:  # opposite row order
         corners = corners[:, ::-1]
     return corners
 
@@ -168,6 +168,6 @@ def _write_text(path, corners, normals):
 
 
 def _local_heights(box):
-    """(Grid in local coordinates, float64[rows, columns] [m] over the Box's origin)."""
+    """(Grid in local coordinates, float64[rows, columns] [m] elevation above the origin of the Box)."""
     grid, (east, north, up) = box.terrain.grid, box.origin
     return Grid(None, Affine.translation(-east, -north) @ grid.transform, grid.shape), box.terrain.elevation - up

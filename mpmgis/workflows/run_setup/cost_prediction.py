@@ -21,7 +21,7 @@ FEW_NODES = 4_000_000  # of a grid on the map, up to which it is made without an
 COARSE_NODES = 250_000  # of the grid on which the release is seeded for the estimate
 
 
-def require_room(stages, windowed, terrain):
+def require_memory(stages, windowed, terrain):
     """Refuse cells whose grid or particles this machine cannot hold.
 
     Parameters

@@ -12,9 +12,9 @@ from ...effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ...errors import InputError, SceneError
 from ...experiments.numerical_parameters import default_courant_number
 from ...fields import GRAVITY
+from ...io.dtm import READ_WHOLE, TerrainFile
 from ...io.gdal_input import require_local
-from ...io.raster import READ_WHOLE, TerrainFile
-from ...io.vector import with_crs_beside
+from ...io.reprojection import with_crs_hint
 from ...kernels.laws import require_compiled, use_own_laws
 from ...machine import memory_lack
 from ...messages import log, logged_once
@@ -31,8 +31,8 @@ from ...spatial.placement import levelled
 from ...terrain.nodata import nodata_in_reach
 from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ...terrain.release import tell_of_cliffs
-from .cost_prediction import require_room
-from .scene_files import read_places, trial_parameters
+from .cost_prediction import require_memory
+from .scene_files import read_spatial_features, trial_parameters
 from .sources import read_point_start, read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
@@ -145,10 +145,10 @@ def in_scene_words(message):
 @logged_once()
 def prepare_scene(scene):
     """As `prepare`, of a Scene that is read already."""
-    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene))
+    terrain, fill = with_crs_hint(_laid_on_it(scene), lambda: _terrain(scene))
     scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
-    require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
+    require_memory(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0])
     require_inflow_over(scene.stage, start.events)
@@ -235,7 +235,7 @@ def _stage(scene, terrain, grid, start, reached, later):
     `reached` (mu) answers as `_reached`.
     """
     at_start = start.frame if start.frame.dimension == 2 else start.seen
-    known = read_places(scene, terrain, grid, at_start, start.seen)
+    known = read_spatial_features(scene, terrain, grid, at_start, start.seen)
     reach, facts, deciding = _facts(terrain, start.seen, reached, known)
     in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
     require_ground(scene.solver, scene.numerics.edges, in_reach)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ...errors import MpmgisError
 from ...io.raster import raster_files
+from ...io.reprojection import is_raster
 from ...io.spatial_inputs import read_placed_raster, read_polygons, read_walls
-from ...io.vector import is_raster
 from ...spatial.declared import KnownByPlace
 from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls
 
@@ -48,7 +48,7 @@ def _with_what_belongs_to_it(path):
             yield from raster_files(path)
 
 
-def read_places(scene, terrain, grid, start, everything):
+def read_spatial_features(scene, terrain, grid, start, everything):
     """Read all that `scene` knows by place; a KnownByPlace.
 
     Parameters

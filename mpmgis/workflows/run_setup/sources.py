@@ -10,8 +10,8 @@ from ...conversion.starting import lying_in, point_options, points_from, standin
 from ...errors import InputError, SceneError
 from ...io.frames import read_frame
 from ...io.hydrograph import read_hydrograph
+from ...io.release_areas import read_release
 from ...io.spatial_inputs import read_area
-from ...io.vector import read_release
 from ...messages import log
 from ...particles import Particles
 from ...scene.tables import DENSITY, ReleaseTable

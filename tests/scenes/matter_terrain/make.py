@@ -18,10 +18,10 @@ import chain
 import profiles
 
 from mpmgis.cli.main import main
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
+from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.io.raster import read_terrain
 
 DATA = Path(__file__).resolve().parents[3] / "../shared/data/matter_terrain"
 CRS, ORIGIN, AXES, DENSITY = "EPSG:32632", (600000.0, 5170000.0, 0.0), ("e", "u", "-n"), 1500.0
@@ -35,7 +35,7 @@ def write_inputs(folder):
     ground = read_terrain(DATA / "terrain_epsg32632.asc", CRS)
     west, _, _, north = ground.grid.bounds
     chain.write_raster(folder / "dtm.tif", ground.elevation, west, north, ground.grid.cell_size, CRS)
-    terms = ForeignTerms(crs=ground.grid.crs, origin=ORIGIN, axes=AXES, density=DENSITY)
+    terms = Declarations(crs=ground.grid.crs, origin=ORIGIN, axes=AXES, density=DENSITY)
     (entry,) = list_frames([DATA / "particles_f0.ply"], terms)
     write_frame(folder / "start.h5", replace(entry.read(), dem="dtm.tif"))
 
@@ -64,7 +64,7 @@ def told_by_compare(folder, *options):
 
 def centres(folder):
     """Time [s] -> (our, Matter's) centre of mass (E from the origin, N from the origin, up) [m]."""
-    terms = ForeignTerms(origin=ORIGIN, axes=AXES, density=DENSITY)
+    terms = Declarations(origin=ORIGIN, axes=AXES, density=DENSITY)
     found = {}
     for entry in list_frames([DATA], terms):
         ours = read_frame(folder / "results" / f"frame_{round(entry.time / INTERVAL):06d}.h5", with_state=False)

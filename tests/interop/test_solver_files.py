@@ -15,7 +15,7 @@ from affine import Affine
 from mpmgis.cli.solver_options import SOLVERS
 from mpmgis.conversion.solver_start import placed_box, solver_grid, solver_start, with_material
 from mpmgis.errors import InputError
-from mpmgis.interop.declarations import ForeignTerms, axis_matrix, write_sidecar
+from mpmgis.interop.declarations import Declarations, axis_matrix, write_sidecar
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.interop.writers import cbgeo, start_files
 from mpmgis.interop.writers.registry import SOLVER_FILES
@@ -92,7 +92,7 @@ def made(tmp_path):
             files.finish(folder, [start.time])
         write_terrain(folder, box, axis_matrix(files.axes), files.terrain_on_grid)
         terms = {"crs": CRS, "origin": box.origin, "axes": files.axes, "density": DENSITY}
-        write_sidecar(folder / "georef.json", ForeignTerms(**terms, **({"times": (2.5,)} if files.finish else {})))
+        write_sidecar(folder / "georef.json", Declarations(**terms, **({"times": (2.5,)} if files.finish else {})))
         return start, frame.particles.position + np.array(frame.origin), folder
 
     return make
@@ -206,7 +206,7 @@ def test_cbgeo_starts_from_text_and_from_its_full_state(made):
     assert table["stress_zz"] == pytest.approx(start.vertical_stress)
     assert table["stress_xx"] == pytest.approx(start.vertical_stress * POISSON / (1 - POISSON))
     assert table["svars_0"] == pytest.approx(np.radians(35)) and table["svars_2"] == pytest.approx(700)
-    (entry,) = list_frames([path], ForeignTerms(sidecar=folder / "georef.json"))
+    (entry,) = list_frames([path], Declarations(sidecar=folder / "georef.json"))
     back = entry.read().particles
     assert entry.reader == "cbgeo" and entry.time == 0
     assert back.position + np.array(entry.header.origin) == pytest.approx(place, abs=1e-8)
@@ -354,7 +354,7 @@ def test_what_lies_beyond_is_refused():
     with pytest.raises(InputError, match=r"\d+ of 60 points have no ground under them"):
         solver_grid(solver_start(frame, box, DENSITY))
     fine = placed_box([frame], terrain, 0.1)
-    with pytest.raises(InputError, match=r"cells of 0.1 m, wanted at most 5e\+06"):
+    with pytest.raises(InputError, match=r"cells of 0.1 m, expected at most 5e\+06"):
         solver_grid(solver_start(frame, fine, DENSITY))
 
 

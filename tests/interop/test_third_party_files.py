@@ -12,7 +12,7 @@ from exporting import CRS, write_run
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, InputError
 from mpmgis.fields import Quantity
-from mpmgis.interop.declarations import ForeignTerms, axis_matrix
+from mpmgis.interop.declarations import Declarations, axis_matrix
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.raster_output import write_geotiff
 from mpmgis.terrain.grid import Grid
@@ -138,13 +138,13 @@ def test_volume_density_and_columns_may_be_told(site, capsys):
     ("options", "word"),
     [
         (("--axes", "e,u,n"), "mirror image"),
-        (("--axes", "e,e,n"), "right angles"),
-        (("--axes", "e,x,n"), "no direction"),
+        (("--axes", "e,e,n"), "orthogonal"),
+        (("--axes", "e,x,n"), "not a direction"),
         (("--origin", "0,0"), "three numbers"),
         (("--times", "1,2"), "2 times for 3 frames"),
-        (("--fps", "2", "--dt", "1"), "give one of them"),
-        (("--columns", "mass=m"), "no such column"),
-        (("--columns", "heat=p"), "no quantity 'heat'"),
+        (("--fps", "2", "--dt", "1"), "give only one"),
+        (("--columns", "mass=m"), "unknown column"),
+        (("--columns", "heat=p"), "unknown quantity 'heat'"),
         (("--columns", "mass"), "NAME=COLUMN"),
         (("--reader", "mattr"), "choose from mpmgis, matter"),
         (("--reader", "mpmgis"), "no frame (*.h5)"),
@@ -163,7 +163,7 @@ def test_nonsense_is_refused_in_one_line(site, capsys, options, word):
 def test_options_of_other_codes_are_refused_for_our_own_frames(tmp_path, capsys):
     write_run(tmp_path / "run", times=(0.0,))
     assert main(["export-raster", str(tmp_path / "run"), "--axes", "e,n,u"]) == 2
-    assert "--axes is for other codes' files" in capsys.readouterr().err
+    assert "--axes is only for files of other codes" in capsys.readouterr().err
     assert main(["info", str(tmp_path / "run"), "--fps", "2"]) == 2
     assert "--fps is about" in capsys.readouterr().err
 
@@ -177,7 +177,7 @@ def test_a_file_that_nobody_knows_is_refused_with_the_names_of_those_who_are_kno
 
 def test_two_codes_at_once_are_refused(site, capsys, tmp_path):
     write_run(tmp_path / "run", times=(0.0,))
-    assert "one code's frames" in refused(capsys, site, *TOLD, frames=("matter", "run"))
+    assert "the frames of one code" in refused(capsys, site, *TOLD, frames=("matter", "run"))
 
 
 def write_flat(path):
@@ -190,14 +190,17 @@ def write_flat(path):
     ("damage", "word"),
     [
         (lambda path: path.write_bytes(path.read_bytes()[:-100]), "truncated"),
-        (lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"), "no format"),
+        (
+            lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n1 2 3\n"),
+            "lacks format",
+        ),
         (lambda path: path.write_bytes(b"ply\nformat binary_pdp\nend_header\n"), "format binary_pdp"),
-        (lambda path: path.write_bytes(b"ply\nformat\nend_header\n"), "lacks a word"),
-        (lambda path: path.write_bytes(b"solid"), "no PLY"),
-        (write_flat, "two dimensions"),
-        (lambda path: write_ply(path, particles(0)[:, :6], (*COLUMNS[:5], "mass")), "no Je"),
+        (lambda path: path.write_bytes(b"ply\nformat\nend_header\n"), "is incomplete"),
+        (lambda path: path.write_bytes(b"solid"), "not a PLY"),
+        (write_flat, "two-dimensional"),
+        (lambda path: write_ply(path, particles(0)[:, :6], (*COLUMNS[:5], "mass")), "lacks Je"),
         (lambda path: write_ply(path, particles(0)[:0]), "no particle"),
-        (lambda path: write_ply(path, particles(0)[:50]), "info.txt is of 400 particles"),
+        (lambda path: write_ply(path, particles(0)[:50]), "info.txt has 400 particles"),
         (lambda path: (path.parent / "info.txt").write_text("1 2 3"), "five numbers"),
     ],
 )
@@ -205,7 +208,7 @@ def test_damaged_files_are_refused_by_name(site, damage, word):
     path = site / "matter" / "particles_f0.ply"
     damage(path)
     with pytest.raises(FormatError, match=word):
-        list_frames([path], ForeignTerms(reader="matter"))
+        list_frames([path], Declarations(reader="matter"))
 
 
 def test_values_that_are_not_finite_are_named(site, capsys):
@@ -226,7 +229,7 @@ def test_particles_that_a_code_lost_are_told(site, capsys):
 def test_byte_orders_and_precisions_read_the_same(site, order, kind):
     path = site / "matter" / "particles_f0.ply"
     write_ply(path, particles(0), order=order, kind=kind)
-    terms = ForeignTerms(origin=(WEST, SOUTH, 0.0), axes=("e", "u", "-n"), density=DENSITY)
+    terms = Declarations(origin=(WEST, SOUTH, 0.0), axes=("e", "u", "-n"), density=DENSITY)
     frame = list_frames([path], terms)[0].read()
     x, y, z = particles(0)[:, :3].T
     np.testing.assert_allclose(frame.particles.position, np.column_stack([x, -z, y]), atol=1e-5)

@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from foreign_writers import (
+from third_party_writers import (
     CODES,
     cbgeo_table,
     cloud,
@@ -34,16 +34,16 @@ from foreign_writers import (
 
 from mpmgis.cli.main import main
 from mpmgis.errors import MpmgisError
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.interop.readers.registry import FOREIGN
 
-TOLD = ForeignTerms(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, time_step=1.0)
+TOLD = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, time_step=1.0)
 
 
 def read_all(path, reader):
     """Read every frame in a file or folder with a reader."""
-    terms = ForeignTerms(**{**vars(TOLD), "reader": reader})
+    terms = Declarations(**{**vars(TOLD), "reader": reader})
     return [entry.read() for entry in list_frames([path], terms)]
 
 
@@ -163,7 +163,7 @@ def one_field(file):
         (rename, "no table of records"),
         (link, "no table of records"),
         (numbers, "no table of records"),
-        (one_field, "no numbers coord_y"),
+        (one_field, "lacks coord_y"),
     ],
 )
 def test_tables_that_are_none_are_refused(change, word, tmp_path):
@@ -178,7 +178,7 @@ def test_tables_that_are_none_are_refused(change, word, tmp_path):
 def test_settings_beside_the_files_that_are_damaged_are_named(tmp_path):
     cbgeo_table(tmp_path / "particles0500.h5", 1)
     (tmp_path / "mpm.json").write_text("{")
-    assert "mpm.json is no readable JSON" in refusal(tmp_path / "particles0500.h5", "cbgeo")
+    assert "mpm.json is not readable JSON" in refusal(tmp_path / "particles0500.h5", "cbgeo")
 
 
 def test_results_without_displacements_or_points_are_refused(tmp_path):
@@ -207,7 +207,7 @@ def test_files_of_a_pair_that_do_not_belong_together_are_refused(tmp_path):
     path.write_text(text.replace("62", "61"))
     assert "small" in refusal(small / "slide_MPVector_001.vtk", "anura3d")
     (small / "slide.CPS_002").write_text("$$TOTAL_TIME\nsoon\n$$TIME_PER_LOADSTEP\n1\n")
-    assert "TOTAL_TIME is no number" in refusal(small / "slide_MPVector_002.vtk", "anura3d")
+    assert "TOTAL_TIME is not a number" in refusal(small / "slide_MPVector_002.vtk", "anura3d")
 
 
 def test_a_load_step_that_has_several_files_asks_for_their_times(tmp_path):
@@ -220,8 +220,8 @@ def test_a_load_step_that_has_several_files_asks_for_their_times(tmp_path):
         )
     terms = {**vars(TOLD), "time_step": None}
     with pytest.raises(MpmgisError, match="its time"):
-        list_frames([tmp_path], ForeignTerms(**terms))
-    entries = list_frames([tmp_path], ForeignTerms(**{**terms, "times": (0.0, 1.0, 2.0, 3.0)}))
+        list_frames([tmp_path], Declarations(**terms))
+    entries = list_frames([tmp_path], Declarations(**{**terms, "times": (0.0, 1.0, 2.0, 3.0)}))
     assert [entry.path.name[-13:-4] for entry in entries][1:3] == ["001000010", "001000020"]
 
 
@@ -240,11 +240,11 @@ def test_entities_are_not_expanded(tmp_path):
     [
         ("ascii", b'type="Float32"', b'type="Float99"', "no points"),
         ("ascii", b" 30.0 ", b" high ", "something else than numbers"),
-        ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "wanted 183"),
-        ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="many"', "whole number"),
-        ("ascii", b"</Points>", b"</Dots>", "no readable XML"),
-        ("ascii", b"UnstructuredGrid", b"ImageData       ", "wanted PolyData"),
-        ("raw", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "wanted 732"),
+        ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "expected 183"),
+        ("ascii", b'NumberOfPoints="60"', b'NumberOfPoints="many"', "an integer"),
+        ("ascii", b"</Points>", b"</Dots>", "not readable XML"),
+        ("ascii", b"UnstructuredGrid", b"ImageData       ", "expected PolyData"),
+        ("raw", b'NumberOfPoints="60"', b'NumberOfPoints="61"', "expected 732"),
         ("raw", b'header_type="UInt32"', b'header_type="UInt99"', "header_type"),
         ("raw", b'byte_order="LittleEndian"', b'byte_order="MiddleEndian"', "byte_order"),
         ("raw", b'offset="0"', b'offset="9999999"', "truncated"),
@@ -273,17 +273,15 @@ def test_what_unpacks_to_more_than_it_says_stops_there(tmp_path):
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
     spoilt(path, head, base64.b64encode(struct.pack("<4I", 1, 1 << 31, 0, len(packed))))
-    assert "unpacks to 2147483648 bytes, wanted 720" in refusal(path, "vtk")
+    assert "decompresses to 2147483648 bytes, expected 720" in refusal(path, "vtk")
 
 
 def test_a_list_names_what_is_not_there(tmp_path):
     write_pieces(tmp_path)
     (tmp_path / "slide_1_0.vtu").unlink()
-    assert "slide_1.pvtu names 1 files that are not there, the first slide_1_0.vtu" in refusal(
-        tmp_path / "slide.pvd", "vtk"
-    )
+    assert "slide_1.pvtu lists 1 missing files, the first slide_1_0.vtu" in refusal(tmp_path / "slide.pvd", "vtk")
     spoilt(tmp_path / "slide.pvd", b'timestep="0.5"', b'timestep="noon"')
-    assert "'noon' is no time" in refusal(tmp_path / "slide.pvd", "vtk")
+    assert "'noon' is not a time" in refusal(tmp_path / "slide.pvd", "vtk")
 
 
 def test_a_particle_file_without_ids_is_no_file_of_mpm_geomechanics(tmp_path):
@@ -308,7 +306,7 @@ def test_archives_are_never_unpickled(tmp_path, monkeypatch):
     np.savez(tmp_path / "trap.npz", position=position, velocity=cloud(0)[1], t_current=0.0, body_num=60)
     assert "lacks position" in refusal(tmp_path / "trap.npz", "geotaichi")
     (tmp_path / "raw.npz").write_bytes(pickle.dumps(Trap()))
-    assert "no readable .npz" in refusal(tmp_path / "raw.npz", "npz")
+    assert "not a readable .npz" in refusal(tmp_path / "raw.npz", "npz")
     assert main(["info", str(tmp_path / "trap.npz")]) in (0, 2)
     assert not (tmp_path / "ran").exists()
 
@@ -336,11 +334,11 @@ def test_rows_of_another_length_and_words_among_numbers_are_told(tmp_path):
     path.write_text("\n".join([*lines[:20], lines[20].replace("3.0", ""), *lines[21:]]))
     assert "NaN or infinite" in refusal(path, "csv")
     path.write_text(lines[0].replace("vx", "x") + "\n" + lines[1] + "\n")
-    assert "there twice" in refusal(path, "csv")
+    assert "occurs twice" in refusal(path, "csv")
     path.write_text(lines[0] + "\n")
     assert "no" in refusal(path, "csv")
     path.write_text(lines[0].replace("vx", "up") + "\n" + lines[1] + "\n")
-    assert "which columns are vx (--columns vx=COLUMN,..; it has id, time" in refusal(path, "csv")
+    assert "the columns of vx (--columns vx=COLUMN,..; it has id, time" in refusal(path, "csv")
 
 
 def test_dumps_in_other_units_or_cut_short_are_refused(tmp_path):
@@ -363,10 +361,10 @@ def test_a_parquet_with_rows_missing_or_text_for_numbers_is_refused(tmp_path):
     write_parquet(tmp_path)
     path = tmp_path / "slide.parquet"
     path.write_bytes(path.read_bytes()[:-9])
-    assert "no readable Parquet" in refusal(path, "parquet")
+    assert "not a readable Parquet" in refusal(path, "parquet")
     columns = table(0) | {"x": [str(value) for value in table(0)["x"]]}
     pyarrow.parquet.write_table(pyarrow.table(columns), path)
-    assert "which columns are x " in refusal(path, "parquet")
+    assert "the columns of x " in refusal(path, "parquet")
 
 
 def test_a_text_ply_with_too_few_rows_is_refused(tmp_path):
@@ -374,7 +372,7 @@ def test_a_text_ply_with_too_few_rows_is_refused(tmp_path):
     path = tmp_path / "slide_50.ply"
     spoilt(path, b"element vertex 60", b"element vertex 61")
     told = refusal(path, "ply")
-    assert "its list of vertices holds" in told and "it is truncated or damaged" in told
+    assert "its list of vertices has" in told and "it is truncated or damaged" in told
 
 
 def test_all_readers_refuse_folders_and_files_that_are_not_there(tmp_path):
@@ -386,4 +384,4 @@ def test_all_readers_refuse_folders_and_files_that_are_not_there(tmp_path):
 def test_json_of_another_kind_is_no_sidecar(tmp_path, capsys):
     write_npz(tmp_path)
     (tmp_path / "georef.json").write_text(json.dumps({"crs": "EPSG:32632"}))
-    assert "wanted 'mpmgis-georeference'" in refusal(tmp_path, "npz")
+    assert "expected 'mpmgis-georeference'" in refusal(tmp_path, "npz")

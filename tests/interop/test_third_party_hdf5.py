@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, InputError, MpmgisError
 from mpmgis.fields import Quantity
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.interop.readers.registry import OWN, reader_of
 from mpmgis.io.frames import read_frame
@@ -110,7 +110,7 @@ def write_layout(path, layout, step=0):
 def test_any_layout_gives_the_same_particles(tmp_path, layout):
     path = tmp_path / "slide_12.h5"
     columns = write_layout(path, layout)
-    (entry,) = list_frames([path], ForeignTerms(**MAP, time_step=0.5, columns=columns, density=8.0))
+    (entry,) = list_frames([path], Declarations(**MAP, time_step=0.5, columns=columns, density=8.0))
     particles, expected = entry.read().particles, cloud()
     for name, values in expected.items():
         np.testing.assert_array_equal(getattr(particles, name), values)
@@ -125,7 +125,7 @@ def test_groups_by_number_are_the_frames_of_a_series(tmp_path, names):
             arrays = cloud(k)
             group[names[1]], group["velocity"], group["mass"] = arrays["position"], arrays["velocity"], arrays["mass"]
             group.attrs["time"] = 0.25 * k
-    entries = list_frames([tmp_path / "run.hdf5"], ForeignTerms(**MAP, density=10.0))
+    entries = list_frames([tmp_path / "run.hdf5"], Declarations(**MAP, density=10.0))
     assert [entry.time for entry in entries] == [0.0, 0.5, 2.5]
     for entry, k in zip(entries, (0, 2, 10), strict=True):
         np.testing.assert_array_equal(entry.read().particles.position, cloud(k)["position"])
@@ -142,22 +142,22 @@ def gadget(path, kinds=(0,)):
 
 def test_gadget_is_read_and_several_kinds_of_particles_are_asked_for(tmp_path):
     gadget(tmp_path / "snap_001.hdf5")
-    terms = ForeignTerms(**MAP, density=10.0, columns=(("velocity", "Velocities"),))
+    terms = Declarations(**MAP, density=10.0, columns=(("velocity", "Velocities"),))
     (entry,) = list_frames([tmp_path / "snap_001.hdf5"], terms)
     particles = entry.read().particles
     assert entry.time == 3.5 and particles.id.tolist() == list(range(COUNT))[::-1]
     np.testing.assert_array_equal(particles.volume, cloud()["mass"] / 10.0)
     gadget(tmp_path / "two.hdf5", (0, 1))
-    with pytest.raises(InputError, match=r"several groups \(PartType0, PartType1\); name one.*PartType0/Coordinates"):
+    with pytest.raises(InputError, match=r"several groups \(PartType0, PartType1\); choose one.*PartType0/Coordinates"):
         list_frames([tmp_path / "two.hdf5"], terms)
     columns = (("position", "PartType1/Coordinates"), ("velocity", "PartType1/Velocities"))
-    (entry,) = list_frames([tmp_path / "two.hdf5"], ForeignTerms(**MAP, density=10.0, columns=columns))
+    (entry,) = list_frames([tmp_path / "two.hdf5"], Declarations(**MAP, density=10.0, columns=columns))
     np.testing.assert_array_equal(entry.read().particles.position, cloud()["position"] + 1)
 
 
 def refused(path, **terms):
     with pytest.raises(MpmgisError) as caught:
-        list_frames([path], ForeignTerms(**{**MAP, "time_step": 1.0, "density": 10.0, "reader": "hdf5"} | terms))
+        list_frames([path], Declarations(**{**MAP, "time_step": 1.0, "density": 10.0, "reader": "hdf5"} | terms))
     assert "\n" not in str(caught.value) and path.name in str(caught.value)
     return str(caught.value)
 
@@ -169,12 +169,12 @@ def test_ambiguous_names_are_refused_with_the_candidates(tmp_path):
         file["velocity"], file["mass"] = cloud()["velocity"], cloud()["mass"]
     word = refused(path)
     assert "position may be" in word and "pos.x" in word and "coordinates.x" in word and "--columns" in word
-    (entry,) = list_frames([path], ForeignTerms(**MAP, time_step=1.0, density=1.0, columns=(("position", "pos"),)))
+    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, density=1.0, columns=(("position", "pos"),)))
     np.testing.assert_array_equal(entry.read().particles.position, cloud()["position"])
     with h5py.File(path, "a") as file:
         file.create_group("a")["m"], file.create_group("b")["m"] = cloud()["mass"], cloud()["mass"]
     word = refused(path, columns=(("position", "pos"), ("mass", "m")))
-    assert "m lies in several groups (a/m, b/m)" in word
+    assert "m is in several groups (a/m, b/m)" in word
 
 
 def test_no_particles_are_refused_with_what_there_is(tmp_path):
@@ -182,11 +182,11 @@ def test_no_particles_are_refused_with_what_there_is(tmp_path):
     with h5py.File(path, "w") as file:
         file["depth"], file.create_group("out")["q"] = np.zeros((20, 3)), np.zeros(20)
     word = refused(path)
-    assert "nothing is called a position" in word and "depth (20, 3)" in word and "out/q (20)" in word
+    assert "no array is named as a position" in word and "depth (20, 3)" in word and "out/q (20)" in word
     assert "--columns" in word
     with h5py.File(tmp_path / "empty.h5", "w"):
         pass
-    assert "it holds no rows of numbers" in refused(tmp_path / "empty.h5")
+    assert "it contains no rows of numbers" in refused(tmp_path / "empty.h5")
     assert "no group has all of" in refused(path, columns=(("position", "nothing"),))
 
 
@@ -220,7 +220,7 @@ def test_the_two_refusals_never_send_a_user_from_one_to_the_other(tmp_path, caps
                 main([*verb, path, *options])
                 word = capsys.readouterr().err
                 assert not ("is a frame of mpmgis" in word and not is_own), (path, options, word)
-                assert not ("is no mpmgis frame" in word and is_own), (path, options, word)
+                assert not ("not an mpmgis frame" in word and is_own), (path, options, word)
                 assert word.count("\n") <= 4 and "Traceback" not in word
 
 
@@ -271,7 +271,7 @@ def test_a_crs_may_be_wkt_epsg_or_proj(tmp_path, crs):
         for name, values in cloud().items():
             file[name] = values
         file.attrs["crs"] = crs
-    (entry,) = list_frames([tmp_path / "a_1.h5"], ForeignTerms(time_step=1.0))
+    (entry,) = list_frames([tmp_path / "a_1.h5"], Declarations(time_step=1.0))
     assert same_place(entry.header.crs, place) and entry.header.origin == (0.0, 0.0, 0.0)
     (own,) = write_run(tmp_path / "own", times=(0.0,))
     with h5py.File(own, "a") as file:
@@ -285,8 +285,8 @@ def test_a_crs_that_is_none_is_refused_and_can_be_overridden(tmp_path):
         for name, values in cloud().items():
             file[name] = values
         file.attrs["crs"] = "somewhere"
-    assert "wanted EPSG:n, WKT or a PROJ string" in refused(path)
-    (entry,) = list_frames([path], ForeignTerms(**MAP, time_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
+    assert "expected EPSG:n, WKT or a PROJ string" in refused(path)
+    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
     assert entry.header.crs.to_epsg() == 2056
 
 
@@ -328,7 +328,7 @@ def test_nothing_is_read_from_other_files(tmp_path):
             file["velocity"], file["mass"] = cloud()["velocity"], cloud()["mass"]
             make(file)
         word = refused(path)
-        assert "lie in other files or behind links and are not read" in word, (name, word)
+        assert "are in other files or behind links and are not read" in word, (name, word)
 
 
 def test_what_declares_more_than_the_machine_holds_takes_no_memory(tmp_path):
@@ -343,7 +343,7 @@ def test_what_declares_more_than_the_machine_holds_takes_no_memory(tmp_path):
         file.create_dataset("table", (rows,), np.dtype(kinds), chunks=(10,))
     tracemalloc.start()
     assert "GB are free" in refused(tmp_path / "rows_1.h5")
-    assert "holds no rows" in refused(tmp_path / "wide_1.h5")
+    assert "contains no rows" in refused(tmp_path / "wide_1.h5")
     assert "GB are free" in refused(tmp_path / "record_1.h5")
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
@@ -355,7 +355,7 @@ def test_a_chunk_larger_than_memory_is_refused(tmp_path, monkeypatch):
         for name, values in cloud().items():
             shape = (None, *values.shape[1:])
             file.create_dataset(name, data=values, chunks=(500_000, *values.shape[1:]), maxshape=shape)
-    terms = ForeignTerms(**MAP, time_step=1.0)
+    terms = Declarations(**MAP, time_step=1.0)
     (entry,) = list_frames([path], terms)
     assert len(entry.read().particles) == COUNT
     monkeypatch.setattr("mpmgis.machine.available_memory", lambda: 1e6)
@@ -378,7 +378,7 @@ def test_a_truncated_file_and_one_that_changed_are_refused(tmp_path):
             "full_paths": "",
         },
     )
-    (entry,) = list_frames([path], ForeignTerms(**MAP, time_step=1.0, columns=columns))
+    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, columns=columns))
     with h5py.File(path, "a") as file:
         del file["position"]
         file["position"] = np.zeros((3, 3))
@@ -387,12 +387,12 @@ def test_a_truncated_file_and_one_that_changed_are_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:3000])
     assert reader_of(path, lenient=True) == OWN  # and that reader says that it is damaged
     with pytest.raises(FormatError, match="truncated or damaged"):
-        list_frames([path], ForeignTerms(columns=columns))
+        list_frames([path], Declarations(columns=columns))
 
 
 def test_our_own_frames_stay_ours(tmp_path):
     (own,) = write_run(tmp_path / "own", times=(0.0,))
     assert reader_of(own) == reader_of(own, lenient=True) == OWN
-    with pytest.raises(FormatError, match="is a file of mpmgis; leave --reader hdf5 out"):
-        list_frames([own], ForeignTerms(**MAP, reader="hdf5"))
+    with pytest.raises(FormatError, match="is a file of mpmgis; omit --reader hdf5"):
+        list_frames([own], Declarations(**MAP, reader="hdf5"))
     assert Path(own).exists()

@@ -5,10 +5,10 @@ import pickle
 
 import numpy as np
 import pytest
-from foreign_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud, write_anura3d, write_geotaichi
+from third_party_writers import CODES, COUNT, DENSITY, MASS, TIMES, VOLUME, cloud, write_anura3d, write_geotaichi
 
 from mpmgis.cli.main import main
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.interop.readers.registry import OWN, reader_of
 
@@ -16,10 +16,10 @@ EAST, NORTH = 600000.0, 5170000.0
 
 
 def terms_of(options, **more):
-    """ForeignTerms for options of the command line."""
+    """Declarations for options of the command line."""
     names = {"--density": "density", "--dt": "time_step", "--particle-volume": "particle_volume"}
     said = {names[option]: float(value) for option, value in zip(options[::2], options[1::2], strict=True)}
-    return ForeignTerms(**{"axes": ("e", "n", "u"), "origin": (EAST, NORTH, 0.0), **said, **more})
+    return Declarations(**{"axes": ("e", "n", "u"), "origin": (EAST, NORTH, 0.0), **said, **more})
 
 
 @pytest.mark.parametrize("name", CODES)

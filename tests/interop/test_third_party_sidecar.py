@@ -6,19 +6,19 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
-from foreign_writers import COUNT, MASS, csv_writer, table, write_kratos_gid, write_npz
+from third_party_writers import COUNT, MASS, csv_writer, table, write_kratos_gid, write_npz
 
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, MpmgisError
 from mpmgis.fields import Quantity
-from mpmgis.interop.declarations import ForeignTerms, find_sidecar, read_sidecar, sidecar_path, write_sidecar
+from mpmgis.interop.declarations import Declarations, find_sidecar, read_sidecar, sidecar_path, write_sidecar
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.raster_output import write_geotiff
 from mpmgis.terrain.grid import Grid
 
 UTM = pyproj.CRS.from_epsg(32632)
 EAST, NORTH = 600000.0, 5170000.0
-WHOLE = ForeignTerms(
+WHOLE = Declarations(
     crs=UTM, origin=(EAST, NORTH, 0.0), axes=("e", "n", "u"), density=1500.0, particle_volume=0.5,
     columns=(("mass", "m"), ("velocity", "U")), times=(0.0, 1.5), dem="dtm.tif",
 )  # fmt: skip
@@ -39,33 +39,33 @@ def test_what_is_written_is_read(tmp_path):
     assert vars(said) == {**vars(WHOLE), "dem": said.dem}
     assert json.loads(path.read_text())["crs"] == "EPSG:32632"
     own = pyproj.CRS.from_proj4("+proj=tmerc +lat_0=46 +lon_0=11 +units=m")
-    write_sidecar(path, ForeignTerms(crs=own, frames_per_second=4.0))
+    write_sidecar(path, Declarations(crs=own, frames_per_second=4.0))
     assert read_sidecar(path).crs == own and read_sidecar(path).frames_per_second == 4.0
-    write_sidecar(path, ForeignTerms())
-    assert vars(read_sidecar(path)) == vars(ForeignTerms())
+    write_sidecar(path, Declarations())
+    assert vars(read_sidecar(path)) == vars(Declarations())
 
 
 @pytest.mark.parametrize(
     ("key", "value", "word"),
     [
         ("orign", [0, 0, 0], "no key 'orign'"),
-        ("origin", [0, 0], "2 numbers, wanted three"),
-        ("origin", [0, 0, "0"], "wanted a list of numbers"),
+        ("origin", [0, 0], "2 numbers, expected three"),
+        ("origin", [0, 0, "0"], "expected a list of numbers"),
         ("axes", "e,n,u", "three words"),
         ("axes", ["e", "u", "n"], "mirror image"),
-        ("axes", ["e", "x", "n"], "no direction"),
+        ("axes", ["e", "x", "n"], "not a direction"),
         ("crs", "EPSG:1", "no such EPSG"),
         ("crs", "somewhere", "wanted EPSG:n, WKT or a PROJ string"),
-        ("crs", 32632, "wanted text"),
+        ("crs", 32632, "expected text"),
         ("density", -1, "above 0"),
         ("density", True, "above 0"),
         ("density", float("nan"), "above 0"),
         ("fps", 0, "above 0"),
         ("times", [], "list of numbers"),
         ("times", [float("inf")], "list of numbers"),
-        ("columns", {"heat": "T"}, "no quantity 'heat'"),
+        ("columns", {"heat": "T"}, "unknown quantity 'heat'"),
         ("columns", [["mass", "m"]], "names and columns"),
-        ("format", "other", "wanted 'mpmgis-georeference'"),
+        ("format", "other", "expected 'mpmgis-georeference'"),
         ("format_version", 2, "reads up to 1"),
         ("format_version", "1", "reads up to 1"),
     ],
@@ -82,10 +82,10 @@ def test_what_is_no_sidecar_is_refused_in_a_line(key, value, word, tmp_path):
 def test_times_are_said_in_one_way(tmp_path):
     path = tmp_path / "georef.json"
     path.write_text(json.dumps({"format": "mpmgis-georeference", "format_version": 1, "fps": 2, "dt": 1}))
-    with pytest.raises(InputError, match="all say the time"):
+    with pytest.raises(InputError, match="all set the time"):
         read_sidecar(path)
     path.write_text("[[[")
-    with pytest.raises(InputError, match="no readable JSON"):
+    with pytest.raises(InputError, match="not readable JSON"):
         read_sidecar(path)
 
 
@@ -108,7 +108,7 @@ def test_an_export_needs_nothing_that_the_sidecar_says(tmp_path, capsys):
     folder = tmp_path / "run"
     folder.mkdir()
     write_npz(folder)
-    said = ForeignTerms(crs=UTM, origin=(EAST, NORTH, 0.0), axes=("e", "n", "u"), density=1500.0, dem="../dtm.tif")
+    said = Declarations(crs=UTM, origin=(EAST, NORTH, 0.0), axes=("e", "n", "u"), density=1500.0, dem="../dtm.tif")
     write_sidecar(folder / "georef.json", said)
     assert main(["export-raster", str(folder), "-o", str(tmp_path / "gis"), "--no-qgis", "--products", "mass"]) == 0
     told = capsys.readouterr().err
@@ -126,8 +126,8 @@ def test_an_export_needs_nothing_that_the_sidecar_says(tmp_path, capsys):
 
 def test_options_override_the_sidecar(tmp_path):
     write_npz(tmp_path)
-    write_sidecar(tmp_path / "georef.json", ForeignTerms(**{**vars(WHOLE), "columns": (), "times": (0.0, 1.0, 2.0)}))
-    said = ForeignTerms(density=1000.0, axes=("n", "w", "u"), origin=(1.0, 2.0, 3.0), time_step=7.0)
+    write_sidecar(tmp_path / "georef.json", Declarations(**{**vars(WHOLE), "columns": (), "times": (0.0, 1.0, 2.0)}))
+    said = Declarations(density=1000.0, axes=("n", "w", "u"), origin=(1.0, 2.0, 3.0), time_step=7.0)
     entries = list_frames([tmp_path], said)
     assert [entry.time for entry in entries] == [0.0, 7.0, 14.0]
     assert entries[0].header.origin == (1.0, 2.0, 3.0) and entries[0].header.header["density"] == 1000.0
@@ -135,7 +135,7 @@ def test_options_override_the_sidecar(tmp_path):
     assert first.position[0].tolist() == [-30.0, 20.0, 100.0]  # the file's x points north, its y west
     assert first.volume[0] == 0.5  # what the options leave open
     assert entries[0].header.crs == UTM
-    assert list_frames([tmp_path], ForeignTerms.named({}, crs="local"))[0].header.crs is None
+    assert list_frames([tmp_path], Declarations.named({}, crs="local"))[0].header.crs is None
 
 
 def test_columns_of_both_are_taken_together(tmp_path):
@@ -144,8 +144,8 @@ def test_columns_of_both_are_taken_together(tmp_path):
     names = [renamed.get(name, name) for name in columns]
     rows = [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
     (tmp_path / "slide.csv").write_text("\n".join([",".join(names), *rows]))
-    write_sidecar(tmp_path / "slide.georef.json", ForeignTerms(columns=(("x", "E"), ("vx", "z"), ("mass", "m"))))
-    said = ForeignTerms(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1.0, columns=(("vx", "u"),))
+    write_sidecar(tmp_path / "slide.georef.json", Declarations(columns=(("x", "E"), ("vx", "z"), ("mass", "m"))))
+    said = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1.0, columns=(("vx", "u"),))
     particles = list_frames([tmp_path / "slide.csv"], said)[0].read().particles
     assert particles.position[1, 0] == 21.0 and particles.velocity[1, 0] == 2.125 and particles.mass[0] == MASS
     assert main(["info", "-q", str(tmp_path / "slide.csv")]) == 0
@@ -158,19 +158,19 @@ def test_a_vector_may_be_said_at_once(tmp_path, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["own_axes"]["x"] == [1.0, 1.0] and facts["max_speed"] == pytest.approx(np.sqrt(12))
     assert main(["info", str(tmp_path / "a.npz"), "--columns", "position=q"]) == 2
-    assert "--columns x=q.x: it has no such column" in capsys.readouterr().err
+    assert "--columns x=q.x: unknown column" in capsys.readouterr().err
 
 
 def test_several_sidecars_or_a_missing_one_are_refused(tmp_path):
     write_npz(tmp_path)
     write_sidecar(tmp_path / "step1.georef.json", WHOLE)
     write_sidecar(tmp_path / "step2.georef.json", WHOLE)
-    with pytest.raises(MpmgisError, match="not all the same sidecar"):
-        list_frames([tmp_path], ForeignTerms())
+    with pytest.raises(MpmgisError, match="the files have different sidecars"):
+        list_frames([tmp_path], Declarations())
     with pytest.raises(MpmgisError, match=r"gone\.json"):
-        list_frames([tmp_path], ForeignTerms(sidecar=tmp_path / "gone.json"))
-    write_sidecar(tmp_path / "elsewhere.json", ForeignTerms(**{**vars(WHOLE), "columns": (), "times": (0.0, 1.0, 2.0)}))
-    assert len(list_frames([tmp_path], ForeignTerms(sidecar=tmp_path / "elsewhere.json"))) == 3
+        list_frames([tmp_path], Declarations(sidecar=tmp_path / "gone.json"))
+    write_sidecar(tmp_path / "elsewhere.json", Declarations(**{**vars(WHOLE), "columns": (), "times": (0.0, 1.0, 2.0)}))
+    assert len(list_frames([tmp_path], Declarations(sidecar=tmp_path / "elsewhere.json"))) == 3
 
 
 def test_a_loss_in_the_middle_of_a_file_of_many_times_is_told(tmp_path, capsys):
@@ -194,8 +194,8 @@ def test_a_loss_in_the_middle_of_a_file_of_many_times_is_told(tmp_path, capsys):
 def test_times_may_be_told_for_the_frames_of_one_file(tmp_path):
     (path,) = csv_writer()(tmp_path)
     said = {"axes": ("e", "n", "u"), "origin": (0.0, 0.0, 0.0), "density": 1.0}
-    entries = list_frames([path], ForeignTerms(**said, times=(5.0, 6.0, 8.0)))
+    entries = list_frames([path], Declarations(**said, times=(5.0, 6.0, 8.0)))
     assert [entry.time for entry in entries] == [5.0, 6.0, 8.0]
     np.testing.assert_allclose(entries[2].read().particles.position[0], [22.0, 29.0, 99.5])
     with pytest.raises(InputError, match="2 times for 3 frames"):
-        list_frames([path], ForeignTerms(**said, times=(5.0, 6.0)))
+        list_frames([path], Declarations(**said, times=(5.0, 6.0)))

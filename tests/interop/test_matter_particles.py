@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="no third-party data: 
 
 @pytest.fixture(scope="module")
 def ground():
-    from mpmgis.io.raster import read_terrain
+    from mpmgis.io.dtm import read_terrain
 
     return read_terrain(DATA / "terrain_epsg32632.asc", "EPSG:32632")
 

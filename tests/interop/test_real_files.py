@@ -10,7 +10,7 @@ import pytest
 
 from mpmgis.cli.main import main
 from mpmgis.errors import MpmgisError
-from mpmgis.interop.declarations import ForeignTerms
+from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 
 REAL = Path(__file__).parent / "real_files"
@@ -36,7 +36,7 @@ KRATOS_MASS, KRATOS_DENSITY = 7517.020686, 1800.0
 def frames_of(*names, **said):
     """The FrameEntries of some real files."""
     terms = {"axes": ("e", "n", "u"), "origin": (0.0, 0.0, 0.0)} | said
-    return list_frames([REAL / name for name in names], ForeignTerms(**terms))
+    return list_frames([REAL / name for name in names], Declarations(**terms))
 
 
 def told(entry):
@@ -84,7 +84,7 @@ def test_pieces_of_two_processes_are_one_frame_even_if_one_is_named(tmp_path):
         assert entry.time == pytest.approx(0.3)
     shutil.copy(REAL / "lammps" / "piece.1.3000.dump", tmp_path / "piece.2.3000.dump")
     shutil.copy(REAL / "lammps" / "piece.0.3000.dump", tmp_path)
-    with pytest.raises(MpmgisError, match="that of rank 1 is missing"):
+    with pytest.raises(MpmgisError, match="the piece of rank 1 is missing"):
         frames_of(tmp_path, time_step=1e-4)
 
 
@@ -142,7 +142,7 @@ def test_a_packed_dump_that_is_damaged_is_refused_in_a_line(tmp_path):
     path = tmp_path / "packed.dump.gz"
     for content, word in (
         (packed[:-200], "truncated"),
-        (packed[:700] + bytes(200) + packed[900:], "cannot be unpacked"),
+        (packed[:700] + bytes(200) + packed[900:], "cannot be decompressed"),
         (gzip.compress(gzip.decompress(packed)[:-40]), "gzip -dc packed.dump.gz . head -c"),
     ):
         path.write_bytes(content)
@@ -157,7 +157,7 @@ def test_binary_dumps_and_those_without_velocities_are_answered(capsys):
     assert "binary2txt" in capsys.readouterr().err
     assert main(["info", str(REAL / "lammps" / "atom.dump")]) == 0
     out = capsys.readouterr().out
-    assert "which columns are vx, vy, vz" in out
+    assert "the columns of vx, vy, vz" in out
     assert "5170.1, 5170.9" in out and "100.03, 100.56" in out  # shares of the box, as metres
 
 
@@ -181,7 +181,7 @@ def test_a_folder_of_liggghts_holds_grains_and_no_boxes(tmp_path):
     for path in (REAL / "liggghts").glob("*.vtk"):
         shutil.copy(path, tmp_path)
     assert [entry.path.name for entry in frames_of(tmp_path, time_step=2e-4)] == ["1000.vtk", "4000.vtk"]
-    with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*leave it out"):
+    with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*omit this file"):
         frames_of(tmp_path / "*.vtk", time_step=2e-4)
 
 
@@ -190,10 +190,10 @@ def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):
     empty = text[: text.index("ITEM: TIMESTEP", 5)]
     path = tmp_path / "left.dump"
     path.write_text(empty)
-    with pytest.raises(MpmgisError, match="no particle in it"):
+    with pytest.raises(MpmgisError, match="contains no particle"):
         frames_of(path, time_step=2e-4)
     path.write_text(text + empty.replace("TIMESTEP\n0\n", "TIMESTEP\n5000\n"))
-    with pytest.raises(MpmgisError, match="at 5000, and there were some before"):
+    with pytest.raises(MpmgisError, match="at 5000, but earlier frames do"):
         frames_of(path, time_step=2e-4)
 
 
@@ -225,7 +225,7 @@ def test_kratos_gid_files_cut_short_are_refused_by_name(kind, share, tmp_path):
         shutil.copy(path, tmp_path)
     path = tmp_path / f"slide.post.{kind}"
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    terms = ForeignTerms(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=KRATOS_DENSITY)
+    terms = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=KRATOS_DENSITY)
     with pytest.raises(MpmgisError) as answer:
         for entry in list_frames([tmp_path / "slide.post.res"], terms):
             entry.read()

@@ -1,0 +1,221 @@
+"""Digital terrain models (DTM): elevation rasters with checks of CRS, unit, nodata and slope."""
+
+import math
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from rasterio.windows import Window
+
+from ..errors import GeoreferenceError, InputError, one_line
+from ..messages import log
+from ..terrain.elevation import Terrain
+from ..terrain.georeference import (
+    LOCAL,
+    horizontal,
+    name_of,
+    parse_crs,
+    require_metric,
+    same_place,
+    scale_command,
+    warp_command,
+)
+from ..terrain.grid import Grid
+from .nodata_fill import INTERPOLATE, filled
+from .raster import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
+
+METRES = {"", "m", "metre", "metres", "meter", "meters"}
+_OTHER_UNITS = {  # unit type of a band -> metres
+    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "intlft": 0.3048,
+    "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937, "us survey feet": 1200 / 3937, "ftus": 1200 / 3937,
+    "sftus": 1200 / 3937, "foot_us": 1200 / 3937, "us_survey_foot": 1200 / 3937, "us foot": 1200 / 3937,
+    "km": 1000.0, "kilometre": 1000.0, "dm": 0.1, "cm": 0.01, "centimetre": 0.01, "mm": 0.001, "yd": 0.9144,
+    "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
+}  # fmt: skip
+_USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
+_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
+STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
+READ_WHOLE = 25_000_000  # pixels up to which a DTM is always read and checked completely: 0.2 GB
+_ROWS_AT_ONCE = 512
+
+
+class WithoutCRS(GeoreferenceError):
+    """A DTM without a CRS; `bounds` are its (west, south, east, north)."""
+
+    bounds = None
+
+
+def read_terrain(path, crs=None, band=None, fill_nodata=None):
+    """The DTM at `path` as a Terrain.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any raster that GDAL reads; north-up, south-up, rotated, non-square.
+    crs : str, optional
+        ``EPSG:n`` or ``local`` (metres without a georeference) for a file without a CRS.
+    band : int, optional
+        Counted from 1; required where there are several bands.
+    fill_nodata : {"interpolate"}, optional
+        Treatment of holes in the DTM (`io.nodata_fill`).
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    return TerrainFile(path, crs, band, fill_nodata).whole()
+
+
+class TerrainFile:
+    """A DTM whose georeference is read at once and whose elevations are read and checked in parts, on demand.
+
+    Parts have the same bits as the same parts of the whole `Terrain`.
+
+    Parameters
+    ----------
+    path, crs, band, fill_nodata : as for `read_terrain`
+
+    Attributes
+    ----------
+    grid : Grid
+        Of the whole file.
+    path : str
+    fill : NodataFill or None
+        Filled holes of the part that was read last.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def __init__(self, path, crs=None, band=None, fill_nodata=None):
+        self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
+        self.path = str(self._file)
+        with open_raster(path) as source:
+            self._band = band_number(source, path, band)
+            crs = _terrain_crs(source, path, crs)
+            _require_metres_up(source, path, self._band)
+            self.grid = Grid(crs, transform_of(source, path, local=crs is None), source.shape)
+            if min(self.grid.shape) < 2:
+                raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
+            if crs is not None:
+                require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path)
+
+    @property
+    def pixels(self):
+        """Number of pixels of the whole file."""
+        return self.grid.shape[0] * self.grid.shape[1]
+
+    @cached_property
+    def sha256(self):
+        """Hex digest of the whole file."""
+        return file_sha256(self._file)
+
+    def whole(self):
+        """The Terrain of all pixels."""
+        return self._terrain(self.grid, None)
+
+    def part(self, rows, columns):
+        """The Terrain of a slice of `rows` and a slice of `columns`."""
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
+
+    def cropped(self, bounds, margin):
+        """As `Terrain.cropped`."""
+        return self.part(*self.grid.window(bounds, margin))
+
+    def _terrain(self, grid, window):
+        with open_raster(self._file) as source:
+            elevation = band_values(source, self._file, self._band, window=window)
+        mask_false_heights(elevation, self._file)
+        terrain = Terrain(grid, elevation, self.path, self.sha256)
+        if self._fills:
+            terrain, self.fill = filled(terrain)
+            for line in self.fill.lines(grid.cell_size):
+                log.info(line)
+        _warn_of_steep_cells(terrain, self._file)
+        return terrain
+
+
+def _terrain_crs(source, path, asked):
+    """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
+    own = crs_of(source, path)
+    given = parse_crs(asked) if asked is not None else None
+    if own is not None and own.is_engineering:  # declared as a local frame
+        own = None
+        asked = asked or LOCAL
+        log.info(f"{path}: its CRS is a local frame; coordinates are metres without a georeference")
+    if own is None:
+        if asked is None:
+            error = WithoutCRS(
+                f"{path} has no CRS; give --crs EPSG:n, or --crs local for metres without a georeference (in "
+                f"a scene: crs in [terrain])"
+            )
+            error.bounds = tuple(source.bounds)
+            raise error
+        return horizontal(given)
+    if asked is not None and (given is None or not same_place(own, given)):
+        tag = "--unset-crs" if given is None else f"--crs {asked}"
+        reproject = "" if given is None else f", or reproject it: {warp_command(path, asked)}"
+        raise GeoreferenceError(
+            f"{path} is already in {name_of(own)}, --crs {asked} is only for a DTM without a CRS; omit --crs, "
+            f"or correct a wrong tag (rio edit-info FILE {tag}){reproject}"
+        )
+    plane = horizontal(own)
+    if own.is_compound:
+        log.info(
+            f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations are used unchanged, and "
+            f"results have the horizontal part, {name_of(plane)}"
+        )
+    return plane
+
+
+def _require_metres_up(source, path, band):
+    """Refuse a band with a known unit other than metre; an unknown unit is reported."""
+    unit = (source.units[band - 1] or "").strip()
+    factor = _OTHER_UNITS.get(unit.lower())
+    if factor is not None:
+        raise GeoreferenceError(
+            f"{path}: elevations are in {unit}, expected metres; convert them, for example: "
+            f"{scale_command(path, factor)}, and set the unit to m"
+        )
+    if unit.lower() not in METRES:
+        log.info(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
+
+
+def mask_false_heights(elevation, path):
+    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
+    for value in _USUAL_NODATA:
+        false = elevation == value
+        count = int(false.sum())
+        if count:
+            elevation[false] = np.nan
+            log.info(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
+    if not np.isfinite(elevation).any():
+        raise InputError(f"{path}: every cell is nodata")
+    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
+    if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
+        raise InputError(
+            f"{path}: elevations are from {lowest:g} to {highest:g}, expected metres between {_BELOW_EARTH:g} and "
+            f"{_ABOVE_EARTH:g}; declare the nodata value (rio edit-info FILE --nodata N), or choose the band "
+            "of the elevations"
+        )
+
+
+def _warn_of_steep_cells(terrain, path):
+    """Warn where more than 1 % of the cells are steeper than 85 degrees: wrong units or nodata."""
+    limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
+    rows = terrain.grid.shape[0]
+    for first in range(0, rows, _ROWS_AT_ONCE):
+        last = min(first + _ROWS_AT_ONCE, rows)
+        low, high = max(first - 1, 0), min(last + 1, rows)
+        heights = terrain.elevation[low:high]
+        band = Terrain(Grid(None, terrain.grid.transform, heights.shape), heights)
+        slope = np.hypot(band.gradient[..., 0], band.gradient[..., 1])[first - low : last - low]
+        steep += int(np.count_nonzero(slope > limit))
+        total += int(np.count_nonzero(np.isfinite(slope)))
+    if total and steep > STEEP_SHARE * total:
+        log.info(
+            f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
+            f"units (feet, degrees) and its nodata value"
+        )
