@@ -194,14 +194,23 @@ def slowed_speed(speed, time_step, dry_deceleration, viscous_rate, drag_per_leng
     return 2.0 * reduced / (linear + sqrt(linear * linear + 4.0 * time_step * drag_per_length * reduced))
 
 
+DRY, DRAG = "dry", "drag"  # roles: friction coefficient at rest [1]; xi of a turbulent drag rho g u^2 / xi [m s-2]
+ROLES = {"mu": DRY, "mu1": DRY, "xi": DRAG}  # by the parameter's name, the same for built-in and user-defined laws
+
+
 class Parameter(NamedTuple):
-    """What a scene may give for a parameter of a law."""
+    """A parameter of a law: unit, description, range and default."""
 
     unit: str
     meaning: str
     smallest: float
     largest: float
-    default: float | None = None  # None: it must be given
+    default: float | None = None  # None: required
+
+
+def value_of_role(role, values):
+    """The value of the first parameter with `role` in `values` (name -> value); None where there is none."""
+    return next((values[name] for name, known in ROLES.items() if known == role and name in values), None)
 
 
 _MU = Parameter("1", "dry friction coefficient, tan of the bed friction angle", 0.0, 10.0)

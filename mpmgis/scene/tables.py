@@ -415,10 +415,13 @@ class Scene:
 
     def dry_friction(self):
         """Coefficient of the friction law at rest [1]; 0 where the scene has none."""
+        return self.friction_value(friction.DRY) or 0.0
+
+    def friction_value(self, role):
+        """Value of the friction law's parameter with `role` (`effects.friction.ROLES`); None where there is none."""
         if self.friction is None or self.friction.use == "off":
-            return 0.0
-        values = self.friction.parameters
-        return float(values.get("mu", values.get("mu1", 0.0)))
+            return None
+        return friction.value_of_role(role, self.friction.parameters)
 
     def bed_friction_angle(self):
         """Friction angle at the bed for the earth pressure [degrees]: as given, else atan of the dry friction."""
