@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ..errors import InputError
-from ..kernels import sampling
+from ..kernels import polygon_cover
 from ..terrain.elevation import bilinear
 from ..terrain.release import NORMAL, ThicknessRaster
 from .cover import Lattice, Outline
@@ -113,7 +113,7 @@ def integral(polygon, raster):
     outline = Outline.of(polygon, lattice)
     cover = outline.cover()
     inside = _spans_within(cover.spans, outline.window, raster.values.shape)
-    total, square, area = sampling.integrate_cover(
+    total, square, area = polygon_cover.integrate_cover(
         raster.values, cover.rim_key, cover.rim, inside, cover.columns, outline.window.row, outline.window.column
     )
     return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..kernels import sampling
+from ..kernels import raster_values
 from ..particles import Frame, Particles
 from ..terrain.grid import Grid
 from ..terrain.release import require_on_terrain
@@ -245,5 +245,5 @@ class Seed:
             velocity[:, :2] = self._velocity
             for axis in (0, 1):
                 slope = np.ascontiguousarray(self._terrain.gradient[..., axis])
-                velocity[:, 2] += self._velocity[axis] * sampling.valid_values(slope, row, column)
+                velocity[:, 2] += self._velocity[axis] * raster_values.valid_values(slope, row, column)
         return velocity
