@@ -13,7 +13,7 @@ import scipy  # its parts are loaded when they are first used
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
-from ..kernels.binning import ROUNDING
+from ..kernels.cell_places import ROUNDING
 from .sampling import export_axes
 
 SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats

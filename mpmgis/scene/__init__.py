@@ -2,9 +2,10 @@
 
 from .catalogue import catalogue
 from .decisions import Decision, TerrainFacts
+from .reading import read_scene, scene_from_tables
 from .resistance import mu_least
 from .resolve import resolve
-from .tables import Scene, read_scene, scene_from_tables
+from .scene import Scene
 from .text import scene_text, template
 
 __all__ = [

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import SceneError
-from .tables import MaterialTable, read_toml, scene_from_tables
+from .reading import read_toml, scene_from_tables
+from .tables import MaterialTable
 
 TABLES = ("material", "softening", "friction", "output")
 # what a scene must have and a material has not; never looked at

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..fields import GRAVITY
-from ..kernels.columns import ROW
+from ..kernels.column_rows import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
 from ..machine import memory_lack
 from ..scene.points import FEWEST_CELLS

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import FormatError
-from ..kernels import columns as column_kernel
+from ..kernels import column_clock
 from ..kernels import points as point_kernel
 from ..particles import Particles
 from ..peaks import together
@@ -131,10 +131,10 @@ class CoupledSolver:
     def _march_columns(self, target):
         solver = self.columns_solver
         code = solver.advance(target, may_stop=False)
-        if code == column_kernel.ALL_LEFT:
+        if code == column_clock.ALL_LEFT:
             solver.wait(target)
             return REACHED_TIME
-        return code if code == column_kernel.REACHED_TIME else OF_COLUMNS + code
+        return code if code == column_clock.REACHED_TIME else OF_COLUMNS + code
 
     def _exchange(self):
         """Columns that have come into the window become points."""

@@ -2,7 +2,7 @@
 
 from time import perf_counter
 
-from ..kernels import columns as column_kernel
+from ..kernels import column_clock
 from ..kernels import points as point_kernel
 from .coupled import OF_COLUMNS, CoupledSolver
 from .particle_store import GAIN_STOP
@@ -13,13 +13,13 @@ STOPPED_AT_REST = 100  # beside the kernel's own reasons
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
-    column_kernel.REACHED_TIME: END_TIME,
-    column_kernel.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
-    column_kernel.STOPPED_ENERGY: NEARLY_AT_REST,
-    column_kernel.STOPPED_FOOTPRINT: (
+    column_clock.REACHED_TIME: END_TIME,
+    column_clock.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_clock.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_clock.STOPPED_FOOTPRINT: (
         "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
     ),
-    column_kernel.ALL_LEFT: ALL_LEFT,
+    column_clock.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {
     point_kernel.REACHED_TIME: END_TIME,
@@ -38,9 +38,9 @@ def marched(solver):
 class MarchedColumns:
     """The depth-averaged solver's side."""
 
-    RUNNING, REACHED_TIME = column_kernel.RUNNING, column_kernel.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = column_kernel.ALL_LEFT, column_kernel.TRIGGER_REACHED
-    WATCHED_REACHED = column_kernel.WATCHED_REACHED
+    RUNNING, REACHED_TIME = column_clock.RUNNING, column_clock.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_clock.ALL_LEFT, column_clock.TRIGGER_REACHED
+    WATCHED_REACHED = column_clock.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
     def __init__(self, solver):
@@ -65,10 +65,10 @@ class MarchedColumns:
 
     def trouble(self, code):
         """What went wrong, in words with E and N; '' where nothing."""
-        if code not in (column_kernel.NOT_FINITE_STATE, column_kernel.TOO_FAST):
+        if code not in (column_clock.NOT_FINITE_STATE, column_clock.TOO_FAST):
             return ""
         east, north, bad, ratio, share = self.solver.trouble()
-        if code == column_kernel.NOT_FINITE_STATE:
+        if code == column_clock.NOT_FINITE_STATE:
             what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
         else:
             what = (
@@ -167,7 +167,7 @@ class MarchedCoupled:
     """Both solvers' side, of points with columns around them."""
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_kernel.TRIGGER_REACHED
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_clock.TRIGGER_REACHED
     END_REASONS = POINT_REASONS
 
     def __init__(self, solver):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import SceneError
-from ..kernels.columns import beds_at, node_gradients
+from ..kernels.column_rows import beds_at, node_gradients
 from ..terrain.elevation import Terrain, bilinear, continued
 
 MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
