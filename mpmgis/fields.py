@@ -7,7 +7,7 @@ quantity is named once. Raster bands carry `NODATA` where there is no value.
 from typing import NamedTuple
 
 NODATA = -9999.0
-GRAVITY = 9.81  # [m s-2], the one constant (design notes 0.1)
+GRAVITY = 9.81  # [m s-2], the one constant
 
 
 class Quantity(NamedTuple):

@@ -66,7 +66,7 @@ def wrong_name(path) -> str:
         if _DEVICE.fullmatch(name):
             return f"{name} is the name of a device on Windows"
         if _NO_NAME.search(name) or name[-1] in ". ":
-            return f'{name!r} is no name of a file on Windows (none of < > : " | ? *, no dot or space at its end)'
+            return f'{name!r} is not a valid file name on Windows (none of < > : " | ? *, no dot or space at its end)'
     return ""
 
 

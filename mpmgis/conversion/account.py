@@ -3,7 +3,7 @@
 from .points import OVERLAP
 from .sums import conservation_error
 
-FEWEST_IN_CELL = 4  # median points a cell of the 3D grid below which it is badly sampled (design note E8)
+FEWEST_IN_CELL = 4  # median points a cell of the 3D grid below which it is badly sampled
 _SEEN = 0.01  # [m] shift of a bed, or share of an energy, below which there is nothing to tell
 
 

@@ -98,7 +98,9 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     bed = ground.height(x, y)
     on_ground = np.isfinite(bed)
     if not on_ground.any():
-        raise InputError(f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; give theirs")
+        raise InputError(
+            f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; use the terrain of this frame"
+        )
     here = np.flatnonzero(on_ground)
     over = PointsOverGround(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
     groups, by, cell_area, apart = grouped(over, x[here], y[here], near, options)
@@ -108,7 +110,7 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     if detached.any() and options.detached == REFUSE:
         raise InputError(_detachment(over, groups, detached))
     if detached.all():
-        raise InputError("all of the flow is clear of the bed or leaves it; there is nothing to make columns of")
+        raise InputError("all of the flow is clear of the bed or leaves it; no columns can be made")
     staying = groups.spread(detached)
     stays = np.ones(len(x), bool)
     stays[here[~staying]] = False
@@ -130,7 +132,7 @@ def unsettled_share(frame, terrain, cell, normal_share):
     cell : float [m]
         Side of the columns' cells.
     normal_share : float [1]
-        Of the speed along the slope that the speed across it may be (design note 2.4).
+        Of the speed along the slope that the speed across it may be.
     """
     x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
     ground = Ground.under(near, x, y)
@@ -147,7 +149,7 @@ def unsettled_share(frame, terrain, cell, normal_share):
 def _require_points(frame):
     particles = frame.particles
     if frame.dimension != 3:
-        raise InputError("wanted points (dimension 3), got columns; to points is the inverse (--to points)")
+        raise InputError("expected points (dimension 3), got columns; to points is the inverse (--to points)")
     if len(particles) == 0:
         raise InputError("the frame holds no point")
     for name in ("position", "velocity", "mass", "volume"):
@@ -158,7 +160,7 @@ def _require_points(frame):
         if bad.any():
             row = int(np.argmax(bad))
             wanted = "above 0" if name in ("mass", "volume") else "finite"
-            raise InputError(f"{name} of point {row} is {values[row].tolist()}, wanted {wanted}")
+            raise InputError(f"{name} of point {row} is {values[row].tolist()}, expected {wanted}")
 
 
 def _point_cell(frame, options):

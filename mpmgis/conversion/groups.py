@@ -71,7 +71,7 @@ def grouped(over, x, y, terrain, options):
     """(Groups, "parent" or "cell", area of a cell or None, share of the mass whose parents' points moved apart)."""
     parent, by, apart = over.frame.particles.parent, options.by, 0.0
     if by == "parent" and parent is None:
-        raise InputError("these points know no parents; bin them on cells (by cell)")
+        raise InputError("these points have no parent identities; bin them on cells (by cell)")
     if parent is not None and by != "cell":
         groups = Groups(parent[over.index])
         apart = _apart(over, groups)

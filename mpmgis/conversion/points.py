@@ -1,4 +1,4 @@
-"""Columns to points: Algorithm 2 of MOX report 15/2025, its defects resolved (design notes 2.2, E1 to E13)."""
+"""Columns to points: Algorithm 2 of MOX report 15/2025."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from .pieces import count_by_cell, cover, cut, piece_velocity, squares, stretche
 from .stacks import Stacks, _frame_of
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
-OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)
+OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's
 COVER_SIDES = 4  # sides of the median column along a cell on which cover is looked at: 16 columns in a row tile it
 
 
@@ -37,14 +37,14 @@ class PointsReport:
     bed_shift : float [m]
         Largest difference of the columns' beds from the terrain's.
     second_moment : float [1]
-        Of the columns' mass about their middle, over h^2/12 (E2).
+        Of the columns' mass about their middle, over h^2/12.
     overlap : float [1]
         Largest area of columns over the ground that they stand on, above 1: the relative error of density there;
         NaN where no cell was given.
     largest_gap : float [m]
         Widest distance of two points above each other.
     launch : float [m s-1]
-        Largest speed at which points start off the slope, normal to it (E5).
+        Largest speed at which points start off the slope, normal to it.
     mass_scatter, momentum_scatter : float [kg, kg m s-1]
         Eq (4) of the report over the points, and its like for momentum to the east (`particle_mass_scatter`).
     raised : int
@@ -95,10 +95,10 @@ def columns_to_points(frame, terrain, options=None, window=None):
     frame : Frame
         Dimension 2, in the terrain's CRS.
     terrain : Terrain
-        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not (E9).
+        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not.
     options : PointOptions
     window : shapely.Polygon, optional
-        Only what lies in it becomes points; columns on its edge are cut if they are split at all (E11).
+        Only what lies in it becomes points; columns on its edge are cut if they are split at all.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
 def _require_columns(frame):
     particles = frame.particles
     if frame.dimension != 2 or particles.area is None or particles.thickness is None:
-        raise InputError("wanted columns (dimension 2), got points; to columns is the inverse (--to columns)")
+        raise InputError("expected columns (dimension 2), got points; to columns is the inverse (--to columns)")
     if len(particles) == 0:
         raise InputError("the frame holds no column")
     for name, values in particles.arrays().items():
@@ -155,7 +155,7 @@ def _require_columns(frame):
         if bad.any():
             row = int(np.argmax(bad))
             wanted = {"thickness": "0 or more"}.get(name, "above 0" if name in ("mass", "area", "volume") else "finite")
-            raise InputError(f"{name} of column {_id(particles, row)} is {values[row]}, wanted {wanted}")
+            raise InputError(f"{name} of column {_id(particles, row)} is {values[row]}, expected {wanted}")
 
 
 def _id(particles, row):
@@ -164,12 +164,14 @@ def _id(particles, row):
 
 def _require_few_enough(count, spacing):
     if count > MOST:
-        raise InputError(f"{count:.3g} points at a spacing of {spacing:g} m, wanted at most {MOST}; take a wider one")
+        raise InputError(f"{count:.3g} points at a spacing of {spacing:g} m, expected at most {MOST}; take a wider one")
 
 
 def _require_some(inside, columns, terrain, window):
     if not len(inside):
-        raise InputError(f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; give theirs")
+        raise InputError(
+            f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; use the terrain of this frame"
+        )
     if not inside.any():
         west, south, east, north = window.bounds
         raise InputError(
@@ -238,7 +240,7 @@ def _rest(frame, pieces, inside, u, v, ground, gradient):
 
 
 def _thickness(pieces, x, y, particles, options):
-    """(float64[k] [m] thickness of the pieces, largest overlap, number of pieces raised) (E10)."""
+    """(float64[k] [m] thickness of the pieces, largest overlap, number of pieces raised)."""
     thickness = particles.thickness[pieces.column]
     if options.cell is None:
         return thickness, float("nan"), 0

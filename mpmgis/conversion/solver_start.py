@@ -68,7 +68,7 @@ def solver_grid(start):
         )
     if count.sum() > MOST_CELLS:
         raise InputError(
-            f"the grid would have {count.sum():.3g} cells of {start.cell:g} m, wanted at most {MOST_CELLS:.3g}; take a "
+            f"the grid would have {count.sum():.3g} cells of {start.cell:g} m, expected at most {MOST_CELLS:.3g}; take a "
             "larger --cell or a smaller --window"
         )
     return _numbered(start, place, first, count, height)
@@ -251,7 +251,7 @@ def placed_box(frames, terrain, cell=None, window=None):
     east, north = min(asked[2], east), min(asked[3], north)
     if cell is not None and cell > min(east - west, north - south):
         raise InputError(
-            f"cells of {cell:g} m do not fit into the ground that there is around the points, {east - west:g} x "
+            f"cells of {cell:g} m do not fit into the ground around the points, {east - west:g} x "
             f"{north - south:g} m; take a smaller --cell"
         )
     if cell is not None:

@@ -91,14 +91,14 @@ def _origin(frame, east, north, bed):
 
 
 def _climb(stacks, options):
-    """float64[k] [m s-1]: vertical velocity at the foot of the stacks (E5)."""
+    """float64[k] [m s-1]: vertical velocity at the foot of the stacks."""
     if options.vertical_velocity == "paper":
         return np.zeros(len(stacks.pieces))
     return stacks.u * stacks.pieces.gradient_east + stacks.v * stacks.pieces.gradient_north
 
 
 def _divergence(pieces, gradient, options):
-    """float64[k] [s-1]: div u, by which the vertical velocity falls with height where that is asked for (E5)."""
+    """float64[k] [s-1]: div u, by which the vertical velocity falls with height where that is asked for."""
     if options.vertical_velocity != "linear":
         return np.zeros(len(pieces))
     if gradient is None:
@@ -110,14 +110,14 @@ def _divergence(pieces, gradient, options):
 
 
 def _load(particles, pieces, options):
-    """float64[k] [Pa m-1]: vertical stress for each metre under the surface (E7)."""
+    """float64[k] [Pa m-1]: vertical stress for each metre under the surface."""
     density = (particles.mass / particles.volume)[pieces.column]
     cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
     return geostatic.vertical_stress(density, options.gravity, 1.0, cosine)
 
 
 def _affine(gradient, pieces, options):
-    """float64[k, 3, 3] [s-1]: the velocity gradient that the points of a piece start with (E5)."""
+    """float64[k, 3, 3] [s-1]: the velocity gradient that the points of a piece start with."""
     affine = np.zeros((len(pieces), 3, 3))
     affine[:, :2, :2] = gradient
     if options.vertical_velocity != "paper":

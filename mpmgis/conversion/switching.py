@@ -1,4 +1,4 @@
-"""A flow handed from one solver to the other amid a run, with what that keeps (design notes 2.4, E5, E11)."""
+"""A flow handed from one solver to the other amid a run, with what that keeps."""
 
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -55,7 +55,7 @@ class SwitchAccount:
             f"vertical momentum {before.momentum[2]:.6g}, now {after.momentum[2]:.6g} kg m s-1; kinetic energy "
             f"{before.kinetic:.6g}, now {after.kinetic:.6g} J",
         ]
-        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "off the terrain of the next solver"))
+        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "outside the terrain of the next solver"))
         for part, what in parts:
             if part.count:
                 momentum = ", ".join(f"{value:.6g}" for value in part.momentum)

@@ -1,4 +1,4 @@
-"""Water and mud in the 3D solver: weakly compressible, without tension (design note 4.6)."""
+"""Water and mud in the 3D solver: weakly compressible, without tension."""
 
 from math import log, sqrt
 from typing import NamedTuple

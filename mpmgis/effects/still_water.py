@@ -1,4 +1,4 @@
-"""Still water as a reference state: a lake at rest stays at rest to round-off (design notes 3.6)."""
+"""Still water as a reference state: a lake at rest stays at rest to round-off."""
 
 from typing import NamedTuple
 

@@ -109,7 +109,7 @@ def add_point(table, k, weight, bulk, d, u, v, w, slope_east, slope_north):
     table[k, MASS] += weight
     table[k, VOLUME] += bulk
     if np.isnan(d):
-        return  # no slope under it: mass and number are all that is known (X4)
+        return  # no slope under it: mass and number are all that is known
     table[k, TOP] = max(table[k, TOP], d)
     table[k, LOWEST] = min(table[k, LOWEST], d)
     add_motion(table, k, weight, u, v, w, slope_east, slope_north)
@@ -197,7 +197,7 @@ def group_by_cell(slot, start, order):
 def cell_quantiles(start, order, distance, mass, share, quantile):
     """Lower mass-weighted quantile of the distances in each cell: the smallest with `share` of the mass at or below.
 
-    Never between two particles (design note X6). `share` in (0, 1]; cells without a particle are left as they are.
+    Never between two particles. `share` in (0, 1]; cells without a particle are left as they are.
     """
     for k in range(start.shape[0] - 1):
         members = order[start[k] : start[k + 1]]

@@ -34,7 +34,7 @@ def bed_on_plane(centre, slope_east, slope_north, east, north):
 
 @jit_inline
 def bed_bilinear(elevation, row, column):
-    """Bed [m] between the four pixel centres around fractional (`row`, `column`); NaN beside nodata (X3).
+    """Bed [m] between the four pixel centres around fractional (`row`, `column`); NaN beside nodata.
 
     Over the outermost half pixel the outer two pixels are extended, so that a plane stays a plane.
     """
@@ -78,7 +78,7 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
     pixel : int64[n], out
         Flat index of the pixel; -1 on nodata and, unless `clamped`, outside the raster.
     distance : float64[n], out [m]
-        Along the normal; NaN outside and where the pixel has no slope (X4).
+        Along the normal; NaN outside and where the pixel has no slope.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def clear_ghosts(nodes):
 
 @jit
 def fold_walls(nodes):
-    """Walls on all four edges: what the ghosts hold is mirrored inwards (design notes 3.9).
+    """Walls on all four edges: what the ghosts hold is mirrored inwards.
 
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
@@ -84,7 +84,7 @@ def update_nodes(
     thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, wall,
     friction, zones, cohesion, metric, curvature, entrainment,
 ):  # fmt: skip
-    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
+    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground.
 
     An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
     step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up

@@ -36,7 +36,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6
 REPORT = OUT + EDGES * OUT_ENTRIES
-MOVING_SPEED = 0.05  # [m s-1] (design notes 3.9)
+MOVING_SPEED = 0.05  # [m s-1]
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
 THINNEST = 1000.0  # a column keeps a thousandth of the grid's thickness: no push worth naming, and no endless area
-AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step (design notes 3.3)
+AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step

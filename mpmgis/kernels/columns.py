@@ -1,4 +1,4 @@
-"""Compiled loops of the depth-averaged MPM (design notes 3; blocks as in design notes on kernels).
+"""Compiled loops of the depth-averaged MPM.
 
 Particles are rows of consecutive floats. Each step sorts their indices by blocks of 8 x 8 nodes; a block sums its
 particles into a private tile (particles to grid), the grid gathers the tiles that overlap a node in a fixed order, is
@@ -145,7 +145,7 @@ class NodeFields(NamedTuple):
 
 @jit
 def next_time_step(clock, step, settings):
-    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5 (design notes 3.7)."""
+    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5."""
     dt = min(
         settings.cfl * settings.dx / max(clock[SIGNAL], 1e-300),
         settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
@@ -227,7 +227,7 @@ def advance(
         elif dt > 0.5 * left:  # two equal steps rather than one whole and one tiny
             dt = 0.5 * left
         # leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end
-        # where a frame is due; second order in time, also where steps change (design note 3.7)
+        # where a frame is due; second order in time, also where steps change
         behind = clock[KICK_BEFORE]
         kick = behind + (dt if last else 0.5 * dt)
         clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt

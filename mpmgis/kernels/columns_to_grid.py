@@ -154,7 +154,7 @@ def particles_to_grid(
     rows, order, start, block, bounds, west, south, width, tiles, bed, lake_level, report, dx, dt, density, gravity,
     metric, lake, earth_pressure, viscosity,
 ):  # fmt: skip
-    """Sum mass, momentum and impulse of each block's particles into its tile (weak form, design notes 3.4).
+    """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
     P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).

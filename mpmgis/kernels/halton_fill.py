@@ -87,7 +87,7 @@ def halton_chunks(
     """Points of Halton's sequence (bases 2 and 3, shifted) inside a polygon; chunks of `size` indices.
 
     With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta) and stands for an area
-    in inverse proportion (design note D14). `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
+    in inverse proportion. `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
     points that a chunk gives; `box` is (u0, v0, width, height).
 
     Returns

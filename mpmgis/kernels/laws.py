@@ -116,7 +116,7 @@ def require_compiled(law, name):
         for inputs in tried_inputs():
             _require_same(_stresses(law, node, *inputs), compiled(law, node, *inputs), inputs, name)
     except numba.core.errors.NumbaError as error:
-        cure = "use arithmetic, math and if, no functions of your own"
+        cure = "use arithmetic, math and if only, and no other functions"
         raise SceneError(f"{name} does not compile: {_telling_line(error)}; {cure}") from error
 
 

@@ -21,14 +21,14 @@ def check_together(scene, where):
         check_points(scene, where)
     elif numerics.precision != "float64":
         raise SceneError(
-            f"{where} [numerics]: precision = {numerics.precision!r} belongs to solver = 'points'; columns are "
-            "computed in float64, float32 would save 5 % of their time: take it out"
+            f"{where} [numerics]: precision = {numerics.precision!r} requires solver = 'points'; columns are "
+            "computed in float64 (float32 would save 5 % of the time): remove it"
         )
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)
     if 0.0 < numerics.clamp < 1.0:
-        raise SceneError(f"{where} [numerics]: clamp = {numerics.clamp:g} leaves no thickness; take 1 or more, or 0")
+        raise SceneError(f"{where} [numerics]: clamp = {numerics.clamp:g} allows no thickness; use at least 1, or 0")
     if output.frame_interval > output.end_time:
         raise SceneError(
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
@@ -40,7 +40,7 @@ def check_together(scene, where):
         raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
     if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
         use = scene.curvature.use
-        raise SceneError(f"{where} [curvature]: use = {use!r} belongs to form = 'slope'; take the table out")
+        raise SceneError(f"{where} [curvature]: use = {use!r} requires form = 'slope'; remove the table")
     if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
 
@@ -50,21 +50,23 @@ def _check_sources(scene, where):
     release, inflow = scene.release, scene.hydrograph
     if release is None and (inflow is None or inflow.use == "off"):
         raise SceneError(
-            f"{where}: the table [release] is missing, and no [hydrograph] lets anything in; "
+            f"{where}: the table [release] is missing, and there is no [hydrograph] with inflow; "
             "`mpmgis run --template` shows both"
         )
     if release is None:
         return
     if (release.source is None) == (release.particles is None):
         got = "both" if release.source else "none"
-        raise SceneError(f"{where} [release]: wanted either source or particles, got {got}")
+        raise SceneError(f"{where} [release]: expected either source or particles, got {got}")
     if release.particles is not None:
         _refuse_unused(release, ("source", "particles", "window"), f"{where} [release]")
     elif release.window is not None:
-        raise SceneError(f"{where} [release]: window cuts particles, a source has its own outline; take window out")
+        raise SceneError(
+            f"{where} [release]: window applies to particles only, a source has its own outline; remove window"
+        )
     if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
-            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, wanted two numbers [east, north] of at "
+            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, expected two numbers [east, north] of at "
             f"most {FASTEST:g} m/s"
         )
     if release.speed is not None and any(release.velocity):
@@ -76,10 +78,12 @@ def _check_window(window, where):
     if window is None:
         return
     if len(window) != 4 or not all(is_number(v) and math.isfinite(v) for v in window):
-        raise SceneError(f"{where} [terrain]: window = {list(window)}, wanted four numbers [west, south, east, north]")
+        raise SceneError(
+            f"{where} [terrain]: window = {list(window)}, expected four numbers [west, south, east, north]"
+        )
     if not (window[0] < window[2] and window[1] < window[3]):
         raise SceneError(
-            f"{where} [terrain]: window = {list(window)}, wanted west below east and south below north, in this order"
+            f"{where} [terrain]: window = {list(window)}, expected west below east and south below north, in this order"
         )
 
 
@@ -111,7 +115,7 @@ def _check_zones(scene, where):
     for number, zone in enumerate(scene.zones, 1):
         here = f"{where} [[zones]] number {number}"
         if not zone.parameters:
-            raise SceneError(f"{here}: no parameter of {law} in it; it takes {listed(wanted)}")
+            raise SceneError(f"{here}: it has no parameter of {law}; expected {listed(wanted)}")
         for name, value in zone.parameters.items():
             if name not in wanted:
                 raise SceneError(
@@ -122,7 +126,7 @@ def _check_zones(scene, where):
                 refuse_both(name, instead[name][0], zone.parameters, here)
         if zone.source is None and all(not isinstance(value, str) for value in zone.parameters.values()):
             raise SceneError(
-                f"{here}: numbers alone hold everywhere; give source (polygons), or put them in [friction]"
+                f"{here}: without source, numbers would apply everywhere; give source (polygons), or put them in [friction]"
             )
 
 
@@ -131,7 +135,7 @@ def _check_places(scene, where):
     for number, barrier in enumerate(scene.barrier, 1):
         if (barrier.height is None) == (barrier.crest is None):
             got = "none" if barrier.height is None else "both"
-            raise SceneError(f"{where} [[barrier]] number {number}: wanted either height or crest, got {got}")
+            raise SceneError(f"{where} [[barrier]] number {number}: expected either height or crest, got {got}")
     lake = scene.still_water
     if lake is not None and isinstance(lake.level, str) and lake.source is None:
         raise SceneError(

@@ -1,4 +1,4 @@
-"""What decides an effect: numbers of terrain and release, thresholds, and the record of the decision (design notes 8).
+"""What decides an effect: numbers of terrain and release, thresholds, and the record of the decision.
 
 A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
 `TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto

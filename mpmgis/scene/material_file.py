@@ -43,7 +43,7 @@ def read_material(path):
     alien = [name for name in tables if name not in (*TABLES, "solver")]
     if not whole and alien:
         raise SceneError(
-            f"{path}: [{alien[0]}] stands in a file without [terrain], which is no scene; wanted {', '.join(TABLES)}"
+            f"{path}: [{alien[0]}] is in a file without [terrain], which is not a scene; expected one of {', '.join(TABLES)}"
         )
     filled = tables if whole else _filled(tables)
     scene = scene_from_tables(filled, path.parent, path.name)

@@ -29,20 +29,20 @@ def read_toml(path):
     """The dictionary in a TOML file as any editor saves it; raises SceneError in one line."""
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise SceneError(f"{path} is a pipe or a device, wanted a file; write the scene into one")
+        raise SceneError(f"{path} is a pipe or a device, expected a file; write the scene into one")
     try:
         text = _decoded(path.read_bytes())
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such file") from error
     except IsADirectoryError as error:
-        raise SceneError(f"{path} is no readable text file but a folder; name the file in it") from error
+        raise SceneError(f"{path} is a folder, expected a text file; name the file in it") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path} is no readable text file ({one_line(error)[:80]})") from error
+        raise SceneError(f"{path} is not a readable text file ({one_line(error)[:80]})") from error
     _require_short_keys(path, text)
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: TOML's own, and whole numbers of thousands of digits
-        raise SceneError(f"{path} is no valid TOML: {one_line(error)[:120]}{_hint(text, error)}") from error
+        raise SceneError(f"{path} is not valid TOML: {one_line(error)[:120]}{_hint(text, error)}") from error
     return tables
 
 
@@ -93,7 +93,7 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
             if not (isinstance(tables[name], list) and all(isinstance(entry, dict) for entry in tables[name])):
                 raise SceneError(f"{where}: there may be several {name}; write [[{name}]] on a line of its own")
         elif not isinstance(tables[name], dict):
-            raise SceneError(f"{where}: {name} is no table; write [{name}] on a line of its own")
+            raise SceneError(f"{where}: {name} is not a table; write [{name}] on a line of its own")
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
@@ -119,8 +119,8 @@ def _first_solver(solver, stages, where):
         return solver or "columns"
     if solver not in (None, stages[0].solver):
         raise SceneError(
-            f"{where}: solver = {solver!r}, but the first [[stage]] has {stages[0].solver!r}; take the line out, the "
-            "stages say it"
+            f"{where}: solver = {solver!r}, but the first [[stage]] has {stages[0].solver!r}; remove this line, the "
+            "stages define it"
         )
     return stages[0].solver
 

@@ -1,4 +1,4 @@
-"""Which effects a scene calls for, decided by numbers, with the reason (design notes 8)."""
+"""Which effects a scene calls for, decided by numbers, with the reason."""
 
 from ..effects.slots import ColumnEffects, PointEffects
 from .points import (

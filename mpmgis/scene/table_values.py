@@ -40,7 +40,7 @@ def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=N
     if laws is not None:
         elsewhere = made["law"] in told["parameters_of"] or ":" in made["law"]
         if instead is not None and made["law"] not in laws and elsewhere:
-            raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; wanted {listed(laws)}")
+            raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; expected {listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
         if kind is FrictionTable:
             extra, made["written"] = _in_place_of(made["law"], extra, where)
@@ -85,9 +85,9 @@ def _law_name(laws, law, own_laws, where):
         return law
     file, _, name = law.rpartition(":")
     if not file.endswith(".py"):
-        raise SceneError(f"{where}: law = {law!r}{meant(law, laws)}; wanted {listed(laws)}, or 'my_law.py:MyLaw'")
+        raise SceneError(f"{where}: law = {law!r}{meant(law, laws)}; expected {listed(laws)}, or 'my_law.py:MyLaw'")
     if not own_laws.laws:
-        raise SceneError(f"{where}: law = {law!r} is in a file of yours; allow it to be run with --law {file}")
+        raise SceneError(f"{where}: law = {law!r} is in a Python file; allow it to be run with --law {file}")
     own = f"{Path(file).name}:{name}"
     if own not in own_laws.laws:
         raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} holds {listed(own_laws.laws)}")
@@ -116,21 +116,21 @@ def checked_value(checks, value, where):
     """`value` after its checks."""
     kinds = checks["kind"] if isinstance(checks["kind"], tuple) else (checks["kind"],)
     if isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise SceneError(f"{where} is a number of over 300 digits, wanted one that can be computed with")
+        raise SceneError(f"{where} is a number of over 300 digits, expected one that can be computed with")
     if float in kinds and is_number(value):
         value = float(value)
         if not math.isfinite(value):
-            raise SceneError(f"{where} = {value}, wanted a finite number")
+            raise SceneError(f"{where} = {value}, expected a finite number")
     elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
-        raise SceneError(f"{where} = {value!r}, wanted {' or '.join(KIND_WORDS[k] for k in kinds)}")
+        raise SceneError(f"{where} = {value!r}, expected {' or '.join(KIND_WORDS[k] for k in kinds)}")
     if checks["choices"] and value not in checks["choices"]:
-        raise SceneError(f"{where} = {value!r}{meant(value, checks['choices'])}; wanted {listed(checks['choices'])}")
+        raise SceneError(f"{where} = {value!r}{meant(value, checks['choices'])}; expected {listed(checks['choices'])}")
     if is_number(value):
         low, high = checks["low"], checks["high"]
         if low is not None and (value < low or (checks["above"] and value <= low)):
-            raise SceneError(f"{where} = {value:g}, wanted {'above' if checks['above'] else 'at least'} {low:g}")
+            raise SceneError(f"{where} = {value:g}, expected {'above' if checks['above'] else 'at least'} {low:g}")
         if high is not None and value > high:
-            raise SceneError(f"{where} = {value:g}, wanted at most {high:g}")
+            raise SceneError(f"{where} = {value:g}, expected at most {high:g}")
     return tuple(value) if isinstance(value, list) else value
 
 

@@ -40,16 +40,16 @@ def decide_curvature(scene, facts, slots):
 def decide_outflow(scene, facts, slots):
     """The ledger of what leaves the terrain is always kept; the distance tells whether it will be needed."""
     if facts.edge_distance is None:
-        reason = "what leaves the terrain is booked"
+        reason = "outflow is reported"
     elif facts.edge_distance > 0:
         reason = f"the energy line ends {facts.edge_distance:.0f} m before the edge of the terrain"
     elif (facts.line_edge_distance or 0.0) > 0:
         reason = (
             f"the energy line ends {facts.line_edge_distance:.0f} m before the edge of the terrain, from there the "
-            f"ground falls to the edge ({scene.numerics.edges}); what leaves is booked"
+            f"ground falls to the edge ({scene.numerics.edges}); outflow is reported"
         )
     else:
-        reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); what leaves is booked"
+        reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); outflow is reported"
     if facts.hole_in_reach is not None:
         cells, east, north = facts.hole_in_reach
         reason += (

@@ -23,7 +23,7 @@ def bed_under(parts, terrain):
     Raises
     ------
     InputError
-        A part lies over cells without an elevation; they are named (design note D12).
+        A part lies over cells without an elevation; they are named.
     """
     rows, columns = terrain.grid.window(shapely.total_bounds([part.polygon for part in parts]), _MARGIN)
     near = terrain.part(rows, columns)
@@ -108,7 +108,7 @@ def deposit_of(part, mode, terrain):
 
 
 def integral(polygon, raster):
-    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon (D13)."""
+    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon."""
     lattice = Lattice.of_grid(raster.grid)
     outline = Outline.of(polygon, lattice)
     cover = outline.cover()
@@ -151,7 +151,7 @@ def _cropped_raster(raster, bounds):
 
 
 def _valid_bilinear(values, row, column):
-    """Bilinear over valid neighbours with renormalised weights (D10); NaN where the pixel under the point is not
+    """Bilinear over valid neighbours with renormalised weights; NaN where the pixel under the point is not
     valid."""
     row = np.clip(row, 0, values.shape[0] - 1)
     column = np.clip(column, 0, values.shape[1] - 1)

@@ -1,4 +1,4 @@
-"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain; its ambiguities resolved (notes D1 to D17)."""
+"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain; its ambiguities resolved."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from .options import SeedOptions
 from .sources import column_sources
 
 THINNEST = 1e-9  # [m] mean thickness of a release
-_LARGEST_CLOSURE = 0.02  # design notes 1.3: beyond it the region is too coarse for its raster
+_LARGEST_CLOSURE = 0.02  # beyond it the region is too coarse for its raster
 _SLAB = 1 << 20  # [columns]
 
 
@@ -37,8 +37,7 @@ def seed_columns(terrain, release, *, say=None, **options):
     Returns
     -------
     Frame
-        Its origin is the terrain's south-west corner in whole metres at height 0, its `header` the record of
-        design notes 1.5.
+        Its origin is the terrain's south-west corner in whole metres at height 0, its `header` holds the record of the seed.
 
     Raises
     ------
@@ -101,12 +100,12 @@ def _require_thickness(deposits):
     mean = math.fsum(deposit.volume for deposit in deposits) / math.fsum(deposit.area for deposit in deposits)
     if not mean >= THINNEST:
         raise InputError(
-            f"release: its mean thickness is {mean:.3g} m, wanted at least {THINNEST:g} m; check the thickness's unit"
+            f"release: its mean thickness is {mean:.3g} m, expected at least {THINNEST:g} m; check the thickness's unit"
         )
 
 
 def _close(sources, scenes, deposits, options):
-    """The closure of design notes 1.3: one factor k for mode T, one mass for modes E and P."""
+    """Closure of the total mass: one factor k for mode T, one mass for modes E and P."""
     volume = math.fsum(deposit.volume for deposit in deposits)
     number = sum(source.count for source in sources)
     if options.mass != "thickness":
@@ -117,7 +116,7 @@ def _close(sources, scenes, deposits, options):
     factor = volume / math.fsum(sums[:, 0])
     if abs(factor - 1.0) > _LARGEST_CLOSURE:
         raise InputError(
-            f"release: the columns hold {100 / factor:.1f} % of its volume {volume:.6g} m3, wanted within "
+            f"release: the columns hold {100 / factor:.1f} % of its volume {volume:.6g} m3, expected within "
             f"{100 * _LARGEST_CLOSURE:g} %; the thickness raster is too coarse or too rough for this spacing: use "
             "more columns"
         )
@@ -126,7 +125,7 @@ def _close(sources, scenes, deposits, options):
 
 
 def _record(terrain, release, options, deposits, closure):
-    """The record of design notes 1.5, plain numbers and strings."""
+    """Record of the seed for the frame's header: plain numbers and strings."""
     area = math.fsum(deposit.area for deposit in deposits)
     mean = closure.volume / area
     mean_square = math.fsum(deposit.square for deposit in deposits) / area

@@ -1,4 +1,4 @@
-"""Lattices, and what a polygon covers of them: exact areas and centroids, no supersampling (design note D13, 1.4)."""
+"""Lattices, and what a polygon covers of them: exact areas and centroids, no supersampling."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon (design notes 1.4)."""
+"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon."""
 
 from functools import cached_property
 
@@ -32,7 +32,7 @@ def tiling_rows(count, aspect):
 
 
 class Tiling:
-    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))`` (design note D14)."""
+    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))``."""
 
     def __init__(self, n0, beta, aspect):
         self.n0, self.beta, self.aspect = float(n0), float(beta), aspect

@@ -77,7 +77,7 @@ class ColumnState(ParticleStore):
         peaks = set(PEAK_STATE) if self.numerics.maxima else set()
         if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
-            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
+            raise FormatError(f"the frame at {at} has no state for a restart; start with --overwrite")
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}

@@ -1,4 +1,4 @@
-"""The depth-averaged solver: its state, one call to advance it, its frames and its balances (design notes 3)."""
+"""The depth-averaged solver: its state, one call to advance it, its frames and its balances."""
 
 from dataclasses import dataclass, replace
 
@@ -32,8 +32,7 @@ SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all
 class ColumnNumerics:
     """How the columns are marched; what is marched is in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's (design notes 3.3; 0: off, the default:
-    it made water heap in a corner and brought nothing on ISeeSnow). `time_step` fixes the step [s] (None: by CFL).
+    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step` fixes the step [s] (None: by CFL).
     `reference_thickness` [m] is what thin is measured against (None: the mean over the columns at the start).
     """
 
@@ -73,13 +72,13 @@ class ColumnSolver(ColumnState):
 
     def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
         if frame.dimension != 2 or frame.particles.area is None:
-            raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
+            raise SceneError("the depth-averaged solver requires columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
         self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
         if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
-            raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
+            raise SceneError("[curvature] requires form = 'slope'; remove it, or set use = 'off'")
         self._load(frame, gradient)
 
     def _load(self, frame, gradient):

@@ -149,7 +149,7 @@ def seconds_of_looks(particles, looks, conditions):
 
 
 def require_memory_for_points(count, cell_size):
-    """Refuse, before they are made, points that this machine cannot hold (H25).
+    """Refuse, before they are made, points that this machine cannot hold.
 
     Raises
     ------

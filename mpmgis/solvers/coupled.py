@@ -262,7 +262,9 @@ def _states(frame):
     """(state of the points, state of the columns with `ids`, `origin` and `started` in it) of a coupled `frame`."""
     names = [name for name in frame.state if name.startswith(PREFIX)]
     if f"{PREFIX}started" not in names or "rows" not in frame.state:
-        raise FormatError(f"the frame at t = {frame.time:g} s tells no columns outside; start with --overwrite")
+        raise FormatError(
+            f"the frame at t = {frame.time:g} s has no state of the columns outside the window; start with --overwrite"
+        )
     own = {name: values for name, values in frame.state.items() if name not in names}
     return own, {name.removeprefix(PREFIX): frame.state[name] for name in names}
 

@@ -1,4 +1,4 @@
-"""What effects cost: how much of a step is saved where one of them gives way to its null form (design notes 8).
+"""What effects cost: how much of a step is saved where one of them gives way to its null form.
 
 Both steps are timed from the same state in turns, a flow under way, so that neither the machine's moods nor the flow's
 own change are taken for the effect. What is left of that is told: the whole scene against itself.

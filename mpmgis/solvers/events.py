@@ -166,7 +166,7 @@ def secondary_releases(named_frames, grid):
         Too many, or one that lies within the cells of others.
     """
     if len(named_frames) > MAX_AREAS:
-        raise SceneError(f"{len(named_frames)} [[secondary_release]], wanted at most {MAX_AREAS}; unite some of them")
+        raise SceneError(f"{len(named_frames)} [[secondary_release]], expected at most {MAX_AREAS}; unite some of them")
     taken = np.zeros(grid.bed.shape, bool)
     releases = []
     for name, frame, thickness in named_frames:

@@ -15,7 +15,7 @@ from .events import Events
 from .stage_end import StageEnd
 from .stepping import marched
 
-HALVINGS = 5  # of the time step, before a run gives up (design notes H32)
+HALVINGS = 5  # of the time step, before a run gives up
 
 
 class Guard:
@@ -38,7 +38,7 @@ class Guard:
         if self._halvings:
             self._solver.share_step(1.0)
             self.told.append(
-                f"{self._first}: got over from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
+                f"{self._first}: continued from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
@@ -63,7 +63,9 @@ class Guard:
         solver = self._solver
         self._first = self._first or f"step {solver.step}, t = {solver.time:.3f} s, {trouble}"
         if self._kept is None:
-            raise UnphysicalError(f"the run became unphysical at {self._first}, before there was a frame to go back to")
+            raise UnphysicalError(
+                f"the run became unphysical at {self._first}, before the first frame that it could restart from"
+            )
         if self._halvings == HALVINGS:
             raise UnphysicalError(
                 f"the run became unphysical at {self._first}; steps of down to 1/{2**HALVINGS} from "

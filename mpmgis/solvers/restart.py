@@ -83,15 +83,14 @@ class StateCheck:
         """Raise FormatError with `what` is wrong unless it `holds`."""
         if not holds:
             raise FormatError(
-                f"the frame at t = {self._time:g} s holds no state that a run goes on from: {what}; start with "
-                "--overwrite"
+                f"the frame at t = {self._time:g} s has no valid state for a restart: {what}; start with --overwrite"
             )
 
     def array(self, name, dtype, shape, finite=True):
         """The array `name`, which must have that type and shape, and finite values unless told otherwise."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray), f"{name} is missing")
-        got = f"{name} is {values.dtype}{list(values.shape)}, wanted {np.dtype(dtype)}{list(shape)}"
+        got = f"{name} is {values.dtype}{list(values.shape)}, expected {np.dtype(dtype)}{list(shape)}"
         self.require(values.dtype == dtype and values.shape == tuple(shape), got)
         if finite and values.dtype.kind == "f":
             self.require(np.isfinite(values).all(), f"{name} holds values that are NaN or infinite")
@@ -102,7 +101,7 @@ class StateCheck:
         values = np.asarray(values)
         if values.size:
             least, most = values.min(), values.max()
-            self.require(low <= least and most <= high, f"{name} is {least} to {most}, wanted {low} to {high}")
+            self.require(low <= least and most <= high, f"{name} is {least} to {most}, expected {low} to {high}")
 
     def like(self, arrays):
         """Require the state to hold each of `arrays` (name -> array) in its type and shape, finite where that is."""
@@ -116,7 +115,7 @@ class StateCheck:
         """The array `name` of flat indices into `size` entries, which ascend."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is no list of places")
-        self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, wanted whole numbers")
+        self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, expected whole numbers")
         self.within(name, values, 0, size - 1)
         self.require((np.diff(values.astype(np.int64)) > 0).all(), f"{name} is not in order")
         return values
@@ -126,7 +125,7 @@ class StateCheck:
         counts = self._state["counts"]
         names = {kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
         for place, name in names.items():
-            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, wanted {alive}")
+            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, expected {alive}")
         self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
         self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
         self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)

@@ -153,7 +153,7 @@ class KnownByPlace:
                 at = tuple(np.argwhere(gap)[0])
                 area = gap.sum() * self.grid.cell_size**2
                 raise SceneError(
-                    f"[[zones]]: {name} is not known on {area:.4g} m2 that the flow can reach, for example at "
+                    f"[[zones]]: {name} has no value on {area:.4g} m2 that the flow can reach, for example at "
                     f"E {x[at]:.1f} N {y[at]:.1f}; extend the zones or fill the raster there, or give [friction] {name}"
                 )
 
@@ -183,7 +183,7 @@ def _why_off(decision):
     if decision.indicator is None:
         return decision.reason.partition(";")[0]
     if decision.indicator == 0.0:
-        return "nothing of the kind in reach of the energy line"
+        return "none in reach of the energy line"
     return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
 
 

@@ -66,11 +66,11 @@ class ColumnGrid:
         if min(nx, ny) < 3:
             raise SceneError(
                 f"[numerics] cell_size = {cell_size:g} m leaves {nx} x {ny} cells on a terrain of "
-                f"{length:g} x {-depth:g} m, wanted 3 x 3 at least; take a smaller cell_size"
+                f"{length:g} x {-depth:g} m, expected 3 x 3 at least; take a smaller cell_size"
             )
         if max(nx, ny) > MAX_NODES_PER_SIDE:
             raise SceneError(
-                f"[numerics] cell_size = {cell_size:g} m makes {nx} x {ny} cells, wanted at most "
+                f"[numerics] cell_size = {cell_size:g} m makes {nx} x {ny} cells, expected at most "
                 f"{MAX_NODES_PER_SIDE} along a side; take a larger cell_size or clip the DTM"
             )
         x0, y0 = west, north - ny * cell_size

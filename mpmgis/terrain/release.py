@@ -10,7 +10,7 @@ from .grid import Grid
 
 NORMAL, VERTICAL = "normal", "vertical"
 _TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
-CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees (design note V24)
+CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees
 CLIFF_SHARE = 0.01  # of the mass
 _COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 
@@ -55,9 +55,9 @@ class ReleaseArea:
 
     def __post_init__(self):
         if self.thickness_mode not in (NORMAL, VERTICAL):
-            raise InputError(f"thickness mode {self.thickness_mode!r}, wanted {NORMAL!r} or {VERTICAL!r}")
+            raise InputError(f"thickness mode {self.thickness_mode!r}, expected {NORMAL!r} or {VERTICAL!r}")
         if not self.parts:
-            raise InputError(f"release {self.name!r} has no area at all")
+            raise InputError(f"release {self.name!r} has no area")
 
     @property
     def area(self):
@@ -71,7 +71,7 @@ class ReleaseArea:
 
 
 def without_overlaps(parts, say):
-    """`parts` with those of one thickness united into one, so that no ground is counted twice (design note H19).
+    """`parts` with those of one thickness united into one, so that no ground is counted twice.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def tell_of_cliffs(gradient, frame, say):
     if share[STEEP_DEGREES] > CLIFF_SHARE:
         say(
             f"{100 * share[STEEP_DEGREES]:.0f} % of the release starts on ground steeper than {STEEP_DEGREES:g} "
-            "degrees, where a depth-averaged flow is a rough picture"
+            "degrees, where a depth-averaged flow is a rough approximation"
         )
 
 

@@ -285,7 +285,7 @@ def test_a_crs_that_is_none_is_refused_and_can_be_overridden(tmp_path):
         for name, values in cloud().items():
             file[name] = values
         file.attrs["crs"] = "somewhere"
-    assert "wanted EPSG:n, WKT or a PROJ string" in refused(path)
+    assert "expected EPSG:n, WKT or a PROJ string" in refused(path)
     (entry,) = list_frames([path], ForeignTerms(**MAP, time_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
     assert entry.header.crs.to_epsg() == 2056
 

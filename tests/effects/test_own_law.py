@@ -73,12 +73,12 @@ def test_a_parameter_cannot_have_the_name_of_a_method(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x = 1\n", "holds no law"),
+        ("x = 1\n", "contains no law"),
         ("1 / 0\n", "line 1: ZeroDivisionError"),
         ("def f(:\n", "line 1: SyntaxError"),
         (HEAD + "class Mine(NamedTuple):\n    mu: float\n", "has neither basal_stress"),
         (HEAD + "class Mine(NamedTuple):\n    mu: float\n    def basal_stress(self, speed):\n        return 1.0\n",
-         r"takes (self, speed), wanted (self, density"),
+         r"takes (self, speed), expected (self, density"),
         (HEAD + "class Mine(NamedTuple):\n" + SIGNATURE + "return 1.0\n", "has no parameter"),
     ],
 )  # fmt: skip
@@ -94,7 +94,7 @@ def test_a_file_without_a_law_that_fits_is_refused(tmp_path, text, words):
 def test_a_missing_file_or_another_kind_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_laws(tmp_path / "none.py")
-    with pytest.raises(InputError, match="wanted a Python file"):
+    with pytest.raises(InputError, match="expected a Python file"):
         load_laws(tmp_path / "law.toml")
 
 

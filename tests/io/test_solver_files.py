@@ -354,7 +354,7 @@ def test_what_lies_beyond_is_refused():
     with pytest.raises(InputError, match=r"\d+ of 60 points have no ground under them"):
         solver_grid(solver_start(frame, box, DENSITY))
     fine = placed_box([frame], terrain, 0.1)
-    with pytest.raises(InputError, match=r"cells of 0.1 m, wanted at most 5e\+06"):
+    with pytest.raises(InputError, match=r"cells of 0.1 m, expected at most 5e\+06"):
         solver_grid(solver_start(frame, fine, DENSITY))
 
 

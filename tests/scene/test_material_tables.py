@@ -61,7 +61,7 @@ def test_a_default_is_taken_where_a_law_has_one():
         ({"friction": {"law": "Bingam", "yield_stress": 1, "viscosity": 1}}, "did you mean 'Bingham'"),
         ({"friction": {"law": "Bingham", "yield_stress": 1}}, "needs viscosity [Pa s]"),
         ({"friction": {"law": "Pouliquen", "mu1": 0.5, "mu2": 0.4, "length": 1e-3}}, "below mu1"),
-        ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "wanted auto, on, off"),
+        ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "expected auto, on, off"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(tables, words):
