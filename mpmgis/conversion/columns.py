@@ -16,7 +16,7 @@ GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
 WIDEST_SLICE = 1.5  # spacings of a conversion that a single point may stand for
 NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
 LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
-_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be told
+_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be computed
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
 
 
 def unsettled_share(frame, terrain, cell, normal_share):
-    """Share of the mass [1] that columns would not tell of: clear of the bed, or moving across it.
+    """Share of the mass [1] that columns cannot represent: clear of the bed, or moving across it.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _require_points(frame):
 
 
 def _point_cell(frame, options):
-    """Grid spacing of the 3D code [m]: as asked, as the frame says, or with the usual 8 points a cell."""
+    """Grid spacing of the 3D code [m]: as given, from the frame, or with the usual 8 points a cell."""
     if options.point_cell is not None:
         return options.point_cell
     said = frame.header.get("cell_size")

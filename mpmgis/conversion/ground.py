@@ -28,7 +28,7 @@ class Ground:
         return cls(terrain.cropped(bounds, _MARGIN))
 
     def height(self, x, y):
-        """float64[n] [m]; NaN off the terrain and beside nodata."""
+        """float64[n] [m]; NaN off the terrain and next to nodata."""
         return self.terrain.sample(x, y)
 
     def gradient(self, x, y):

@@ -1,4 +1,4 @@
-"""What may be asked of a conversion, checked once."""
+"""Options of a conversion, with their checks."""
 
 import math
 from dataclasses import dataclass
@@ -81,7 +81,7 @@ class PointOptions:
         return self.placement == "paper"
 
     def spacing_for(self, particles):
-        """The vertical spacing [m]: as asked, else half a cell, else the median column's side."""
+        """The vertical spacing [m]: as given, else half a cell, else the median column's side."""
         if self.spacing is not None:
             return self.spacing
         return 0.5 * self.cell if self.cell is not None else float(np.median(np.sqrt(particles.area)))
@@ -111,12 +111,12 @@ class ColumnOptions:
     Parameters
     ----------
     by : {"parent", "cell"}, optional
-        Points of one parent make a column, or those of one cell. Default: by parent where points know theirs and
+        Points of one parent make a column, or those of one cell. Default: by parent where points have parents and
         still stand together, else by cell.
     cell : float, optional [m]
         Side of the cells, counted from the terrain's upper left corner; default the terrain's own pixels.
     point_cell : float, optional [m]
-        Grid spacing of the 3D code; default as the frame says, else twice the mean point's side.
+        Grid spacing of the 3D code; default from the frame, else twice the mean point's side.
     detached : {"refuse", "keep", "lay"}
         What leaves the bed or is clear of it is refused, or stays points, or is laid onto the bed
         under it with its mass and its horizontal momentum, as a run does that goes on with columns.

@@ -181,7 +181,7 @@ def _require_some(inside, columns, terrain, window):
 
 
 def velocity_gradient(frame):
-    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not tell.
+    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not have it.
 
     The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
     """
@@ -298,7 +298,7 @@ def _spread(counts):
 
 
 def _stack_facts(particles, stacks, options):
-    """What a report tells of the stacks, by its names."""
+    """Numbers of the stacks for the report, by name."""
     pieces, count = stacks.pieces, stacks.count.astype(float)
     mass, volume = (values[pieces.column] * pieces.share for values in (particles.mass, particles.volume))
     printed = options.placement == "paper"

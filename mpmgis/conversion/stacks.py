@@ -98,7 +98,7 @@ def _climb(stacks, options):
 
 
 def _divergence(pieces, gradient, options):
-    """float64[k] [s-1]: div u, by which the vertical velocity falls with height where that is asked for."""
+    """float64[k] [s-1]: div u, by which the vertical velocity falls with height if requested."""
     if options.vertical_velocity != "linear":
         return np.zeros(len(pieces))
     if gradient is None:

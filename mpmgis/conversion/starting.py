@@ -1,4 +1,4 @@
-"""What a 3D run starts with: columns made into points that fill its grid, and the stress of their weight."""
+"""Initial state of a 3D run: columns converted to points that fill its grid, and the stress of their weight."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a conversion must keep, and what it may change: mass, momentum, energy."""
+"""Mass, momentum and energy before and after a conversion."""
 
 import math
 from typing import NamedTuple

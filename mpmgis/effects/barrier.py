@@ -1,4 +1,4 @@
-"""Barriers as a screening tool: walls that the flow passes only as far as it is higher than their crest.
+"""Barriers as a screening tool: the flow passes a wall only by its height above the crest.
 
 No flow passes through a wall that is higher than the flow; along the wall it slides with Coulomb friction.
 Above the crest a wall is a broad-crested weir. Loads need a 3D run: a depth-averaged column has no

@@ -1,4 +1,4 @@
-"""Cohesion of the flow to its bed: a yield stress that adds to whatever law of friction is in the scene."""
+"""Cohesion of the flow to its bed: a yield stress in addition to the friction law."""
 
 from typing import NamedTuple
 

@@ -76,5 +76,5 @@ class CurvatureLoadOnly(NamedTuple):
     effective_gravity = Curvature.effective_gravity
 
 
-# one part alone, by the word that a scene says instead of "on"
+# one part alone, by the word in a scene instead of "on"
 PARTS = {"turn": CurvatureTurnOnly, "load": CurvatureLoadOnly}

@@ -1,4 +1,4 @@
-"""Laws of friction out of a user's own Python file, made to fit the slot, and tried out before they are used.
+"""User-defined friction laws from a Python file: loading, completion and tests over the range of flows.
 
 Such a law is a NamedTuple of its parameters with either
 

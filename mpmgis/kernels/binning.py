@@ -19,7 +19,7 @@ ROW = 16  # of a cell while points are summed: the sums, then these
 TOP, LOWEST, COUNT = 12, 13, 14
 RECORD = 8  # of a point between two passes: velocity, mass, volume, distance, pixel, number of its cell
 TILE = 32  # cells along a tile's side: its rows stay in the cache while its points are summed
-JUMPS_SEEN = 4096  # pairs of points that tell whether they come in any order
+JUMPS_SEEN = 4096  # pairs of points by which a random order is detected
 SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does not grow with their number
 
 

@@ -90,7 +90,7 @@ def mapped(affine, u, v):
 
 @jit
 def evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums):
-    """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them to the rows from n on if asked.
+    """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them to the rows from n on if `write`.
 
     `law` is (closure factor, density, volume of every column or 0 where mass follows thickness); `columns` is
     float64[4, n]: thickness, area, volume, mass. `sums` float64[3] takes sum, smallest and largest of thickness times

@@ -34,7 +34,7 @@ def bed_on_plane(centre, slope_east, slope_north, east, north):
 
 @jit_inline
 def bed_bilinear(elevation, row, column):
-    """Bed [m] between the four pixel centres around fractional (`row`, `column`); NaN beside nodata.
+    """Bed [m] between the four pixel centres around fractional (`row`, `column`); NaN next to nodata.
 
     Over the outermost half pixel the outer two pixels are extended, so that a plane stays a plane.
     """
@@ -70,7 +70,7 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
         Map vectors of one step in column and one step in row.
     elevation, gradient : float64[rows, columns] [m], float64[rows, columns, 2] [1]
     on_plane : bool
-        True: Eq 6 to the letter. False: bilinear bed, and Eq 6 only beside nodata.
+        True: Eq 6 to the letter. False: bilinear bed, and Eq 6 only next to nodata.
     clamped : bool
         True: Eq 5 to the letter, which takes what lies outside to the nearest pixel of the rim.
     standoff : float [m]

@@ -31,7 +31,7 @@ def take_rows(rows, order, first, count, end, scratch, moved):
         p = (order[q] & INDEX_MASK) * ROW
         prefetch(rows, p)
         prefetch(rows, p + ROW - 1)
-    for k in range(0, count, 4):  # beyond `count` the last column once more, which nobody reads
+    for k in range(0, count, 4):  # beyond `count` the last column once more, which is not used
         last = count - 1
         p0 = (order[first + k] & INDEX_MASK) * ROW
         p1 = (order[first + min(k + 1, last)] & INDEX_MASK) * ROW

@@ -236,7 +236,7 @@ def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
 
 @jit
 def stop_rule(clock, counts):
-    """Has the flow come to rest? Answers the reason or RUNNING."""
+    """Whether the flow has come to rest. Returns the reason or RUNNING."""
     time = clock[TIME]
     if clock[MOVING_PEAK] > 0.0 and clock[MOVING_SHARE] < 0.01 * clock[MOVING_PEAK]:
         return STOPPED_MOVING

@@ -138,7 +138,7 @@ def clamp_areas(moved, quads, count, dx, clamp):
 
 @jit
 def keep_in(moved, count, dx, length_x, length_y):
-    """Walls: nobody passes them by more than rounding; answers how many were held."""
+    """Walls: columns pass them by no more than rounding; returns how many were held."""
     held = 0
     for k in range(count):
         x, y = get(moved, L_X, k), get(moved, L_Y, k)
@@ -213,7 +213,7 @@ def turn(scratch, moved, quads, count, dx, behind, driven, ahead, density, gravi
           pressure_factor, metric, curvature, entrainment):  # fmt: skip
     """The bed at the new place, velocities turned with it, and what the survey of the step needs.
 
-    The work of the weight is booked at the slope at the column's old place: for the last `behind` [s] before it, with
+    The work of the weight is computed at the slope at the column's old place: for the last `behind` [s] before it, with
     the velocities before the step's forces, and for the `driven` [s] after it, with those after them. Over the steps
     this is the trapezoidal rule for the column's way on the bed, whatever the steps. The work of the pressure is the
     fall of the column's middle, c^2 h / 2 above the bed, as it spreads.

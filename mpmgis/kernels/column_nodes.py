@@ -1,4 +1,4 @@
-"""The grid between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
+"""Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .jit import jit, jit_inline, jit_parallel, prange
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
-CHORDS = 5  # times that a viscous law is asked, each at the speed that the last answer left: Bingham within 0.2 %
+CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
 MOST_GAIN = 1.0  # of a node's mass by erosion in one step
 
 _slowed_speed = jit_inline(slowed_speed)

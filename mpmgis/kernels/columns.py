@@ -110,7 +110,7 @@ __all__ = [  # used by the solver through this module
 
 
 class Settings(NamedTuple):
-    """What does not change while the columns march."""
+    """Settings that are constant during the time integration."""
 
     dx: float  # [m]
     density: float  # [kg m-3]
@@ -169,13 +169,13 @@ def advance(
     rows, ids, keys, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
     left_cells, until, max_steps, settings, fields, effects, watched,
 ):  # fmt: skip
-    """March until time `until` [s] or for `max_steps`; the whole loop is compiled, whatever the number of particles.
+    """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
 
-    It comes back before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
+    It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
     empty where nothing is watched.
 
     Everything that changes lives in the arrays (clock, counts, rows...), so that a call goes on exactly where the
-    last one ended. Answers why it came back.
+    last one ended. Returns the reason to stop.
     """
     dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
     report = np.zeros((CHUNKS, REPORT))

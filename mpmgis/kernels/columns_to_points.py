@@ -1,4 +1,4 @@
-"""The loop of the conversion: stacks of points, each from the bed up, in the order of the stacks."""
+"""Conversion loop: stacks of points, each from the bed upwards, in the order of the stacks."""
 
 from .jit import jit
 

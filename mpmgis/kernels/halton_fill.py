@@ -28,7 +28,7 @@ def _in_whole_cell(u, v, columns, spans, span_start):
 
 @jit
 def covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
-    """Is (u, v) inside the polygon? Whole cells are known; only in rim cells are edges asked.
+    """Is (u, v) inside the polygon? Edges are tested in rim cells only.
 
     Kernels ask `_in_whole_cell` first: a call with so many arrays costs more than that answer.
     """

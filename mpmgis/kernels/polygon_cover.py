@@ -172,7 +172,7 @@ def split_cells(rows, columns, rim_key, share, sliver, rim_start, spans, span_st
     """Part the covered cells into spans that need no care and cells at or near the rim.
 
     Cells beside one with a sliver are cut into pieces like rim cells, because the sliver may join them. `share` and
-    `sliver` say of each rim cell how much of it is covered, and whether there is a sliver in it.
+    `sliver` give for each rim cell how much of it is covered, and whether there is a sliver in it.
 
     Returns
     -------

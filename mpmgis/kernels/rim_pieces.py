@@ -74,7 +74,7 @@ def merge_slivers(pieces, starts, cells, columns, order, forced):
     Parameters
     ----------
     pieces : float64[n, 5], changed in place
-        As from `gather_pieces`, sorted by cell; `starts` int64[m + 1] says where each cell's pieces begin.
+        As from `gather_pieces`, sorted by cell; `starts` int64[m + 1] holds the start of each cell's pieces.
     cells : int64[m, 2], ascending
     order : int64[n]
         Pieces from small to large.

@@ -1,4 +1,4 @@
-"""What is asked: the scene, its checks, its text, and the effects that it calls for."""
+"""The scene: tables, checks, text, and the effects that it requires."""
 
 from .catalogue import catalogue
 from .decisions import Decision, TerrainFacts

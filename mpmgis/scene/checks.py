@@ -12,7 +12,7 @@ from .tables import FASTEST
 
 
 def check_together(scene, where):
-    """What no single key can tell."""
+    """Checks that involve several keys."""
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
@@ -66,8 +66,8 @@ def _check_sources(scene, where):
         )
     if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
-            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, expected two numbers [east, north] of at "
-            f"most {FASTEST:g} m/s"
+            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, expected two numbers [east, north] of "
+            f"at most {FASTEST:g} m/s"
         )
     if release.speed is not None and any(release.velocity):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
@@ -126,7 +126,8 @@ def _check_zones(scene, where):
                 refuse_both(name, instead[name][0], zone.parameters, here)
         if zone.source is None and all(not isinstance(value, str) for value in zone.parameters.values()):
             raise SceneError(
-                f"{here}: without source, numbers would apply everywhere; give source (polygons), or put them in [friction]"
+                f"{here}: without source, numbers would apply everywhere; give source (polygons), "
+                f"or put them in [friction]"
             )
 
 

@@ -114,7 +114,7 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
 
 
 def _first_solver(solver, stages, where):
-    """The solver that a run begins with: that of the first stage, or `solver` as the scene says (None: it does not)."""
+    """The solver that a run begins with: that of the first stage, or `solver` of the scene (None: not given)."""
     if not stages:
         return solver or "columns"
     if solver not in (None, stages[0].solver):

@@ -1,4 +1,4 @@
-"""Effects of the material, decided by how far a mass point would run with and without them.
+"""Effects of resistance, decided by the runout of a mass point with and without them.
 
 An estimate to judge effects by, never a result: no pressure, no spreading, the thickness of the release all the way.
 """
@@ -219,7 +219,7 @@ def decide_viscosity(scene, facts, slots):
 
 
 def decide_lateral_pressure(scene, facts, slots):
-    """The push of the flow's own weight is always computed; the number tells how much it matters."""
+    """The push of the flow's own weight is always computed; the number shows how much it matters."""
     ratio = _aspect(scene, facts)
     matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"
     reason = f"h0 / (L0 |T - mu|): {matters}"

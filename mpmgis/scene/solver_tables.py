@@ -1,4 +1,4 @@
-"""Which tables and keys belong to which solver, and what each solver's scene needs."""
+"""Tables and keys that only one solver has, and what a scene of each solver requires."""
 
 from dataclasses import fields
 

@@ -1,4 +1,4 @@
-"""What the stages of a scene need together: their order, when they end, what two solvers cannot share."""
+"""Checks on the stages of a scene: order, end conditions, and what two solvers cannot share."""
 
 import math
 from itertools import pairwise
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import SceneError
 
-WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name besides a file of polygons
+WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name in addition to a file of polygons
 UNTIL = ("time", "reach", "calm")
 
 

@@ -1,4 +1,4 @@
-"""The tables of a scene: their keys, with words for the template and checks on each value.
+"""The tables of a scene: keys, descriptions for the template, and checks on each value.
 
 A table that is present is an effect in the scene; unknown tables and keys are errors.
 """

@@ -1,4 +1,4 @@
-"""The piece of terrain under a release, and the vertical thickness that lies on it."""
+"""The part of the terrain under a release, and the vertical thickness of the release on it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain; its ambiguities resolved."""
+"""Seeding of columns on a terrain: Algorithm 1 of MOX report 15/2025."""
 
 import math
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ def seed_columns(terrain, release, *, say=None, **options):
     Returns
     -------
     Frame
-        Its origin is the terrain's south-west corner in whole metres at height 0, its `header` holds the record of the seed.
+        Its origin is the terrain's south-west corner in whole metres at height 0; its `header` has the seed's record.
 
     Raises
     ------

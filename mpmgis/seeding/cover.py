@@ -158,7 +158,7 @@ class Cover:
 
     `rim_key` int64[m] is row * columns + column, `rim` float64[m, 4] (covered share, its centroid (u, v) in the cell,
     edge pieces in the cell); `spans` int64[s, 3] (row, first column, column after the last). `rim_start` and
-    `span_start` int64[rows + 1] say where each row begins.
+    `span_start` int64[rows + 1] hold the start of each row.
     """
 
     rows: int

@@ -51,7 +51,7 @@ class Tiling:
 class LatticeColumns:
     """The columns of one polygon on a lattice, row of cells by row of cells.
 
-    `counts` int64[blocks] says how many columns each row holds; `mergeable` is the number of pieces at the rim,
+    `counts` int64[blocks] is the number of columns in each row; `mergeable` is the number of pieces at the rim,
     `joined` how many slivers went into them.
     """
 

@@ -24,9 +24,9 @@ class SeedOptions:
     ----------
     cell_size : float, optional [m]
     anchor : (float, float), optional [m]
-        Side of the square cells and (x, y) of a corner of theirs; default the DTM's own cells, of any shape.
+        Side of the square cells and (x, y) of one of their corners; default the DTM's own cells, of any shape.
     per_cell : int, optional
-        Columns a whole cell, 16 if nothing else is asked for; or instead
+        Columns a whole cell, 16 by default; or instead
     count : int, optional
         columns in all (met within 1 %), or
     spacing : float, optional [m]
@@ -101,7 +101,7 @@ class SeedOptions:
             raise InputError("refine slope has no jittered points; use lattice, staggered, halton or random")
 
     def cells(self, grid):
-        """The Lattice of cells: those asked for, or the pixels of the DTM's `grid`."""
+        """The Lattice of cells: those requested, or the pixels of the DTM's `grid`."""
         if self.cell_size is None and self.anchor is None:
             return Lattice.of_grid(grid)
         corner = self.anchor if self.anchor is not None else (grid.transform.c, grid.transform.f)
@@ -114,14 +114,14 @@ class SeedOptions:
         return Lattice.squares(cells.origin, side, tuple(along.tolist()))
 
     def expected(self, grid, area):
-        """How many columns are asked for on `area` [m2] (a real number), refinement apart."""
+        """The requested number of columns on `area` [m2] (a real number), refinement apart."""
         if self.count is not None:
             return float(self.count)
         share = self.spacing**2 if self.spacing is not None else self.cells(grid).cell_area / self.per_cell
         number = area / share
         if number > _MOST:
             raise InputError(
-                f"{number:.3g} columns asked for, expected at most {_MOST}; use a wider spacing or fewer a cell"
+                f"{number:.3g} columns requested, expected at most {_MOST}; use a wider spacing or fewer a cell"
             )
         return number
 

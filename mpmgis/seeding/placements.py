@@ -18,7 +18,7 @@ _SPREAD = {"lattice": 0.0, "staggered": 0.0, "jittered": 0.5 * cell_fill.JITTER,
 
 
 class EqualMassColumns:
-    """Exactly `count` columns of one polygon; `counts` int64[blocks] says how many each strip holds.
+    """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number in each strip.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class EqualMassColumns:
         self.area = polygon.area
 
     def _keep_centroids_inside(self):
-        """Rim pieces whose centroid lies outside the polygon get a point of theirs inside instead."""
+        """Rim pieces whose centroid lies outside the polygon get one of their points inside instead."""
         rim, columns = self.cover.rim, self.cover.columns
         doubtful = np.flatnonzero(rim[:, 3] >= 2)
         corner = np.column_stack((self.cover.rim_key % columns, self.cover.rim_key // columns)).astype(float)
@@ -103,7 +103,7 @@ def _inverse(values, edges, wanted):
 
 
 def _strictly(values):
-    """`values` made strictly increasing by the least that np.interp can tell apart."""
+    """`values` made strictly increasing by the smallest difference that np.interp resolves."""
     return values + np.arange(len(values)) * (np.abs(values[-1]) * 1e-15)
 
 
@@ -113,7 +113,7 @@ _MOST_TRIES = 100_000  # indices a point: a region that fills less of its boundi
 
 
 class HaltonColumns:
-    """Exactly `count` columns of one polygon; `counts` int64[blocks] says how many each chunk of the sequence gives.
+    """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number from each chunk of the sequence.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class ColumnState(ParticleStore):
     """State of columns that a restart needs, and what is reported of it; see `solvers.columns.ColumnSolver`."""
 
     def state(self):
-        """What a restart needs besides the frame's particles: the arrays that change, as they are."""
+        """State for a restart in addition to the frame's particles: the arrays that change, unmodified."""
         rows, _, _ = self._alive()
         arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
@@ -51,7 +51,7 @@ class ColumnState(ParticleStore):
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
-        """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
+        """Name -> array of all that changes except rows and reached nodes, and that this scene has."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
         if self.effects.barrier.barrier_active():
             arrays["barriers"] = self._barrier_sums
@@ -104,7 +104,7 @@ class ColumnState(ParticleStore):
         return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
 
     def start_from(self, started):
-        """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
+        """Count from the start that `started()` returned: this solver was made of a later frame of the same run."""
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
         self._first_new_id = started["first_new_id"]
 
@@ -120,7 +120,7 @@ class ColumnState(ParticleStore):
         """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
 
         thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that
-        all but the thickness are of; empty where not asked for.
+        all but the thickness are of; empty unless enabled.
         """
         if not self.numerics.maxima:
             return {}

@@ -1,4 +1,4 @@
-"""The depth-averaged solver: its state, one call to advance it, its frames and its balances."""
+"""The depth-averaged solver: initial state, time integration, frames."""
 
 from dataclasses import dataclass, replace
 
@@ -30,9 +30,10 @@ SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all
 
 @dataclass(frozen=True)
 class ColumnNumerics:
-    """How the columns are marched; what is marched is in `ColumnEffects`.
+    """Numerical settings of the columns; the effects are in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step` fixes the step [s] (None: by CFL).
+    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step`
+    fixes the step [s] (None: by CFL).
     `reference_thickness` [m] is what thin is measured against (None: the mean over the columns at the start).
     """
 
@@ -51,7 +52,7 @@ class ColumnNumerics:
 
 
 class ColumnSolver(ColumnState):
-    """Marches the columns of `frame` over `terrain`.
+    """Advances the columns of `frame` over `terrain`.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ class ColumnSolver(ColumnState):
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
-        """What does not change while the columns march."""
+        """Settings that are constant during the time integration."""
         grid, numerics = self.grid, self.numerics
         reference = numerics.reference_thickness
         if reference is None:
@@ -168,7 +169,7 @@ class ColumnSolver(ColumnState):
         self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
 
     def _add(self, frame, ids):
-        """Append the columns of `frame` and tell the clock of them; answers the bed under them [m]."""
+        """Append the columns of `frame` and update the clock; returns the bed under them [m]."""
         particles, counts, clock = frame.particles, self._counts, self._clock
         x, y = self._from_corner(frame)
         bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
@@ -286,7 +287,7 @@ class ColumnSolver(ColumnState):
     def arm(self, number, nodes, thickness):
         """Let `advance` come back with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
 
-        `number`, from 1, tells areas apart; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
+        `number`, from 1, identifies the area; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
         below what counts as flow, means any flow.
         """
         self._wet[nodes] |= np.uint8(kernel.ARMED * number)
@@ -310,7 +311,7 @@ class ColumnSolver(ColumnState):
         return float(self._clock[column_clock.SPEED])
 
     def advance(self, until, max_steps=1 << 62, may_stop=True):
-        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back.
+        """Advance to time `until` [s] or by `max_steps`; returns the kernel's reason to stop.
 
         Without `may_stop` no stop rule ends it before (more is to come).
         """

@@ -1,4 +1,4 @@
-"""Points in a window and columns around it, marched in step; columns that come into the window become points."""
+"""Points in a window and columns around it, advanced together; columns that enter the window become points."""
 
 import json
 import math
@@ -96,7 +96,7 @@ class CoupledSolver:
     # -------------------------------------------------------------------------------------------------------- marching
 
     def advance(self, until, after, max_steps):
-        """March both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
+        """Advance both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
 
         Answers RUNNING, REACHED_TIME, ALL_LEFT, the points' trouble, or the columns' reason and OF_COLUMNS.
         """
@@ -169,7 +169,7 @@ class CoupledSolver:
         return (self.points_solver, self.points_solver.points), (self.columns_solver, self.columns_solver.columns)
 
     def frame(self):
-        """Points, and the columns outside as points of the same mass and momentum; the columns' state beside theirs."""
+        """Points, and columns outside as points of the same mass and momentum, with the columns' state in addition."""
         points, columns = self.points_solver.frame(), self.columns_solver.frame()
         state = points.state | {f"{PREFIX}{name}": values for name, values in columns.state.items()}
         state |= {f"{PREFIX}ids": columns.particles.id, f"{PREFIX}origin": np.asarray(columns.origin)}
@@ -253,7 +253,7 @@ def parts_of(frame):
     particles, n = frame.particles, len(own["rows"])
     points = replace(frame, particles=particles.take(slice(0, n)), state=own)
     ids, origin = np.asarray(state["ids"]), tuple(np.asarray(state["origin"]).tolist())
-    first = np.zeros(len(ids), int)  # where they stand, rows tell
+    first = np.zeros(len(ids), int)  # positions are in rows
     columns = replace(particles.take(first), id=ids, thickness=np.ones(len(ids)), area=np.ones(len(ids)))
     return points, replace(frame, particles=columns, dimension=2, origin=origin, state=state)
 

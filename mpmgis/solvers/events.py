@@ -1,4 +1,4 @@
-"""What happens between steps: columns that flow in over time, and areas that the flow releases when it gets there."""
+"""Events between steps: inflow over time, and secondary releases that the flow triggers."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from ..spatial.features import MAX_AREAS
 from ..terrain.inflow import BATCH_SHARE, batch_times, clearing_time
 from .restart import StateCheck
 
-LARGEST_REASON = 100  # for which a march ends (`marched.STOPPED_AT_REST`)
+LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
 
 # Columns of an inlet take turns by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
 # dither): batches of one layer each are as even as they can be, and eight of them fill the lattice once.

@@ -1,4 +1,4 @@
-"""Where the ground folds within a cell, and how far the nodes there are from it.
+"""Folds of the ground within a cell, and the distance of the nodes there from the ground.
 
 At a cliff's edge the plane under a node column leaves the ground by up to the cliff's height. Such columns, and those
 beside them, keep the exact distance and direction of the nearest ground for each node that the flow can reach; all

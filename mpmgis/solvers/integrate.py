@@ -19,7 +19,7 @@ HALVINGS = 5  # of the time step, before a run gives up
 
 
 class Guard:
-    """Keeps the last good state of a march.
+    """Keeps the last valid state of a time integration.
 
     Attributes
     ----------
@@ -89,8 +89,8 @@ class March:
 
     Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
     in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
-    and events were restored from. After the last frame `reason` says why it ended. `observe(solver)` is called a few
-    times a second. With `stage_end`, a StageEnd, the march may end before: then `switch` says why, there is no frame of
+    and events were restored from. After the last frame `reason` is the reason for the end.
+    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it may end earlier: then `switch` is the reason, there is no frame of
     that time, and the next stage of the run goes on. Where the flow comes to a feature that the solver watches
     (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
 
@@ -176,7 +176,7 @@ class March:
         return replace(frame, state=frame.state | self.events.state())
 
     def _advance(self, until, after):
-        """March to `until`, from event to event, in slices of a quarter second of wall time.
+        """Advance to `until`, from event to event, in slices of a quarter second of wall time.
 
         `after` is the time of the frame that comes next.
         """
@@ -223,7 +223,7 @@ class March:
         return due if due < until - 1e-9 * self.interval else until
 
     def _look(self, always):
-        """Call `observe`, not more often than anybody can look unless `always`."""
+        """Call `observe`, a few times a second at most unless `always`."""
         now = wall_clock.perf_counter()
         if always or now - self._observed > 0.2 * SLICE_SECONDS:
             self._observed = now

@@ -1,7 +1,7 @@
-"""Restarts: the digest of what a run starts from, and the checks of a saved state before it is used.
+"""Restarts: the digest of a run's input, and the checks of a saved state.
 
-A file's digest tells that nothing was changed by accident. A kernel that is compiled trusts the numbers it is given: an
-index out of range writes somewhere in memory. So each of them is looked at, whoever wrote the file.
+A file's digest shows that it was not changed by accident. Compiled kernels do not check indices: an index out of range
+writes somewhere in memory. So all numbers of a state are checked before use.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ from ..peaks import PEAK_STATE
 
 
 def start_digest(terrain, frame, events, *places, shapes=()):
-    """Hex digest of all that the files of a scene tell its run.
+    """Hex digest of all input that a run reads from the files of its scene.
 
     It is made of what was read and not of files: a note in a table or statistics beside a raster change nothing, while
     a height in a virtual raster's second file, or a layer of a database that is a folder, do.
@@ -28,7 +28,7 @@ def start_digest(terrain, frame, events, *places, shapes=()):
     places : Places
         Of each stage.
     shapes : sequence of shapely.Geometry
-        What stages know besides: windows, and what ends them.
+        Further input of stages: windows and end conditions.
     """
     digest = hashlib.sha256()
     crs = terrain.grid.crs
@@ -87,7 +87,7 @@ class StateCheck:
             )
 
     def array(self, name, dtype, shape, finite=True):
-        """The array `name`, which must have that type and shape, and finite values unless told otherwise."""
+        """The array `name`, which must have that type and shape, and finite values by default."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray), f"{name} is missing")
         got = f"{name} is {values.dtype}{list(values.shape)}, expected {np.dtype(dtype)}{list(shape)}"

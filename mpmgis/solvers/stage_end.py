@@ -1,4 +1,4 @@
-"""When a stage of a run is over: at a time, when the flow comes near to something, or when it is calm again."""
+"""End conditions of a stage: a time, a distance to a feature, or a calm flow."""
 
 import math
 from typing import NamedTuple
@@ -54,7 +54,7 @@ class Cliff(NamedTuple):
 
 
 class StageEnd:
-    """What a march looks at to know whether its stage is over.
+    """The checks that decide whether a stage is over.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ POINT_REASONS = {
 
 
 def marched(solver):
-    """The side that a march talks to."""
+    """The interface of `solver` for the time integration."""
     if isinstance(solver, CoupledSolver):
         return MarchedCoupled(solver)
     return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
@@ -52,7 +52,7 @@ class MarchedColumns:
         return self.solver.columns
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s] or for `max_steps`; the kernel's reason to come back."""
+        """Advance to `until` [s] or by `max_steps`; returns the kernel's reason to stop."""
         return self.solver.advance(until, max_steps, may_stop)
 
     def take_in(self, code):
@@ -103,7 +103,7 @@ class MarchedPoints:
         return self.solver.points
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps`; the kernel's reason."""
+        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps`; the kernel's reason."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
@@ -180,7 +180,7 @@ class MarchedCoupled:
         return self.solver.particles
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points; the reason."""
+        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps` of the points; the reason."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
@@ -210,7 +210,7 @@ COMPILING_STEPS, FIRST_STEPS = 2, 4
 
 
 def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
-    """Wall time [s] of one step of one particle of `solver`, marched for `seconds`; None where nothing moves in it.
+    """Wall time [s] of one step of one particle of `solver`, advanced for `seconds`; None where nothing moves in it.
 
     Compiling is apart. The solver is worth nothing afterwards.
     """

@@ -1,4 +1,4 @@
-"""Barriers on the map: which nodes of a grid stand in a wall, and which way the wall looks there."""
+"""Barriers on the map: the grid nodes inside a wall, and the normal of its nearest side."""
 
 from dataclasses import dataclass
 from math import cos, radians

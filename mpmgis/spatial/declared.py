@@ -1,4 +1,4 @@
-"""What a scene knows by place, on the solver's grid, before its effects are decided: the facts that decide them."""
+"""Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class KnownByPlace:
     grid : ColumnGrid
     scene : Scene
     zones : dict
-        Parameter of friction -> float64 at the nodes, NaN where nothing says it.
+        Parameter of friction -> float64 at the nodes, NaN where it is not given.
     erodible : float64 at the nodes [kg m-2]
     walls : tuple of Wall
     wall_nodes : WallNodes
@@ -50,7 +50,7 @@ class KnownByPlace:
         return min(mu_least(_with_friction(self.scene, dict(corner))) for corner in corners)
 
     def facts(self, terrain, reach, frame, depth):
-        """What `TerrainFacts` tells of places; `depth` [m] is the release's, `frame` its columns.
+        """The entries of `TerrainFacts` on spatial features; `depth` [m] is the release's, `frame` its columns.
 
         Raises
         ------
@@ -196,7 +196,7 @@ def _with_friction(scene, values):
 
 
 def _filled(values):
-    """`values` with what is not known taken from the nearest node that knows."""
+    """`values` with missing values taken from the nearest node that has one."""
     known = np.isfinite(values)
     return values if known.all() else values[tuple(ndimage.distance_transform_edt(~known, return_distances=False,
                                                                                   return_indices=True))]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is known by place: friction zones, erodible ground, barriers and lakes on the solver's grid."""
+"""Spatial features as node arrays: friction zones, erodible ground, barriers and lakes on the solver's grid."""
 
 from dataclasses import dataclass
 

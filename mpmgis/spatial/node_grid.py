@@ -14,7 +14,7 @@ MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 no
 
 
 RIM = 3  # [cells] beyond the known ground over which its slope goes on
-LEVEL = 1e-6  # tangent of a slope below which nothing says where down is
+LEVEL = 1e-6  # tangent of a slope below which there is no downhill direction
 
 
 class CellWindow(NamedTuple):
@@ -78,7 +78,7 @@ class ColumnGrid:
         known = np.isfinite(bed)
         core = known[1:-1, 1:-1] & _on_raster(near.grid, 0.0, -ny * cell_size, cell_size, nx, ny, off)
         inside = core[:-1, :-1] & core[:-1, 1:] & core[1:, :-1] & core[1:, 1:]
-        if not known.all():  # ghosts and rims need a bed on which a plane stays one; nobody flows there
+        if not known.all():  # ghosts and rims need a bed on which a plane stays one; there is no flow there
             bed = continued(bed, most=RIM)
         gradient = node_gradients(bed, cell_size)
         gradient[0], gradient[-1] = gradient[1], gradient[-2]

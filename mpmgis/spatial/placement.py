@@ -1,4 +1,4 @@
-"""What files tell by place, put on the solver's grid: zones painted, walls named and checked, bed laid out, lakes."""
+"""Features from files on the solver's grid: friction zones, walls, erodible ground and lakes, with their checks."""
 
 import itertools
 from dataclasses import dataclass, field, replace
@@ -44,7 +44,7 @@ class PlacedFiles:
 def painted_zones(scene, zones, grid):
     """Parameter of friction -> float64 at the nodes: [friction] underneath, then every zone in its order.
 
-    `zones` are (number in the scene, ZoneTable, PlacedFiles). NaN where nothing tells a value.
+    `zones` are (number in the scene, ZoneTable, PlacedFiles). NaN where there is no value.
 
     Raises
     ------

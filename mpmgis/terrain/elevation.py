@@ -38,7 +38,7 @@ class Terrain:
     def gradient(self):
         """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
 
-        One-sided to second order at the rim and first order beside nodata; both components NaN where one axis has
+        One-sided to second order at the rim and first order next to nodata; both components NaN where one axis has
         no valid neighbour; 0 across a raster of a single row or column. Mapped by the inverse
         transpose of the pixel matrix, so that it holds for any affine.
         """
@@ -63,7 +63,7 @@ class Terrain:
         return np.stack([d_column, d_row], axis=-1) @ inverse_transpose.T
 
     def sample(self, x, y):
-        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or beside nodata.
+        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or next to nodata.
 
         Within the outermost half pixel the outer two pixels are extended linearly, so that a plane stays a plane.
         """
@@ -71,7 +71,7 @@ class Terrain:
         return bilinear(self.elevation, row, column)
 
     def rows_on(self, grid, first, last):
-        """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
+        """Elevation [m] at the centres of some rows of `grid`: between pixels, or next to nodata the pixel's own."""
         if (grid.transform, grid.shape) == (self.grid.transform, self.grid.shape):
             return self.elevation[first:last]
         row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
@@ -141,7 +141,7 @@ def bilinear(values, row, column):
 
 
 def _difference(elevation, axis, limit=np.inf):
-    """Difference per pixel step along `axis`: central inside, one-sided at the rim and beside nodata.
+    """Difference per pixel step along `axis`: central inside, one-sided at the rim and next to nodata.
 
     Where the forward and backward differences differ by more than `limit` the smaller one is taken (min-mod: zero
     where they have opposite signs would hide a ridge, so the smaller in size is kept).

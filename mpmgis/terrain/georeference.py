@@ -1,4 +1,4 @@
-"""Is this CRS, with these coordinates, a map in metres? Refusals, each with its cure."""
+"""Coordinate reference systems: checks that coordinates are metres on a map, with the command that corrects them."""
 
 import math
 import warnings
@@ -33,7 +33,7 @@ def parse_crs(text):
     try:
         return pyproj.CRS.from_epsg(int(code))
     except pyproj.exceptions.CRSError as error:
-        raise InputError(f"--crs got {word!r}, but PROJ knows no such EPSG code; look it up at epsg.io") from error
+        raise InputError(f"--crs got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
 
 
 def crs_of_text(text):

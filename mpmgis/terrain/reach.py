@@ -1,4 +1,4 @@
-"""What a flow can reach: the energy line, the steepest way down, and free flight off an edge."""
+"""Ground that a flow can reach: energy line, path of steepest descent, and free flight from an edge."""
 
 import heapq
 import itertools

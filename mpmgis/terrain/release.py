@@ -1,4 +1,4 @@
-"""Release areas: where mass starts, and how thick it is."""
+"""Release areas: location and thickness of the initial mass."""
 
 from dataclasses import dataclass, field, replace
 
@@ -42,7 +42,7 @@ class ReleasePart:
 class ReleaseArea:
     """All features of a release, which do not overlap, in the terrain's CRS.
 
-    `thickness_mode` says how every thickness is meant: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
+    `thickness_mode` is the direction of every thickness: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
     where it came from; `record` holds what was noted while reading (numbers and strings).
     """
 
@@ -91,7 +91,7 @@ def without_overlaps(parts, say):
 
 
 def _unite(group, say):
-    """One part from features of one thickness; a true overlap is said."""
+    """One part from features of one thickness; a true overlap is reported."""
     if len(group) == 1:
         return group[0]
     names = [part.name for part in group]
@@ -153,7 +153,7 @@ def require_on_terrain(part, grid):
 
 
 def tell_of_cliffs(gradient, frame, say):
-    """Refuse a release that starts on a cliff, and say how much of one starts on very steep ground.
+    """Refuse a release that starts on a cliff, and report the share on very steep ground.
 
     Parameters
     ----------

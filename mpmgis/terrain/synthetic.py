@@ -1,4 +1,4 @@
-"""Terrain whose height and gradient are known exactly: what tests, benchmarks and examples measure against.
+"""Terrain with exactly known height and gradient, for tests, benchmarks and examples.
 
 Every function here returns a `Surface`; ``surface.terrain(grid)`` puts it on any grid (north-up, south-up, rotated,
 non-square), and ``+`` adds surfaces: ``plane(30) + bumps(1.0, 50.0)``. Angles are in degrees; an azimuth is the
