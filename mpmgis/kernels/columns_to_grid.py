@@ -45,7 +45,7 @@ compiled_cosine_squared = jit_inline(cosine_squared)
 @jit
 def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
               metric, lake, earth_pressure, viscosity):  # fmt: skip
-    """Contribution of each column to its nodes, as weights and four-number groups; returns how many viscosities it capped.
+    """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
 
     Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
     """

@@ -90,9 +90,9 @@ class March:
     Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
     in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
     and events were restored from. After the last frame `reason` is the reason for the end.
-    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it may end earlier: then `switch` is the reason, there is no frame of
-    that time, and the next stage of the run goes on. Where the flow comes to a feature that the solver watches
-    (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
+    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it may end earlier: then `switch`
+    is the reason, there is no frame of that time, and the next stage of the run goes on. Where the flow comes to a
+    feature that the solver watches (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
 
     Attributes
     ----------

@@ -98,20 +98,20 @@ REFUSED = {
     "cohesion of columns": ({"cohesion": {"yield_stress": 50}}, "give [material] cohesion"),
     "curvature": ({"curvature": {}}, "follows the ground by itself"),
     "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form requires solver = 'columns'"),
-    "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell belongs to"),
+    "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell requires solver"),
     "clearance of two cells": ({"numerics": {"cell_size": 2, "clearance": 2}}, "expected at most 1"),
     "clearance of columns": (
-        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance belongs to"),
+        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance requires solver"),
     "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "expected 8, 27, 64"),
     "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "expected float64, float32"),
     "float32 of columns": (
         {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "requires solver = 'points'"),
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
-        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness belongs to"),
+        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness requires solver"),
     "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "a source has its own outline"),
     "window of columns": (
-        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "belongs to"),
+        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "requires"),
     "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
     "window of words": ({"terrain": {"dem": "d.tif", "window": ["a", 2, 3, 4]}}, "four numbers"),
     "window inside out": ({"terrain": {"dem": "d.tif", "window": [5, 2, 3, 4]}}, "west below east"),
