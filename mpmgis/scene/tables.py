@@ -54,8 +54,8 @@ class ReleaseTable:
                               file=True)  # fmt: skip
     particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote, or points in 3D", None, kind=str,
                                  example="a.h5", file=True)  # fmt: skip
-    window: str | None = _key("of particles: only what lies in these polygons; the rest is left out, and said", None,
-                              kind=str, example="box.gpkg", file=True, solver="points")  # fmt: skip
+    window: str | None = _key("of particles: only what lies in these polygons; the rest is reported and left out",
+                              None, kind=str, example="box.gpkg", file=True, solver="points")  # fmt: skip
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
         None,
@@ -280,7 +280,7 @@ class NumericsTable:
                           str, choices=("float64", "float32"))  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
                      choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
-    edges: str = _key("edges of the terrain: open (outflow is booked) or wall", "open", str, choices=("open", "wall"))
+    edges: str = _key("edges of the terrain: open (outflow is reported) or wall", "open", str, choices=("open", "wall"))
     cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
                              None, low=0.0, high=0.9, above=True, example=0.6)  # fmt: skip
     clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0,
@@ -324,7 +324,7 @@ class StageTable:
     window: str | None = _key("of points: only what lies in these polygons becomes points", None, kind=str,
                               example="box.gpkg", file=True)  # fmt: skip
     outside: str | None = _key(
-        "what lies outside window: booked and gone, or marched on as columns; without it ledger", None, kind=str,
+        "what lies outside window: removed (ledger), or continued as columns; default ledger", None, kind=str,
         choices=("ledger", "columns"), example="columns",
     )  # fmt: skip
     cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)

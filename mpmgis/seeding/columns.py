@@ -112,7 +112,7 @@ def _close(sources, scenes, deposits, options):
         each = volume / number
         return _Closure(np.array([1.0, options.density, each]), volume, each, each)
     pairs = zip(sources, scenes, strict=True)
-    sums = np.vstack([source.march(0, len(source.counts), scene, np.zeros(3)) for source, scene in pairs])
+    sums = np.vstack([source.fill(0, len(source.counts), scene, np.zeros(3)) for source, scene in pairs])
     factor = volume / math.fsum(sums[:, 0])
     if abs(factor - 1.0) > _LARGEST_CLOSURE:
         raise InputError(
@@ -229,7 +229,7 @@ class Seed:
         n = sum(sizes)
         position, columns, at = np.empty((n, 3)), np.empty((4, n)), 0
         for (source, scene, first, last), m in zip(group, sizes, strict=True):
-            source.march(first, last, scene, self._law, position, columns, at)
+            source.fill(first, last, scene, self._law, position, columns, at)
             at += m
         thickness, area, volume, mass = columns
         number = np.arange(start, start + n, dtype=np.uint64)

@@ -173,7 +173,7 @@ class LatticeColumns:
         """How many columns in all."""
         return int(self.counts.sum())
 
-    def march(self, first, last, scene, law, position=None, columns=None, at=0):
+    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
         """Evaluate the rows first <= row < last; write them from `at` on if `position` is given.
 
         `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling.evaluate`. Returns

@@ -79,7 +79,7 @@ class EqualMassColumns:
         self.counts = np.diff(whole)
         self._start = whole[:-1].copy()
 
-    def march(self, first, last, scene, law, position, columns, at=0):
+    def fill(self, first, last, scene, law, position, columns, at=0):
         """Write the columns of the strips first <= strip < last from `at` on."""
         offsets = at + self._start[first:last] - self._start[first]
         cover = self.cover
@@ -186,6 +186,6 @@ class HaltonColumns:
             bed_map, thick, thick_map, law, position, columns,
         )  # fmt: skip
 
-    def march(self, first, last, scene, law, position=None, columns=None, at=0):
-        """As `LatticeColumns.march`, over chunks of the sequence."""
+    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
+        """As `LatticeColumns.fill`, over chunks of the sequence."""
         return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns, at)[:, :3]

@@ -14,7 +14,7 @@ _GOOD_ENOUGH = 0.004
 
 
 def column_sources(grid, release, deposits, scenes, slope, options):
-    """A source of columns per release part: `counts` int64[blocks], `count`, and `march` over a range of blocks.
+    """A source of columns per release part: `counts` int64[blocks], `count`, and `fill` over a range of blocks.
 
     Parameters
     ----------

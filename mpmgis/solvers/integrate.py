@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from ..errors import UnphysicalError
 from .events import Events
 from .stage_end import StageEnd
-from .stepping import marched
+from .stepping import stepper_of
 
 HALVINGS = 5  # of the time step, before a run gives up
 
@@ -121,7 +121,7 @@ class March:
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
         self.tell_taken_in = tell_taken_in or (lambda taken: None)
-        self._side, self._observed = marched(solver), 0.0
+        self._side, self._observed = stepper_of(solver), 0.0
         self._guard = Guard(solver, self._side, self.events, self.stage_end)
 
     @property

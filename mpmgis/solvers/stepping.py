@@ -28,7 +28,7 @@ POINT_REASONS = {
 }
 
 
-def marched(solver):
+def stepper_of(solver):
     """The interface of `solver` for the time integration."""
     if isinstance(solver, CoupledSolver):
         return MarchedCoupled(solver)
@@ -214,7 +214,7 @@ def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
 
     Compiling is apart. The solver is worth nothing afterwards.
     """
-    side = marched(solver)
+    side = stepper_of(solver)
     solver.advance(float("inf"), max_steps=COMPILING_STEPS)
     done, steps, began = 0, FIRST_STEPS, clock()
     while clock() - began < seconds:
