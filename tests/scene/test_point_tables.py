@@ -119,7 +119,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_in_one_line(name):
+def test_invalid_scenes_are_refused_in_one_line(name):
     tables, words = REFUSED[name]
     with pytest.raises(SceneError) as error:
         scene(**tables)

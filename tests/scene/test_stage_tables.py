@@ -63,7 +63,7 @@ def test_a_stage_alone_is_a_scene_of_its_solver():
     assert scene(solver="columns").solver == "columns" and scene().solvers == {"columns", "points"}
 
 
-def test_files_of_stages_are_moved_and_told():
+def test_files_of_stages_are_moved_and_reported():
     given = scene(stage=[{**COLUMNS, "until": {"reach": "area.gpkg"}}, {**POINTS, "window": "box.gpkg"}])
     assert {"area.gpkg", "box.gpkg"} <= set(given.files())
     moved = given.with_files(lambda name: "far/" + name)
@@ -126,7 +126,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_in_one_line(name):
+def test_invalid_scenes_are_refused_in_one_line(name):
     tables, words = REFUSED[name]
     with pytest.raises(SceneError) as error:
         scene(**tables)

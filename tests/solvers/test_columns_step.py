@@ -207,7 +207,7 @@ def test_v22_far_from_the_origin_nothing_changes():
         assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
 
 
-def test_outflow_is_booked_by_edge_and_the_rest_runs_on():
+def test_outflow_is_summed_by_edge_and_the_run_continues():
     terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
     frame = columns_of(1.0, 100, 160, 20, 80, 1.25, velocity=(10.0, 0.0))
     solver = solver_on(terrain, frame, 5.0, Coulomb(0.2))

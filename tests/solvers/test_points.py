@@ -57,7 +57,7 @@ def test_mass_and_momentum_close_to_round_off():
     assert balances["mass_lifted_onto_ground"] == 0.0
 
 
-def test_what_leaves_is_booked():
+def test_outflow_of_points_is_summed():
     solver = flying(velocity=(40.0, 0.0, 30.0))
     assert solver.advance(10.0) == kernel.ALL_LEFT
     balances = solver.balances()

@@ -36,7 +36,7 @@ def by_id(solver):
     return particles.take(np.argsort(particles.id))
 
 
-def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_told():
+def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_reported():
     """H1: 60 m straight down in one cell: no abort; the share of the mass that was held to its speed is told."""
 
     def cliff(x, y):
