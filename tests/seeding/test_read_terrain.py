@@ -52,7 +52,7 @@ def test_nodata_scale_and_integers(tmp_path):
     assert terrain.elevation[0, 1] == pytest.approx(15.1)
 
 
-def test_undeclared_nodata_is_reportedand_masked(tmp_path):
+def test_undeclared_nodata_is_reported_and_masked(tmp_path):
     heights = np.full((6, 6), 500.0)
     heights[2, 3] = -9999
     heights[4, 4] = np.inf
