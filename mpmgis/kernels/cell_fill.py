@@ -85,6 +85,7 @@ def _quad(corners, first, second):
 
 @jit_inline
 def mapped(affine, u, v):
+    """The point (u, v) under an affine of six numbers."""
     return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
 
 

@@ -229,6 +229,7 @@ def find(keys, first, last, key):
 
 @jit_inline
 def in_span(spans, first, last, column):
+    """Whether one of the spans first <= s < last contains `column`."""
     while first < last:
         middle = (first + last) // 2
         if spans[middle, 2] <= column:

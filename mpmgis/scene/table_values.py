@@ -65,6 +65,7 @@ def _in_place_of(law, values, where):
 
 
 def refuse_both(name, parameter, values, where):
+    """Refuse `name` where `values` also has the `parameter` that it replaces; raises SceneError."""
     if parameter in values:
         raise SceneError(f"{where}: {name} = g / {parameter}, and both are given; take one of them out")
 
@@ -135,10 +136,12 @@ def checked_value(checks, value, where):
 
 
 def is_number(value):
+    """Whether `value` is an int or a float, and not a bool."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def listed(names):
+    """`names` as text, separated by commas."""
     return ", ".join(map(str, names))
 
 
