@@ -4,7 +4,6 @@ What a command would say on stderr goes to the logger `mpmgis` (`logging.basicCo
 are `mpmgis.MpmgisError`, each with a message of one line.
 """
 
-import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -26,7 +25,6 @@ __all__ = [
     "Frame", "MpmgisError", "Particles", "depth_average", "export_raster", "open_results", "read_frame", "run", "seed",
     "to_geodataframe",
 ]  # fmt: skip
-_say = logging.getLogger("mpmgis").info
 
 
 def seed(
@@ -54,7 +52,7 @@ def seed(
     from .workflows.seed import seed_file
 
     require_known(options, SeedingOptions, "seed")
-    return seed_file(dem, release, output, say=_say, **options)
+    return seed_file(dem, release, output, **options)
 
 
 def run(
@@ -94,9 +92,7 @@ def run(
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, wanted a path or a mapping of its tables")
     with trusting(trust):
-        return run_scene(
-            scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm, say=_say
-        )
+        return run_scene(scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm)
 
 
 def export_raster(
@@ -133,7 +129,7 @@ def export_raster(
     require_known(options, ExportOptions, "export_raster")
     given = tuple(frames) if isinstance(frames, (list, tuple)) else (frames,)
     with trusting(trust):
-        return export(ExportRequest(frames=given, output=None if output is None else Path(output), **options), _say)
+        return export(ExportRequest(frames=given, output=None if output is None else Path(output), **options))
 
 
 def open_results(
@@ -168,7 +164,7 @@ def open_results(
     """
     from .workflows.datasets import open_results as opened
 
-    return opened(folder, dem, _say, **options)
+    return opened(folder, dem, **options)
 
 
 def depth_average(
@@ -198,7 +194,7 @@ def depth_average(
     """
     from .workflows.datasets import depth_average as averaged
 
-    return averaged(frame, dem, _say, **options)
+    return averaged(frame, dem, **options)
 
 
 def read_frame(path: str | Path) -> Frame:

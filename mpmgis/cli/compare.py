@@ -82,10 +82,10 @@ def run(arguments):
     asked = {key: value for key, value in vars(arguments).items() if key in CompareRequest.__dataclass_fields__}
     names = set(ExportRequest.__dataclass_fields__) - set(asked)
     asked["reading"] = ExportRequest((), **{key: value for key, value in vars(arguments).items() if key in names})
-    notes = []  # told when all went well, so that a refusal stands alone
-    found = compare(CompareRequest(**asked), say=talk.say if talk.volume > 0 else notes.append)
-    for note in [*notes, *(f"wrote {file}" for file in found.files)]:
-        talk.say(note)
+    with talk.notes_after_success():
+        found = compare(CompareRequest(**asked))
+    for file in found.files:
+        talk.say(f"wrote {file}")
     print(json.dumps(found.facts(), indent=1, allow_nan=False) if arguments.json else "\n".join(screen(found)))
     return 0
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from . import foreign_options, solver_options
+from . import foreign_options, solver_options, talk
 from .values import count, number, positive
 
 EXAMPLE = """
@@ -112,14 +112,13 @@ def run(arguments):
     named = set(ConvertRequest.__dataclass_fields__) - {"source", "terms"}
     asked = {name: getattr(arguments, name) for name in named}
     request = ConvertRequest(sources[0], terms=foreign_options.terms(arguments), **asked)
-    say, flush = solver_options.told_at_the_end()
-    if arguments.solver is not None:
-        paths = _run_for_solver(arguments, request, say)
-    else:
-        _require_one(arguments)
-        solver_options.refuse_without_solver(arguments)
-        paths = _run(arguments, request, say)
-    flush()
+    with talk.notes_after_success():
+        if arguments.solver is not None:
+            paths = _run_for_solver(arguments, request)
+        else:
+            _require_one(arguments)
+            solver_options.refuse_without_solver(arguments)
+            paths = _run(arguments, request)
     for path in paths:
         print(path)
     return 0
@@ -135,19 +134,19 @@ def _require_one(arguments):
         )
 
 
-def _run(arguments, request, say):
+def _run(arguments, request):
     """Paths of the frames written."""
     from ..workflows.convert import convert_to_columns, convert_to_points, dimension_of
 
     to = arguments.to or ("points" if dimension_of(request) == 2 else "columns")
     if to == "points":
-        written = convert_to_points(request, _point_options(arguments), say)
+        written = convert_to_points(request, _point_options(arguments))
     else:
-        written = convert_to_columns(request, _column_options(arguments), say)
+        written = convert_to_columns(request, _column_options(arguments))
     return [path for path in (written.path, written.rest) if path is not None]
 
 
-def _run_for_solver(arguments, request, say):
+def _run_for_solver(arguments, request):
     """The folder written."""
     from ..errors import InputError
     from ..workflows.solver_start import convert_for_solver
@@ -158,7 +157,7 @@ def _run_for_solver(arguments, request, say):
     of_points = any(getattr(arguments, name) for name in _POINTS_ONLY)
     options = _point_options(arguments) if of_points or arguments.cell else None
     start = solver_options.request_of(arguments)
-    return [convert_for_solver(start, arguments.source, request, options, of_points, say).path]
+    return [convert_for_solver(start, arguments.source, request, options, of_points).path]
 
 
 def _point_options(arguments):

@@ -33,7 +33,6 @@ def run(arguments):
             arguments.output,
             overwrite=arguments.overwrite,
             threads=arguments.threads,
-            say=talk.detail,
             watch=watch,
             progress=progress,
         )

@@ -44,14 +44,14 @@ def run(arguments):
     from ..workflows.run import decided, measured
 
     if arguments.measure:
-        decisions, costs = measured(arguments.scene, arguments.law, talk.detail, talk.say)
+        decisions, costs = measured(arguments.scene, arguments.law)
         stages = (("", decisions),)
         talk.say(
             f"a step of {costs.columns} columns at t = {costs.time:.3g} s takes {1e3 * costs.step_seconds:.3g} ms; "
             f"timed twice it differs by {100 * costs.noise:.1f} %: smaller costs are noise"
         )
     else:
-        stages, costs = decided(arguments.scene, arguments.law, talk.detail), None
+        stages, costs = decided(arguments.scene, arguments.law), None
     words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
     answer.give(words, arguments)
     return 0

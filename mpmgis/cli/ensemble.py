@@ -103,7 +103,6 @@ def run(arguments):
         found = ensemble(
             EnsembleRequest(**request),
             confirm=lambda question: arguments.yes or asked(question),
-            say=talk.say,
             look=look,
         )
     tell(found)

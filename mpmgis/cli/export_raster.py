@@ -170,14 +170,8 @@ def run(arguments):
     from ..workflows.export import ExportRequest, export_raster
 
     asked = {key: value for key, value in vars(arguments).items() if key in ExportRequest.__dataclass_fields__}
-    notes = []  # told when all went well, so that a refusal stands alone
-    paths = export_raster(
-        ExportRequest(**asked | {"frames": tuple(arguments.frames)}),
-        say=talk.say if talk.volume > 0 else notes.append,
-        progress=frame_progress,
-    )
-    for note in notes:
-        talk.say(note)
+    with talk.notes_after_success():
+        paths = export_raster(ExportRequest(**asked | {"frames": tuple(arguments.frames)}), progress=frame_progress)
     for path in paths:
         print(path)
     if arguments.qgis:

@@ -35,7 +35,7 @@ def run(arguments):
     from ..workflows.hydrograph import HydrographRequest, hydrograph
 
     request = results_options.answer_request(HydrographRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: hydrograph(request, say, progress))
+    found = results_options.tell(lambda progress: hydrograph(request, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0
 

@@ -35,7 +35,7 @@ def run(arguments):
     from ..workflows.intensity import IntensityRequest, intensity
 
     request = results_options.answer_request(IntensityRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: intensity(request, say, progress))
+    found = results_options.tell(lambda progress: intensity(request, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0
 

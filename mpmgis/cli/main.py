@@ -116,6 +116,7 @@ def main(argv=None):
             talk.add_trust(sub)
         sub.set_defaults(run=module.run)
     arguments = parser.parse_args(argv)
+    talk.show_messages()
     talk.set_volume(arguments)
     return _guarded(arguments)
 

@@ -34,6 +34,6 @@ def run(arguments):
     from ..workflows.profile import ProfileRequest, profile
 
     request = results_options.answer_request(ProfileRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: profile(request, say, progress))
+    found = results_options.tell(lambda progress: profile(request, progress))
     print("\n".join(str(file) for file in found.files))
     return 0

@@ -34,6 +34,6 @@ def run(arguments):
     from ..workflows.report import ReportRequest, report
 
     request = results_options.answer_request(ReportRequest, arguments)
-    files = results_options.tell(arguments, lambda say, progress: report(request, say, progress))
+    files = results_options.tell(lambda progress: report(request, progress))
     print("\n".join(str(file) for file in files))
     return 0

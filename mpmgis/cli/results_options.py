@@ -65,13 +65,10 @@ def answer_request(kind, arguments):
     return kind(**asked | {"results": request(arguments)})
 
 
-def tell(arguments, ask):
-    """Call `ask(say, progress)`; what is said stands after a refusal-free end, or at once with -v."""
+def tell(ask):
+    """Call `ask(progress)`; its messages are printed after success, or at once with -v."""
     from . import talk
     from .progress import frame_progress
 
-    notes = []  # told when all went well, so that a refusal stands alone
-    found = ask(talk.say if talk.volume > 0 else notes.append, frame_progress)
-    for note in dict.fromkeys(notes):
-        talk.say(note)
-    return found
+    with talk.notes_after_success():
+        return ask(frame_progress)

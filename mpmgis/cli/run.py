@@ -58,7 +58,6 @@ def run(arguments):
             threads=arguments.threads,
             laws=arguments.law,
             confirm=lambda question: arguments.yes or asked(question),
-            say=talk.say,
             watch=watch,
         )
     tell(summary)

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace):
     from ..workflows.runout import RunoutRequest, runout
 
     request = results_options.answer_request(RunoutRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: runout(request, say, progress))
+    found = results_options.tell(lambda progress: runout(request, progress))
     print(json.dumps(found.facts(), indent=1, allow_nan=False) if arguments.json else "\n".join(screen(found)))
     return 0
 

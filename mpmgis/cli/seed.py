@@ -148,9 +148,7 @@ def run(arguments):
     solver_options.refuse_without_solver(arguments)
     if arguments.cell is not None:
         raise InputError("--cell belongs to --for; leave it out, or say for which solver")
-    seeded = seed_file(
-        arguments.dem, arguments.release, arguments.output, overwrite=arguments.overwrite, say=talk.say, **asked
-    )
+    seeded = seed_file(arguments.dem, arguments.release, arguments.output, overwrite=arguments.overwrite, **asked)
     _tell(seeded.count, seeded.record)
     print(seeded.path)
     return 0
@@ -159,11 +157,10 @@ def run(arguments):
 def _run_for_solver(arguments, asked):
     from ..workflows.solver_start import seed_for_solver
 
-    say, flush = solver_options.told_at_the_end()
     request = solver_options.request_of(arguments)
-    written, count, record = seed_for_solver(request, arguments.dem, arguments.release, say=say, **asked)
-    _tell(count, record)
-    flush()
+    with talk.notes_after_success():
+        written, count, record = seed_for_solver(request, arguments.dem, arguments.release, **asked)
+        _tell(count, record)
     print(written.path)
     return 0
 

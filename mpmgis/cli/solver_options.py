@@ -3,7 +3,6 @@
 import argparse
 from pathlib import Path
 
-from . import talk
 from .values import numbers
 
 SOLVERS = ("kratos", "cbgeo", "geotaichi", "mpm-geomechanics", "houdini", "paraview")
@@ -61,14 +60,3 @@ def request_of(arguments):
     return StartRequest(
         arguments.solver, arguments.output, arguments.overwrite, arguments.cell, arguments.window, arguments.material
     )
-
-
-def told_at_the_end():
-    """(`say`, `flush`): talk that is held back until all went well, so that a refusal stands alone; -v: at once."""
-    notes = []
-
-    def flush():
-        for note in notes:
-            talk.say(note)
-
-    return (talk.say if talk.volume > 0 else notes.append), flush

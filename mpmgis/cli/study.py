@@ -1,6 +1,5 @@
 """`mpmgis study`: what accuracy costs in time."""
 
-from . import talk
 from .progress import run_progress
 from .values import count, positive
 
@@ -78,7 +77,6 @@ def run(arguments):
         found = study(
             StudyRequest(**request),
             confirm=lambda question: arguments.yes or asked(question),
-            say=talk.say,
             watch=watch,
         )
     print("\n".join([*table(found.study), "", *found.lines, *target(arguments.target_error, found.choice)]))

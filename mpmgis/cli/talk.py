@@ -1,9 +1,14 @@
 """Talk goes to stderr, data to stdout; -v says more, -q says nothing but errors."""
 
+import logging
 import re
 import sys
+from contextlib import nullcontext
+
+from ..messages import log, logged_after_success
 
 volume = 0
+_LEVELS = {-1: logging.ERROR, 0: logging.INFO, 1: logging.DEBUG}
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
@@ -45,6 +50,26 @@ def set_volume(arguments):
     """Take -v or -q from the parsed arguments."""
     global volume
     volume = 1 if getattr(arguments, "verbose", False) else -1 if getattr(arguments, "quiet", False) else 0
+    log.setLevel(_LEVELS[volume])
+
+
+class _OnStderr(logging.Handler):
+    """Prints messages of the package on stderr as they come."""
+
+    def emit(self, record):
+        print(harmless(record.getMessage()), file=sys.stderr, flush=True)
+
+
+def show_messages():
+    """Print what the package logs on stderr from now on."""
+    if not any(isinstance(handler, _OnStderr) for handler in log.handlers):
+        log.addHandler(_OnStderr())
+    log.propagate = False
+
+
+def notes_after_success():
+    """A context that prints messages after it, so that an error stands alone; at once with -v."""
+    return nullcontext() if volume > 0 else logged_after_success()
 
 
 def say(text):

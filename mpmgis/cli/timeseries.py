@@ -38,7 +38,7 @@ def run(arguments):
     from ..workflows.timeseries import TimeseriesRequest, timeseries
 
     request = results_options.answer_request(TimeseriesRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: timeseries(request, say, progress))
+    found = results_options.tell(lambda progress: timeseries(request, progress))
     print("\n".join([*screen(found, arguments.min_depth), *map(str, found.files)]))
     return 0
 

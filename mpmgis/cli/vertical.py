@@ -48,7 +48,7 @@ def run(arguments):
     from ..workflows.vertical import VerticalRequest, vertical
 
     request = results_options.answer_request(VerticalRequest, arguments)
-    found = results_options.tell(arguments, lambda say, progress: vertical(request, say, progress))
+    found = results_options.tell(lambda progress: vertical(request, progress))
     print("\n".join([*screen(found), *map(str, found.files)]))
     return 0
 

@@ -106,7 +106,7 @@ class Outcome:
         return float(np.median(self.seconds))
 
 
-def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict, say=lambda turn, number: None):
+def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict, begun=lambda turn, number: None):
     """Run all `settings` in turns, `repeats` of them, each rehearsed before so that compiling is apart.
 
     What the machine does beside slows whole turns and no setting more than another; every second turn goes backwards,
@@ -127,8 +127,8 @@ def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict,
         Ascending, the last the end.
     predict : callable
         prepared -> seconds.
-    say : callable
-        Told (turn, number of the setting) before each run, both from 0.
+    begun : callable
+        Called with (turn, number of the setting) before each run, both from 0.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def outcomes(settings, prepare, rehearse, begin, cells, times, repeats, predict,
     for turn in range(repeats):
         order = range(len(found))
         for number in order if turn % 2 == 0 else reversed(order):
-            say(turn, number)
+            begun(turn, number)
             flow = begin(prepare(settings[number]))
             spent, states = _marched(flow, cells, times)
             known = found[number]

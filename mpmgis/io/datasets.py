@@ -249,7 +249,7 @@ def _read_block(paths, band, block_info=None):
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 
-def terrain_of(array, say=lambda text: None):
+def terrain_of(array):
     """The Terrain in an xarray.DataArray [y, x] of elevations [m] that rioxarray knows the place of.
 
     Raises
@@ -269,7 +269,7 @@ def terrain_of(array, say=lambda text: None):
     crs = None if array.rio.crs is None else pyproj.CRS.from_wkt(array.rio.crs.to_wkt())
     grid = Grid(crs, array.rio.transform(), elevation.shape)
     if crs is not None:
-        require_metric(crs, grid.bounds, name, say)
+        require_metric(crs, grid.bounds, name)
     elevation = np.where(np.isfinite(elevation), elevation, np.nan)
-    mask_false_heights(elevation, name, say)
+    mask_false_heights(elevation, name)
     return Terrain(grid, elevation, path=name)

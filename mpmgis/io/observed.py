@@ -6,13 +6,14 @@ import shapely
 from rasterio.features import geometry_mask
 
 from ..errors import GeoreferenceError, InputError
+from ..messages import log
 from ..terrain.georeference import horizontal, name_of, same_place
 from ..terrain.release import polygons_only
 from .vector import transformer_to
 from .vector_table import KINDS, names_of, read_table
 
 
-def read_outline(path, grid, say=lambda text: None):
+def read_outline(path, grid):
     """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are said.
 
     Raises
@@ -20,17 +21,17 @@ def read_outline(path, grid, say=lambda text: None):
     FormatError, GeoreferenceError, InputError
         No polygons, or none that can be brought to the grid's CRS.
     """
-    shapes = _shapes(path, grid, "Polygon", "", say)
+    shapes = _shapes(path, grid, "Polygon", "")
     broken = int(np.count_nonzero(~shapely.is_valid(shapes)))
     if broken:
-        say(f"{path}: {broken} of {len(shapes)} polygons cross themselves and are repaired")
+        log.info(f"{path}: {broken} of {len(shapes)} polygons cross themselves and are repaired")
     whole = polygons_only(shapely.union_all(shapely.make_valid(shapes)))
     if whole.is_empty or whole.area <= 0:
         raise InputError(f"{path}: its polygons have no area; draw the outline anew")
     return whole
 
 
-def read_line(path, grid, say=lambda text: None):
+def read_line(path, grid):
     """float64[n, 2] [m]: vertices of the one line at `path`, in the CRS of `grid`.
 
     Raises
@@ -38,7 +39,7 @@ def read_line(path, grid, say=lambda text: None):
     FormatError, GeoreferenceError, InputError
         No line, or several that do not join to one.
     """
-    shapes = _shapes(path, grid, "LineString", "--line ", say)
+    shapes = _shapes(path, grid, "LineString", "--line ")
     parts = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(shapely.get_parts(shapes))))
     if len(parts) == 0:
         raise InputError(f"{path}: its line has no length; draw it anew")
@@ -47,7 +48,7 @@ def read_line(path, grid, say=lambda text: None):
     return shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
 
 
-def read_points(path, grid, say=lambda text: None):
+def read_points(path, grid):
     """(names, x float64[n], y float64[n]) of the points at `path` [m], in the CRS of `grid`.
 
     Raises
@@ -55,7 +56,7 @@ def read_points(path, grid, say=lambda text: None):
     FormatError, GeoreferenceError, InputError
         No points, or none that can be brought to the grid's CRS.
     """
-    shapes, names = _named_shapes(path, grid, "Point", "--points ", say)
+    shapes, names = _named_shapes(path, grid, "Point", "--points ")
     parts, of = shapely.get_parts(shapes, return_index=True)
     x, y = shapely.get_coordinates(parts).T
     return tuple(names[k] for k in of), x, y
@@ -66,12 +67,12 @@ def cells_within(shape, grid):
     return geometry_mask([shape], grid.shape, grid.transform, invert=True)
 
 
-def _shapes(path, grid, kind, flag, say):
+def _shapes(path, grid, kind, flag):
     """Geometries of one kind at `path`, 2D and in the CRS of `grid`; empty ones are left out."""
-    return _named_shapes(path, grid, kind, flag, say)[0]
+    return _named_shapes(path, grid, kind, flag)[0]
 
 
-def _named_shapes(path, grid, kind, flag, say):
+def _named_shapes(path, grid, kind, flag):
     """As `_shapes`, with the name of each."""
     table = read_table(path, kind, flag)
     wanted = KINDS[kind]
@@ -86,15 +87,15 @@ def _named_shapes(path, grid, kind, flag, say):
     flat = shapely.force_2d(there.geometry)
     if not np.isfinite(shapely.get_coordinates(flat)).all():
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
-    return _on_grid(flat, table.crs, grid, path, say), np.array(names_of(table), dtype=object)[~table.without_geometry]
+    return _on_grid(flat, table.crs, grid, path), np.array(names_of(table), dtype=object)[~table.without_geometry]
 
 
-def _on_grid(shapes, crs, grid, path, say):
+def _on_grid(shapes, crs, grid, path):
     """`shapes` in the CRS of `grid`; without one on either side their coordinates must lie near the raster."""
     if crs is None or grid.crs is None:
         _require_near(shapely.total_bounds(shapes), crs, grid, path)
         if crs is not None or grid.crs is not None:
-            say(f"{path}: its coordinates are taken to be in the frame of the rasters, {name_of(grid.crs or crs)}")
+            log.info(f"{path}: its coordinates are taken to be in the frame of the rasters, {name_of(grid.crs or crs)}")
         return shapes
     if same_place(crs, grid.crs):
         return shapes
@@ -104,7 +105,7 @@ def _on_grid(shapes, crs, grid, path, say):
         raise GeoreferenceError(
             f"{path} is in {name_of(crs)} and cannot be brought to {name_of(grid.crs)}; check its CRS"
         )
-    say(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters")
+    log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters")
     return shapely.set_coordinates(shapes.copy(), moved)
 
 

@@ -18,6 +18,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
+from ..messages import log
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import (
     LOCAL,
@@ -56,7 +57,7 @@ class WithoutCRS(GeoreferenceError):
     bounds = None
 
 
-def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
+def read_terrain(path, crs=None, band=None, fill_nodata=None):
     """The DTM at `path`, or a refusal with its cure.
 
     Parameters
@@ -67,8 +68,6 @@ def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
         ``EPSG:n`` or ``local`` (metres without a place) for a file that carries none.
     band : int, optional
         Counted from 1; needed where there are several.
-    say : callable, optional
-        Told in one line what the user should know.
     fill_nodata : {"interpolate"}, optional
         What to do with holes amid the DTM (`io.nodata_fill`).
 
@@ -76,7 +75,7 @@ def read_terrain(path, crs=None, band=None, say=None, fill_nodata=None):
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return TerrainFile(path, crs, band, say, fill_nodata).whole()
+    return TerrainFile(path, crs, band, fill_nodata).whole()
 
 
 class TerrainFile:
@@ -101,19 +100,18 @@ class TerrainFile:
     FormatError, GeoreferenceError, InputError
     """
 
-    def __init__(self, path, crs=None, band=None, say=None, fill_nodata=None):
-        say = say or (lambda text: None)
+    def __init__(self, path, crs=None, band=None, fill_nodata=None):
         self._file, self._say, self._fills, self.fill = Path(path), say, fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = _band(source, path, band)
-            crs = _terrain_crs(source, path, crs, say)
-            _require_metres_up(source, path, self._band, say)
+            crs = _terrain_crs(source, path, crs)
+            _require_metres_up(source, path, self._band)
             self.grid = Grid(crs, _transform(source, path, local=crs is None), source.shape)
             if min(self.grid.shape) < 2:
                 raise InputError(f"{path} has {source.height} x {source.width} cells, wanted at least 2 x 2")
             if crs is not None:
-                require_metric(_crs(source, path) or crs, self.grid.bounds, self.path, say)
+                require_metric(_crs(source, path) or crs, self.grid.bounds, self.path)
 
     @property
     def pixels(self):
@@ -141,13 +139,13 @@ class TerrainFile:
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:
             elevation = _values(source, self._file, self._band, window=window)
-        mask_false_heights(elevation, self._file, self._say)
+        mask_false_heights(elevation, self._file)
         terrain = Terrain(grid, elevation, self.path, self.sha256)
         if self._fills:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
-                self._say(line)
-        _tell_of_cliffs(terrain, self._file, self._say)
+                log.info(line)
+        _tell_of_cliffs(terrain, self._file)
         return terrain
 
 
@@ -342,14 +340,14 @@ def _crs(source, path):
     return registered if registered.equals(crs, ignore_axis_order=True) else crs
 
 
-def _terrain_crs(source, path, asked, say):
+def _terrain_crs(source, path, asked):
     """The DTM's horizontal CRS, None for a local frame; what was asked for must not contradict the file."""
     own = _crs(source, path)
     given = parse_crs(asked) if asked is not None else None
     if own is not None and own.is_engineering:  # a local frame by its own word
         own = None
         asked = asked or LOCAL
-        say(f"{path}: its CRS is a local frame; taken as metres without a place")
+        log.info(f"{path}: its CRS is a local frame; taken as metres without a place")
     if own is None:
         if asked is None:
             error = WithoutCRS(
@@ -368,14 +366,14 @@ def _terrain_crs(source, path, asked, say):
         )
     plane = horizontal(own)
     if own.is_compound:
-        say(
+        log.info(
             f"{path}: its CRS names a vertical datum too ({one_line(own.name)}); heights are taken as they are, and "
             f"results carry the horizontal part, {name_of(plane)}"
         )
     return plane
 
 
-def _require_metres_up(source, path, band, say):
+def _require_metres_up(source, path, band):
     """Refuse a band whose unit is a known one but metre (D7); an unknown unit is said."""
     unit = (source.units[band - 1] or "").strip()
     factor = _OTHER_UNITS.get(unit.lower())
@@ -385,17 +383,17 @@ def _require_metres_up(source, path, band, say):
             f"{scale_command(path, factor)}, and set the unit to m"
         )
     if unit.lower() not in METRES:
-        say(f"{path}: unit {unit!r} is not known, heights are taken as metres")
+        log.info(f"{path}: unit {unit!r} is not known, heights are taken as metres")
 
 
-def mask_false_heights(elevation, path, say):
+def mask_false_heights(elevation, path):
     """Turn undeclared nodata into NaN, and say so; refuse heights that are none (D12)."""
     for value in _USUAL_NODATA:
         false = elevation == value
         count = int(false.sum())
         if count:
             elevation[false] = np.nan
-            say(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
+            log.info(f"{path}: {count} cells hold {value:g}, though no such nodata value is declared; taken as no data")
     if not np.isfinite(elevation).any():
         raise InputError(f"{path}: every cell is nodata")
     lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
@@ -407,7 +405,7 @@ def mask_false_heights(elevation, path, say):
         )
 
 
-def _tell_of_cliffs(terrain, path, say):
+def _tell_of_cliffs(terrain, path):
     """Warn where more than 1 % of the cells are steeper than 85 degrees: a mix-up of units or nodata (D7)."""
     limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
     rows = terrain.grid.shape[0]
@@ -420,7 +418,7 @@ def _tell_of_cliffs(terrain, path, say):
         steep += int(np.count_nonzero(slope > limit))
         total += int(np.count_nonzero(np.isfinite(slope)))
     if total and steep > STEEP_SHARE * total:
-        say(
+        log.info(
             f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
             f"units (feet, degrees) and its nodata value"
         )

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..analysis.comparison import SAME_QUANTITY
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..fields import Quantity
+from ..messages import muted
 from ..terrain.georeference import name_of, require_metric, same_place, warp_command
 from .raster import open_raster, read_raster
 
@@ -36,7 +37,8 @@ class BandSource:
         """
         values, grid = read_raster(self.path, self.number, may_be_empty=True)
         if grid.crs is not None:
-            require_metric(grid.crs, grid.bounds, str(self.path), lambda text: None)
+            with muted():
+                require_metric(grid.crs, grid.bounds, str(self.path))
         return values * self.factor, grid
 
 

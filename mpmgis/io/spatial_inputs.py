@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from ..errors import GeoreferenceError, InputError
+from ..messages import muted
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from .raster import read_raster
@@ -44,28 +45,28 @@ class Feature:
         return value
 
 
-def read_polygons(path, terrain, say):
+def read_polygons(path, terrain):
     """The polygons at `path` as Features, repaired, reprojected to the terrain's CRS where need be (which is said).
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return _features(path, require_polygons(read_table(path, flag=""), path, say), terrain, say)
+    return _features(path, require_polygons(read_table(path, flag=""), path), terrain)
 
 
-def read_walls(path, terrain, width, say):
+def read_walls(path, terrain, width):
     """As `read_polygons` for barriers: lines become polygons `width` [m] wide."""
     table = read_table(path, flag="")
     kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
         if width is not None:
             raise InputError(f"{path} holds no lines alone, and width = {width:g} is for lines; take width out")
-        return _features(path, require_polygons(table, path, say), terrain, say)
+        return _features(path, require_polygons(table, path), terrain)
     if width is None:
         raise InputError(f"{path} holds lines; give [[barrier]] width, how thick the wall is [m]")
     names, rows = names_of(table), table.rows()
-    lines = to_terrain(table.geometry, table.crs, terrain, path, say)
+    lines = to_terrain(table.geometry, table.crs, terrain, path)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
         raise InputError(f"{path}: a line has no geometry; draw it anew, or remove it")
     return [
@@ -74,18 +75,18 @@ def read_walls(path, terrain, width, say):
     ]
 
 
-def _features(path, table, terrain, say):
+def _features(path, table, terrain):
     names, rows = names_of(table), table.rows()
-    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path)
     return [
-        Feature(name, repaired(shape, name, path, say), row, str(path))
+        Feature(name, repaired(shape, name, path), row, str(path))
         for name, shape, row in zip(names, shapes, rows, strict=True)
     ]
 
 
-def read_area(path, terrain, say):
+def read_area(path, terrain):
     """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as of `read_polygons`."""
-    return shapely.union_all([feature.shape for feature in read_polygons(path, terrain, say)])
+    return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
 def read_placed_raster(path, terrain):
@@ -105,5 +106,6 @@ def read_placed_raster(path, terrain):
             f"{warp_command(path, name_of(target), 'nearest')}"
         )
     if grid.crs is None or target is None:
-        require_lies_on(grid.bounds, grid.crs, terrain, path, lambda text: None)
+        with muted():
+            require_lies_on(grid.bounds, grid.crs, terrain, path)
     return values, Grid(target, grid.transform, grid.shape)

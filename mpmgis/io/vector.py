@@ -13,6 +13,7 @@ import shapely
 from affine import Affine
 
 from ..errors import FormatError, GeoreferenceError, InputError, MpmgisError
+from ..messages import log, muted
 from ..terrain.elevation import bilinear
 from ..terrain.georeference import horizontal, name_of, same_place, warp_command
 from ..terrain.grid import Grid
@@ -39,7 +40,7 @@ _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # a surface's pixels are cut so fine
 _AFFINE_PIXELS = 0.25  # a raster of another CRS is placed by the affine that fits to this share of a pixel
 
 
-def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None, say=None):
+def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None):
     """The release areas at `path`, in the terrain's CRS, with their thickness.
 
     Parameters
@@ -53,8 +54,6 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
         Raster of the material's surface [m]: thickness is surface minus bed, vertical, clipped at 0.
-    say : callable, optional
-        Told in one line what was assumed, repaired or reprojected.
 
     Raises
     ------
@@ -62,29 +61,28 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     """
     from ..seeding.bed import bed_under  # brings the kernels of seeding, which outlines do without
 
-    say = say or (lambda text: None)
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give one of them")
     wanted = _Thickness.parse(thickness, surface)
     if is_raster(path):
-        features, own = _raster_features(path, terrain, wanted, say)
+        features, own = _raster_features(path, terrain, wanted)
     else:
-        features, own = _vector_features(path, terrain, wanted, say), None
+        features, own = _vector_features(path, terrain, wanted), None
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
     bed_under(features, terrain)
     if wanted.raster is not None:
         own = (
-            _surface_thickness(wanted.raster, terrain, features, record, say)
+            _surface_thickness(wanted.raster, terrain, features, record)
             if surface is not None
-            else (_thickness_raster(wanted.raster, terrain, say))
+            else (_thickness_raster(wanted.raster, terrain))
         )
     if own is not None:
-        features = [_where_thick(part, own, say) for part in features]
+        features = [_where_thick(part, own) for part in features]
     plain = Path(str(path).split(LAYER)[0])
     return ReleaseArea(
-        without_overlaps(features, say),
+        without_overlaps(features),
         VERTICAL if surface is not None else thickness_mode,
         name=plain.stem,
         path=str(plain),
@@ -93,6 +91,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     )
 
 
+@muted()
 def read_outlines(path, terrain):
     """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as `read_release` has them.
 
@@ -101,17 +100,14 @@ def read_outlines(path, terrain):
     FormatError, GeoreferenceError, InputError
     """
 
-    def say(text):
-        """No release is seeded here: nobody needs to know what was assumed."""
-
     wanted = _Thickness(number=1.0)
     if is_raster(path):
-        features, _ = _raster_features(path, terrain, wanted, say)
+        features, _ = _raster_features(path, terrain, wanted)
     else:
-        features = _vector_features(path, terrain, wanted, say)
+        features = _vector_features(path, terrain, wanted)
     for part in features:
         require_on_terrain(part, terrain.grid)
-    return [part.polygon for part in without_overlaps(features, say)]
+    return [part.polygon for part in without_overlaps(features)]
 
 
 class _Thickness:
@@ -146,24 +142,24 @@ def require_thickness(value, where):
 # ---------------------------------------------------------------------------------------------------- vector sources
 
 
-def _vector_features(path, terrain, wanted, say):
+def _vector_features(path, terrain, wanted):
     """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster will give it."""
     table = read_table(path)
-    table = require_polygons(table, path, say)
+    table = require_polygons(table, path)
     names = names_of(table)
-    heights = _feature_thickness(table, names, path, wanted, say)
-    shapes = to_terrain(table.geometry, table.crs, terrain, path, say)
-    shapes = [repaired(shape, name, path, say) for shape, name in zip(shapes, names, strict=True)]
+    heights = _feature_thickness(table, names, path, wanted)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path)
+    shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
 
 
-def _feature_thickness(table, names, path, wanted, say):
+def _feature_thickness(table, names, path, wanted):
     """Thickness [m] per feature: the number, or the column's values; NaN where a raster gives it."""
     if wanted.raster is not None:
         return [math.nan] * len(names)
     if wanted.number is not None:
         return [wanted.number] * len(names)
-    column = _thickness_column(table, path, wanted.column, say)
+    column = _thickness_column(table, path, wanted.column)
     values = table.columns[column]
     if values.dtype.kind not in "fiu":
         raise InputError(f"{path}: column {column!r} holds {_kind(values)}, wanted numbers (thickness in metres)")
@@ -175,7 +171,7 @@ def _kind(values):
     return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
 
 
-def _thickness_column(table, path, asked, say):
+def _thickness_column(table, path, asked):
     """The column to use: the one asked for, or the first of the usual ones (which is said)."""
     columns = list(table.columns)
     if asked is None:
@@ -186,7 +182,7 @@ def _thickness_column(table, path, asked, say):
                 f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
                 f"or thickness in the scene's table, as a number of metres, a column or a raster"
             )
-        say(f"{path}: thickness is taken from column {found!r}")
+        log.info(f"{path}: thickness is taken from column {found!r}")
         return found
     if asked in columns:
         return asked
@@ -201,12 +197,12 @@ def _listing(columns):
     return f"it has {', '.join(columns[:8])}" if columns else "it has no columns"
 
 
-def repaired(shape, name, path, say):
+def repaired(shape, name, path):
     """`shape` as valid areas; a repair is said with the areas before and after."""
     if not shapely.is_valid(shape):
         reason = shapely.is_valid_reason(shape).split("[")[0].strip().lower()
         fixed = polygons_only(_make_valid(shape))
-        say(f"{path}: '{name}' was invalid ({reason}) and is repaired; its area is {fixed.area:.6g} m2")
+        log.info(f"{path}: '{name}' was invalid ({reason}) and is repaired; its area is {fixed.area:.6g} m2")
         shape = fixed
     if shape.is_empty or shape.area <= 0:
         raise InputError(f"{path}: '{name}' has no area; draw it anew, or remove it")
@@ -222,12 +218,12 @@ def _make_valid(shape):
         return shapely.union_all(parts)
 
 
-def to_terrain(shapes, crs, terrain, path, say):
+def to_terrain(shapes, crs, terrain, path):
     """2D shapes in the terrain's CRS; reprojection and assumptions are said."""
     shapes = shapely.force_2d(shapes)
     target = terrain.grid.crs
     if crs is None or target is None:
-        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path, say)
+        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path)
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
@@ -240,7 +236,7 @@ def to_terrain(shapes, crs, terrain, path, say):
             f"{path} is in {name_of(crs)} and cannot be brought to {name_of(target)}; check its CRS{unnamed}"
         )
     if np.abs(after - before).max() > _SAME_METRES:
-        say(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
+        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
     return list(shapely.set_coordinates(shapes, after))
 
 
@@ -260,7 +256,7 @@ def transformer_to(crs, target, path):
         ) from error
 
 
-def require_lies_on(bounds, crs, terrain, path, say):
+def require_lies_on(bounds, crs, terrain, path):
     """Without a CRS on one side the coordinates must lie on the terrain (that is said; else refused)."""
     grid = terrain.grid
     west, south, east, north = bounds
@@ -274,9 +270,9 @@ def require_lies_on(bounds, crs, terrain, path, say):
             f"its CRS (QGIS: Define projection), or use the frame of the DTM"
         )
     if crs is None and grid.crs is not None:
-        say(f"{path} carries no CRS; its coordinates lie on the terrain, so {name_of(grid.crs)} is assumed")
+        log.info(f"{path} carries no CRS; its coordinates lie on the terrain, so {name_of(grid.crs)} is assumed")
     elif crs is not None:
-        say(
+        log.info(
             f"{path} is in {name_of(crs)}, the DTM in a local frame; its coordinates lie on the terrain and are used "
             "as they are"
         )
@@ -344,14 +340,14 @@ def is_raster(path):
         return False
 
 
-def _raster_features(path, terrain, wanted, say):
+def _raster_features(path, terrain, wanted):
     """(one ReleasePart, its ThicknessRaster or None) from a release raster: a mask, or thickness per cell."""
     if wanted.column is not None:
         raise InputError(
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
         )
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     inside = np.isfinite(values) & (values != 0)
     if not inside.any():
         raise InputError(f"{path}: no cell holds a value other than 0, wanted a mask or a thickness in metres")
@@ -366,7 +362,7 @@ def _raster_features(path, terrain, wanted, say):
             )
         _refuse_elevations(values, inside, grid, terrain, path)
         own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
-        say(f"{path}: its values are taken as thickness in metres")
+        log.info(f"{path}: its values are taken as thickness in metres")
     return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
 
 
@@ -407,23 +403,23 @@ def _require_no_negative(values, path):
     return values
 
 
-def _thickness_raster(path, terrain, say):
+def _thickness_raster(path, terrain):
     """The thickness raster at `path` on its own grid, expressed in the terrain's CRS; 0 and nodata are no material."""
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     _require_no_negative(values, path)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
 
 
-def _surface_thickness(path, terrain, features, record, say):
+def _surface_thickness(path, terrain, features, record):
     """Surface minus bed on the finer of the two grids, clipped at 0; what was clipped under the release is said (D2).
 
     Pixels are cut into smaller ones before clipping, so that the material ends where surface and bed meet and not at
     the border of a pixel.
     """
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path, say)
+    grid = _grid_on_terrain(values, grid, terrain, path)
     polygons = [part.polygon for part in features]
     finer = grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9)
     rows, columns = around = _pixels_around(grid if finer else terrain.grid, shapely.total_bounds(polygons))
@@ -439,7 +435,7 @@ def _surface_thickness(path, terrain, features, record, say):
     count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
     record.update(clipped_cells=count, clipped_volume=volume)
     if count:
-        say(f"{path}: lies below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+        log.info(f"{path}: lies below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
     fine = _finer(whole)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
@@ -462,7 +458,7 @@ def _finer(raster):
     return ThicknessRaster(values, Grid(raster.grid.crs, transform, (rows, columns)))
 
 
-def _where_thick(part, thickness, say):
+def _where_thick(part, thickness):
     """`part` cut to the pixels that hold a thickness; what falls away is said."""
     near = _cropped(thickness, part.polygon.bounds)
     valid = np.isfinite(near.values)
@@ -477,7 +473,7 @@ def _where_thick(part, thickness, say):
         )
     lost = part.polygon.area - polygon.area
     if lost > 1e-9 * part.polygon.area:
-        say(
+        log.info(
             f"release '{part.name}': {lost:.4g} m2 ({100 * lost / part.polygon.area:.1f} %) without thickness are "
             "left out"
         )
@@ -502,11 +498,11 @@ def _pixels_around(grid, bounds):
     return tuple(slices)
 
 
-def _grid_on_terrain(values, grid, terrain, path, say):
+def _grid_on_terrain(values, grid, terrain, path):
     """The raster's grid in the terrain's CRS; another CRS is met by the affine that fits it over the valued pixels."""
     target = terrain.grid.crs
     if grid.crs is None or target is None:
-        require_lies_on(grid.bounds, grid.crs, terrain, path, say)
+        require_lies_on(grid.bounds, grid.crs, terrain, path)
         return Grid(target, grid.transform, grid.shape)
     if same_place(grid.crs, target):
         return Grid(target, grid.transform, grid.shape)
@@ -533,7 +529,7 @@ def _grid_on_terrain(values, grid, terrain, path, say):
             f"{path} is in {name_of(grid.crs)} and too large to be placed in {name_of(target)} without resampling; "
             f"reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
-    say(
+    log.info(
         f"{path}: placed from {name_of(grid.crs)} in {name_of(target)}, the terrain's CRS (within {misfit:.2g} of a "
         "pixel)"
     )

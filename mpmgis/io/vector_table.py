@@ -9,6 +9,7 @@ import pyproj
 import shapely
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
+from ..messages import log
 from .extras import needed_for
 from .gdal_input import require_undisguised
 from .input_files import require_zip_fits
@@ -176,7 +177,7 @@ def _unreadable(source, error):
     return f"{source} is neither a vector file nor a raster that GDAL reads ({reason})"
 
 
-def require_polygons(table, path, say):
+def require_polygons(table, path):
     """The features with an area; other kinds of geometry are refused, empty ones are said."""
     if table.geometry is None:
         raise InputError(f"{path} holds a table without geometry, wanted polygons")
@@ -190,7 +191,7 @@ def require_polygons(table, path, say):
     if empty.all():
         raise InputError(f"{path}: all {len(table)} features have an empty geometry, wanted polygons")
     if empty.any():
-        say(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
+        log.info(f"{path}: {int(empty.sum())} of {len(table)} features have no geometry and are left out")
         table = table.where(~empty)
     return table
 

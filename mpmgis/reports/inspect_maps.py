@@ -16,6 +16,7 @@ from ..io.gdal_input import require_undisguised
 from ..io.input_files import opened_zip, require_file, require_unpacked, require_zip_fits
 from ..io.raster import open_raster, read_terrain
 from ..io.vector import USUAL_COLUMNS
+from ..messages import muted
 from ..terrain.georeference import horizontal, name_of
 from ..terrain.grid import Grid
 from .inspect_particles import is_particle_layer, no_side_files, particle_table_facts
@@ -184,6 +185,7 @@ def _band_facts(path, source, band, values):
     }
 
 
+@muted()
 def _as_terrain(path):
     """'usable', or why not and what to do, in the words of the commands that would refuse it."""
     try:

@@ -8,6 +8,7 @@ import numpy as np
 from .. import __version__
 from ..errors import InputError
 from ..kernels import raster_values
+from ..messages import log
 from ..particles import Frame, Particles
 from ..terrain.grid import Grid
 from ..terrain.release import require_on_terrain
@@ -20,7 +21,7 @@ _LARGEST_CLOSURE = 0.02  # beyond it the region is too coarse for its raster
 _SLAB = 1 << 20  # [columns]
 
 
-def seed_columns(terrain, release, *, say=None, **options):
+def seed_columns(terrain, release, **options):
     """Columns of material on `terrain`: a Frame of dimension 2 at time 0.
 
     Parameters
@@ -28,8 +29,6 @@ def seed_columns(terrain, release, *, say=None, **options):
     terrain : Terrain
     release : ReleaseArea
         In the terrain's CRS.
-    say : callable, optional
-        Told in one line what the user should know.
     **options
         As in `SeedOptions`: cell_size, anchor, per_cell | count | spacing, points, mass, density, refine_slope,
         velocity, seed.
@@ -44,15 +43,14 @@ def seed_columns(terrain, release, *, say=None, **options):
     InputError
         The release leaves the terrain, lies on nodata, or is too coarse for its raster; impossible options.
     """
-    return plan_seed(terrain, release, say=say, **options).frame()
+    return plan_seed(terrain, release, **options).frame()
 
 
-def plan_seed(terrain, release, *, say=None, **options):
+def plan_seed(terrain, release, **options):
     """As `seed_columns`, but answers a `Seed` whose columns are still to be made, in slabs of any size.
 
     `terrain` may be a TerrainFile, too: no more of it is read than what lies under the release.
     """
-    say = say or (lambda text: None)
     options = SeedOptions(**options)
     for part in release.parts:
         require_on_terrain(part, terrain.grid)
@@ -67,7 +65,7 @@ def plan_seed(terrain, release, *, say=None, **options):
     closure = _close(sources, scenes, deposits, options)
     record = _record(terrain, release, options, deposits, closure)
     if options.mass == "paper":
-        say(
+        log.info(
             f"mass 'paper' gives every column the same mass whatever its thickness, so a grid sees the mean thickness: "
             f"predicted relative error of the thickness field {100 * record['predicted_field_error']:.1f} %"
         )

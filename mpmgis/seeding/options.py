@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..messages import log
 from .cover import Lattice
 from .lattice_columns import KINDS
 
@@ -144,7 +145,7 @@ class Cures(NamedTuple):
     more: str
 
 
-def tell_if_implausible(count, density, thickness, cures, say):
+def tell_if_implausible(count, density, thickness, cures):
     """Say in one line each what about a release is hardly meant; it is taken as it is.
 
     Parameters
@@ -155,14 +156,15 @@ def tell_if_implausible(count, density, thickness, cures, say):
     thickness : float [m]
         Mean, vertical.
     cures : Cures
-    say : callable
     """
     for name, value, unit, (low, high), cure in (
         ("density", density, "kg m-3", DENSITY, cures.density),
         ("mean thickness", thickness, "m", THICKNESS, cures.thickness),
     ):
         if not low <= value <= high:
-            say(f"{name} of the release: {value:.5g} {unit}, usual is {low:g} to {high:g}; check {cure} and its unit")
+            log.info(
+                f"{name} of the release: {value:.5g} {unit}, usual is {low:g} to {high:g}; check {cure} and its unit"
+            )
     if count < FEWEST_COLUMNS:
         columns = "1 column carries" if count == 1 else f"{count} columns carry"
-        say(f"only {columns} the release, too few to resolve a flow; {cures.more}")
+        log.info(f"only {columns} the release, too few to resolve a flow; {cures.more}")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ..effects import friction
 from ..effects.slots import ColumnEffects
 from ..errors import SceneError
+from ..messages import log
 
 STEPS = 20  # timed at a time; the quickest of all rounds counts
 LEAST_ROUNDS, MOST_ROUNDS, ROUNDS_SECONDS = 5, 60, 6.0  # as many rounds as fit into that time [s]
@@ -68,7 +69,7 @@ def under_way(solver, events, end_time, clock=perf_counter):
     return solver.frame() if solver.columns else start
 
 
-def effect_costs(solver, start, say=lambda text: None, clock=perf_counter):
+def effect_costs(solver, start, clock=perf_counter):
     """`EffectCosts` of the effects of `solver`, whose state is that of the Frame `start` before and after each look.
 
     Raises
@@ -79,7 +80,7 @@ def effect_costs(solver, start, say=lambda text: None, clock=perf_counter):
     whole = solver.effects
     variants = without_each(whole)
     for number, (name, effects) in enumerate(variants.items(), 1):
-        say(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
+        log.info(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
         _seconds_per_step(solver, effects, start, clock)
     best = _quickest(solver, {FIRST: whole, **variants, AGAIN: whole}, start, clock)
     solver.restore(start)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..effects.friction import given_instead, turbulent_coefficient
 from ..errors import InputError, SceneError
+from ..messages import log
 from .areas import cell_values, lake_cells, water_depth, within
 from .barriers import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
 from .features import NO_LAKE
@@ -100,7 +101,7 @@ def _require_in_range(values, name, parameter, where):
 # ---------------------------------------------------------------------------------------------------------- barriers
 
 
-def standing_walls(barriers, grid, everything, say):
+def standing_walls(barriers, grid, everything):
     """(tuple of Wall, WallNodes) of `barriers`, (BarrierTable, PlacedFiles) each; ((), None) without any.
 
     Raises
@@ -121,7 +122,7 @@ def standing_walls(barriers, grid, everything, say):
     if not walls:
         return (), None
     nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, grid.cell_size)
-    _require_standing(walls, nodes, grid, everything, say)
+    _require_standing(walls, nodes, grid, everything)
     return tuple(walls), nodes
 
 
@@ -140,7 +141,7 @@ def _unlike(name, walls):
     return next(candidate for candidate in numbered if candidate not in taken)
 
 
-def _require_standing(walls, nodes, grid, frame, say):
+def _require_standing(walls, nodes, grid, frame):
     """Refuse walls off the terrain, under the ground or on the release; report thin walls and narrow openings."""
     i, j = (np.rint(place / grid.cell_size).astype(int) + 1 for place in grid.from_corner(frame))
     closed = np.where(nodes.share > 0.0, 0, nodes.number)
@@ -156,7 +157,7 @@ def _require_standing(walls, nodes, grid, frame, say):
                 f"{grid.bed[mine].min():.1f} to {grid.bed[mine].max():.1f} m there; give a higher crest, or height"
             )
         if wall.crest is not None and (buried := np.mean(above <= 0)) > 0.01:
-            say(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
+            log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
         if (under == number).any():
             raise InputError(
                 f"barrier '{wall.name}' stands on the release ({int((under == number).sum())} columns start inside it, "
@@ -164,12 +165,12 @@ def _require_standing(walls, nodes, grid, frame, say):
             )
         thin, least = 2.0 * half_thickness(wall.footprint), 2.0 * (FACE_CELLS + CORE_CELLS) * grid.cell_size
         if thin < least - 2.0 * grid.cell_size:
-            say(
+            log.info(
                 f"barrier '{wall.name}' is {thin:.3g} m thick, thinner than a cell; it is computed {least:g} m thick "
                 "(3 cells), the least that stops a flow on this grid"
             )
     for east, north, width in narrow_openings([wall.footprint for wall in walls], grid.cell_size)[:MOST_NAMED]:
-        say(
+        log.info(
             f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
             f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
         )
@@ -267,7 +268,7 @@ def _still_levels(table, files, grid):
         yield level, touched
 
 
-def levelled(frame, levels, grid, say):
+def levelled(frame, levels, grid):
     """`frame` with its columns in lakes filled to their still level over the solver's own bed.
 
     That bed is smoother than the DTM that the release was measured on; water laid on the one and standing on the other
@@ -291,6 +292,6 @@ def levelled(frame, levels, grid, say):
     volume = (thickness * p.area)[kept]
     change = volume.sum() / p.volume.sum() - 1.0
     if abs(change) > TOLD:
-        say(f"[still_water]: the release is filled to the still level, its volume by {100 * change:+.2g} %")
+        log.info(f"[still_water]: the release is filled to the still level, its volume by {100 * change:+.2g} %")
     particles = replace(p, thickness=thickness, id=None).take(kept)
     return replace(frame, particles=replace(particles, volume=volume, mass=density * volume))

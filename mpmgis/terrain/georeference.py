@@ -8,6 +8,7 @@ import numpy as np
 import pyproj
 
 from ..errors import GeoreferenceError, InputError, one_line
+from ..messages import log
 
 LOCAL = "local"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
@@ -135,7 +136,7 @@ def _same_but_for_the_datum(first, second):
     return bool(np.isfinite(places).all() and np.abs(places[0] - places[1]).max() < _SAME_NUMBERS)
 
 
-def require_metric(crs, bounds, where, say):
+def require_metric(crs, bounds, where):
     """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean.
 
     Parameters
@@ -144,8 +145,6 @@ def require_metric(crs, bounds, where, say):
     bounds : (west, south, east, north) in units of the CRS
     where : str
         The file, for messages.
-    say : callable
-        Told where the projection's scale factor biases areas.
 
     Raises
     ------
@@ -179,7 +178,7 @@ def require_metric(crs, bounds, where, say):
         )
     scale_error, area_error = _require_place(plane, centre, where, name)
     if scale_error > _LARGEST_SILENT_SCALE_ERROR:
-        say(
+        log.info(
             f"{where}: {name} stretches lengths here by up to {100 * scale_error:.2f} %, so areas and volumes are off "
             f"by {100 * area_error:.2f} %; a projection made for this place, for example "
             f"{metric_equivalent(*_longitude_latitude(plane, centre))}, would be truer"

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from ..errors import InputError
+from ..messages import log
 from .grid import Grid
 
 NORMAL, VERTICAL = "normal", "vertical"
@@ -70,7 +71,7 @@ class ReleaseArea:
         return [part.polygon for part in self.parts]
 
 
-def without_overlaps(parts, say):
+def without_overlaps(parts):
     """`parts` with those of one thickness united into one, so that no ground is counted twice.
 
     Raises
@@ -82,7 +83,7 @@ def without_overlaps(parts, say):
     for part in parts:
         key = id(part.thickness) if isinstance(part.thickness, ThicknessRaster) else float(part.thickness)
         groups.setdefault(key, []).append(part)
-    united = [_unite(group, say) for group in groups.values()]
+    united = [_unite(group) for group in groups.values()]
     tree = shapely.STRtree([part.polygon for part in united])
     pairs = tree.query([part.polygon for part in united], predicate="intersects")
     for i, j in sorted({(int(i), int(j)) for i, j in pairs.T if i < j}):
@@ -90,7 +91,7 @@ def without_overlaps(parts, say):
     return tuple(united)
 
 
-def _unite(group, say):
+def _unite(group):
     """One part from features of one thickness; a true overlap is reported."""
     if len(group) == 1:
         return group[0]
@@ -99,7 +100,7 @@ def _unite(group, say):
     whole = shapely.union_all([part.polygon for part in group])
     twice = sum(part.polygon.area for part in group) - whole.area
     if twice > _TOUCHING * min(part.polygon.area for part in group):
-        say(f"release: {joined} overlap by {twice:.4g} m2 and have one thickness; that ground is counted once")
+        log.info(f"release: {joined} overlap by {twice:.4g} m2 and have one thickness; that ground is counted once")
     return replace(group[0], name=joined, polygon=whole)
 
 
@@ -152,7 +153,7 @@ def require_on_terrain(part, grid):
     )
 
 
-def tell_of_cliffs(gradient, frame, say):
+def tell_of_cliffs(gradient, frame):
     """Refuse a release that starts on a cliff, and report the share on very steep ground.
 
     Parameters
@@ -161,7 +162,6 @@ def tell_of_cliffs(gradient, frame, say):
         Of the bed under the columns of `frame`.
     frame : Frame
         Columns at the start.
-    say : callable
 
     Raises
     ------
@@ -178,7 +178,7 @@ def tell_of_cliffs(gradient, frame, say):
             "the DTM's units and nodata there"
         )
     if share[STEEP_DEGREES] > CLIFF_SHARE:
-        say(
+        log.info(
             f"{100 * share[STEEP_DEGREES]:.0f} % of the release starts on ground steeper than {STEEP_DEGREES:g} "
             "degrees, where a depth-averaged flow is a rough approximation"
         )

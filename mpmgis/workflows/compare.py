@@ -21,6 +21,7 @@ from ..io.exported import is_export
 from ..io.observed import cells_within, read_outline
 from ..io.results import UNNAMED, names_rasters, open_result
 from ..io.vector import is_raster
+from ..messages import log
 from ..reports.comparison import MapSide, write_classes, write_comparison_map, write_table
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid
@@ -53,7 +54,7 @@ class CompareRequest:
     overwrite: bool = False
 
 
-def compare(request, say=lambda text: None):
+def compare(request):
     """Compare two results, or a result and an observed outline; write map and table where `request.output` asks so.
 
     Each side's area, runout and peaks are taken on its own cells. Overlap and differences are taken on the cells of the
@@ -73,12 +74,12 @@ def compare(request, say=lambda text: None):
     output = _output(request)
     with ExitStack() as stack:  # runs are exported to a folder that is gone at its end
         _refuse_idle(request)
-        sources = [_source(path, request, stack, say) for path in (request.first, request.second)]
-        footprints, pairs, joint = _footprints(request, sources, say)
-        bands = tuple(_band_facts(pair, sources, footprints, joint, say) for pair in pairs)
-        terrain = _terrain(request, sources, joint, say)
-        line, line_source = _line(request, footprints, terrain, joint, say)
-        sides = _sides(footprints, sources, line, terrain, request.threshold, say)
+        sources = [_source(path, request, stack) for path in (request.first, request.second)]
+        footprints, pairs, joint = _footprints(request, sources)
+        bands = tuple(_band_facts(pair, sources, footprints, joint) for pair in pairs)
+        terrain = _terrain(request, sources, joint)
+        line, line_source = _line(request, footprints, terrain, joint)
+        sides = _sides(footprints, sources, line, terrain, request.threshold)
     masks = [footprint.on_joint for footprint in footprints]
     found = Comparison(
         sides=sides,
@@ -92,7 +93,7 @@ def compare(request, say=lambda text: None):
         distances=outline_distances(*(footprint.outline() for footprint in footprints), 0.5 * joint.cell_size),
     )
     if line is not None:
-        _tell_of_overrun(found, say)
+        _tell_of_overrun(found)
     return replace(found, files=_write(output, request, found, footprints, joint, terrain))
 
 
@@ -110,10 +111,10 @@ class _Outline:
     terrain: None = None
     mask: tuple | None = None
 
-    def read(self, grid, say):
+    def read(self, grid):
         """The polygons in the CRS of `grid`."""
         if self.mask is None:
-            return read_outline(self.path, grid, say)
+            return read_outline(self.path, grid)
         values, own = self.mask
         if None not in (own.crs, grid.crs) and not same_place(own.crs, grid.crs):
             raise GeoreferenceError(
@@ -147,22 +148,22 @@ def _refuse_idle(request):
         )
 
 
-def _source(path, request, stack, say):
+def _source(path, request, stack):
     """The Result at `path` (frames are exported first, on the DTM that was asked for), or the outline."""
     path, reader = Path(path), _reader(path, request.reading.reader)
     if reader is not None:
-        say(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
+        log.info(f"{path}: its frames are exported for this comparison, on the cells of their DTM")
         how = PLAIN if reader == OWN else request.reading
-        return exported_peaks(replace(how, frames=(path,), dem=request.dem), stack, say)
+        return exported_peaks(replace(how, frames=(path,), dem=request.dem), stack)
     plain = Path(str(path).partition("|")[0])
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that the maxima are those of all frames")
     if plain.suffix.lower() == ".gdb" or (plain.is_file() and not is_raster(path)):
         return _Outline(plain.stem, path)
-    return _told_apart(open_result(path), path, say)
+    return _told_apart(open_result(path), path)
 
 
-def _told_apart(result, path, say):
+def _told_apart(result, path):
     """A raster that does not say what it holds as what it most likely is; elevations are refused."""
     if result.kind != "raster" or list(result.bands) != [UNNAMED]:
         return result
@@ -174,11 +175,11 @@ def _told_apart(result, path, say):
             "difference of two DEMs, after - before (QGIS' raster calculator), and the terrain with --dem"
         )
     if kind == comparison.MASK:
-        say(f"{path} is a mask; it is compared as an outline")
+        log.info(f"{path} is a mask; it is compared as an outline")
         return _Outline(result.name, path, mask=(np.nan_to_num(values) != 0, grid))
     if kind == comparison.DIFFERENCE:
         fallen, area = values[np.isfinite(values) & (values < 0)], grid.cell_area
-        say(
+        log.info(
             f"{path} falls and rises ({np.nanmin(values):.3g} to {np.nanmax(values):.3g} m): taken for a difference of "
             f"DEMs, after - before. What rises is the deposit; where it falls, {fallen.size * area:.6g} m2 and "
             f"{-fallen.sum() * area:.6g} m3, is left out. It is vertical, h_deposit normal to the slope"
@@ -239,7 +240,7 @@ class _Footprint:
         return mask_outline(self.mask, self.grid.transform) or shapely.MultiPolygon()
 
 
-def _footprints(request, sources, say):
+def _footprints(request, sources):
     """(the two _Footprint, pairs of bands to tell about, the common Grid)."""
     if all(isinstance(source, _Outline) for source in sources):
         raise InputError(
@@ -250,7 +251,7 @@ def _footprints(request, sources, say):
     chosen = comparison.footprint_bands(pairs, _band_asked(request, sources), compared)
     if chosen not in pairs:  # two names that only the user knows to be one quantity
         pairs = [chosen, *(pair for pair in pairs if not set(pair) & set(chosen))]
-    layers = _read_layers(request, sources, chosen, say)
+    layers = _read_layers(request, sources, chosen)
     joint = _joint_grid(request, layers)
     names = _named_apart(request, sources)
     units = [source.bands[band].quantity.unit if band else "" for source, band in zip(sources, chosen, strict=True)]
@@ -258,40 +259,40 @@ def _footprints(request, sources, say):
         _outlined(name, layer, joint) if band is None else _flowed(name, source, band, unit, *layer, joint, request)
         for name, source, band, unit, layer in zip(names, sources, chosen, units, layers, strict=True)
     ]
-    _tell_of_edges(footprints, joint, say)
+    _tell_of_edges(footprints, joint)
     return footprints, pairs, joint
 
 
-def _read_layers(request, sources, chosen, say):
+def _read_layers(request, sources, chosen):
     """(values, Grid) of each result's footprint band, the polygons of an outline; all in one CRS."""
     layers, known = [None, None], None
     for k, source in enumerate(sources):
         if not isinstance(source, _Outline):
             layers[k] = source.read(chosen[k], known)
-            _tell_if_empty(source, chosen[k], layers[k][0], say)
+            _tell_if_empty(source, chosen[k], layers[k][0])
             known = known or layers[k][1]
     own = [layer[1].crs for layer in layers if layer is not None]
     crs = next((crs for crs in own if crs is not None), None)
     for k, source in enumerate(sources):
         if isinstance(source, _Outline):
-            layers[k] = source.read(replace(known, crs=crs), say)
+            layers[k] = source.read(replace(known, crs=crs))
         elif layers[k][1].crs is None and crs is not None:
-            say(f"{source.name} carries no CRS; {name_of(crs)} is assumed, the other side's")
+            log.info(f"{source.name} carries no CRS; {name_of(crs)} is assumed, the other side's")
             layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
-    _require_meeting(request, [_bounds(layer) for layer in layers], None not in own, say)
+    _require_meeting(request, [_bounds(layer) for layer in layers], None not in own)
     return layers
 
 
-def _tell_if_empty(source, band, values, say):
+def _tell_if_empty(source, band, values):
     if not np.isfinite(values).any():
-        say(f"{source.name}: every cell of {band} is nodata; taken as empty")
+        log.info(f"{source.name}: every cell of {band} is nodata; taken as empty")
 
 
 def _bounds(layer):
     return layer[1].bounds if isinstance(layer, tuple) else layer.bounds
 
 
-def _require_meeting(request, boxes, certain, say):
+def _require_meeting(request, boxes, certain):
     """Two that lie apart: said where each side has its own CRS, else refused, because the frames must differ."""
     (west, south, east, north), other = boxes
     if west < other[2] and east > other[0] and south < other[3] and north > other[1]:
@@ -302,7 +303,7 @@ def _require_meeting(request, boxes, certain, say):
     )
     if not certain:
         raise GeoreferenceError(f"{apart}, and not both carry a CRS; assign it (rio edit-info FILE --crs EPSG:n)")
-    say(apart)
+    log.info(apart)
 
 
 def _joint_grid(request, layers):
@@ -335,7 +336,7 @@ def _outlined(name, shape, joint):
     return _Footprint(name, OUTLINE, None, "", float(shape.area), mask, joint, mask, mask.astype(float), shape)
 
 
-def _tell_of_edges(footprints, joint, say):
+def _tell_of_edges(footprints, joint):
     """Say how much of one footprint lies beyond the other's raster, where it counts as not reached."""
     for footprint, other in (footprints, footprints[::-1]):
         if other.band is None:
@@ -343,10 +344,12 @@ def _tell_of_edges(footprints, joint, say):
         covered = comparison.nearest(np.ones(other.grid.shape, bool), other.grid, joint, outside=False)
         beyond = float(np.count_nonzero(footprint.on_joint & ~covered) * joint.cell_area)
         if beyond > 0:
-            say(f"{beyond:.6g} m2 of {footprint.name} lie beyond the raster of {other.name} and count as not reached")
+            log.info(
+                f"{beyond:.6g} m2 of {footprint.name} lie beyond the raster of {other.name} and count as not reached"
+            )
 
 
-def _sides(footprints, sources, line, terrain, threshold, say):
+def _sides(footprints, sources, line, terrain, threshold):
     """Both Sides. Runout is counted from the highest place of each flow, as `mpmgis runout` counts it.
 
     That is of its largest thickness. A side that holds none (an outline, what lies at the end, a difference of DEMs)
@@ -355,7 +358,7 @@ def _sides(footprints, sources, line, terrain, threshold, say):
     if line is None:
         return tuple(Side(one.name, one.kind, one.band, one.area) for one in footprints)
     if terrain is None:
-        say("no DTM beside the results: no runout from the highest place of the flow; give it with --dem")
+        log.info("no DTM beside the results: no runout from the highest place of the flow; give it with --dem")
         return tuple(
             Side(one.name, one.kind, one.band, one.area, flow_line.runout(one.mask, one.grid, line))
             for one in footprints
@@ -391,7 +394,7 @@ def _top(footprint, source, own, line, terrain, threshold):
 # --------------------------------------------------------------------------------------------------------------- bands
 
 
-def _band_facts(pair, sources, footprints, joint, say):
+def _band_facts(pair, sources, footprints, joint):
     """Peaks of one quantity on each side's own cells, the difference where both flowed."""
     units = [source.bands[name].quantity.unit for source, name in zip(sources, pair, strict=True) if name]
     if len(set(units) - {""}) > 1:
@@ -407,7 +410,7 @@ def _band_facts(pair, sources, footprints, joint, say):
             continue
         own, grid = source.read(name, joint)
         if name != footprint.band:  # of that it was said
-            _tell_if_empty(source, name, own, say)
+            _tell_if_empty(source, name, own)
         peaks.append(comparison.peak(own, name))
         percentiles.append(comparison.high_percentile(own, name))
         values.append(comparison.nearest(own, grid, joint) if None not in pair else None)
@@ -419,37 +422,37 @@ def _band_facts(pair, sources, footprints, joint, say):
 # ---------------------------------------------------------------------------------------------------- terrain and line
 
 
-def _terrain(request, sources, joint, say):
+def _terrain(request, sources, joint):
     """The DTM that was asked for, else the first that lies beside a result; None where there is none."""
     path = request.dem or next((source.terrain for source in sources if source.terrain is not None), None)
     if path is None:
         return None
-    return terrain_of_rasters(path, joint.crs, say=say)
+    return terrain_of_rasters(path, joint.crs)
 
 
-def _line(request, footprints, terrain, joint, say):
+def _line(request, footprints, terrain, joint):
     """(vertices, where from) of the line that runout is read along; (None, why not) without --line and DTM."""
     flowed = footprints[0].on_joint | footprints[1].on_joint
     if request.line is not None:
-        return given_line(request.line, flowed, joint, terrain, say), str(request.line)
+        return given_line(request.line, flowed, joint, terrain), str(request.line)
     if terrain is None:
-        say("no DTM beside the results: runout wants --line, or --dem to find the way of the flow")
+        log.info("no DTM beside the results: runout wants --line, or --dem to find the way of the flow")
         return None, "none: no --line, no DTM"
     elevation = np.full(joint.shape, np.nan)
     elevation[flowed] = terrain.sample(*joint.xy(*np.nonzero(flowed)))
     masks, weights = ([getattr(f, key) for f in footprints] for key in ("on_joint", "weight"))
     line = flow_line.centre_line(masks, weights, elevation, joint)
     if line is None:
-        say(f"{terrain.path} has no heights under the flow, or the flow is one cell: no runout; give --line")
+        log.info(f"{terrain.path} has no heights under the flow, or the flow is one cell: no runout; give --line")
         return None, "none: no heights under the flow"
     return line, "centre line of both flows"
 
 
-def _tell_of_overrun(found, say):
+def _tell_of_overrun(found):
     length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
     beyond = max((side.farthest_along - length for side in found.sides if side.farthest is not None), default=0.0)
     if beyond > found.cell_size and found.line_source != "centre line of both flows":
-        say(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is continued straight")
+        log.info(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is continued straight")
 
 
 # -------------------------------------------------------------------------------------------------------------- output

@@ -17,6 +17,7 @@ from ..io.atomic import refuse_existing
 from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
 from ..machine import memory_lack
+from ..messages import log
 from .export_inputs import run_terrain
 
 BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's file
@@ -47,7 +48,7 @@ class Written:
     report: object
 
 
-def convert_to_points(request, options=None, say=lambda text: None):
+def convert_to_points(request, options=None):
     """Turn the columns in `request.source` into points, as PointOptions `options` ask.
 
     Raises
@@ -59,7 +60,7 @@ def convert_to_points(request, options=None, say=lambda text: None):
     path = _output(request, "points")
     if path.suffix.lower() != ".h5":
         raise OutputError(f"{path}: points are written as frames, wanted a name that ends in .h5")
-    frame, terrain = _inputs(request, path, 2, say)
+    frame, terrain = _inputs(request, path, 2)
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
     header = points.frame.header | {
@@ -68,11 +69,11 @@ def convert_to_points(request, options=None, say=lambda text: None):
     state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}  # as the points' own
     write_frame(path, _placed(replace(points.frame, header=header, state=state), terrain, path))
     for line in account_of_points(points.report, options):
-        say(line)
+        log.info(line)
     return Written(path, None, points.report)
 
 
-def convert_to_columns(request, options=None, say=lambda text: None):
+def convert_to_columns(request, options=None):
     """Gather the points in `request.source` into columns, as ColumnOptions `options` ask.
 
     Points that stay points go to `<output>_points.h5` beside the output.
@@ -86,13 +87,13 @@ def convert_to_columns(request, options=None, say=lambda text: None):
     require_format(path)
     rest = path.with_name(f"{path.stem}_points.h5")
     refuse_existing(rest, request.overwrite)
-    frame, terrain = _inputs(request, path, 3, say)
+    frame, terrain = _inputs(request, path, 3)
     _refuse_replacing(rest, request, terrain)
     options = options or ColumnOptions()
     columns = points_to_columns(frame, terrain, options)
     _write_both(columns, path, rest, terrain)
     for line in account_of_columns(columns.report, options):
-        say(line)
+        log.info(line)
     return Written(path, rest if columns.rest is not None else None, columns.report)
 
 
@@ -170,18 +171,20 @@ def _output(request, kind):
     return path
 
 
-def _inputs(request, path, dimension, say):
+def _inputs(request, path, dimension):
     """(the frame, its terrain); both are refused as what the output would replace."""
     entry = _entry(request)
     source, is_of = entry.path, entry.header.dimension
     if is_of != dimension:
         kinds = {2: "columns", 3: "points"}
         raise InputError(f"{source} holds {kinds[is_of]} already; --to {kinds[is_of]} makes them of {kinds[dimension]}")
-    terrain = run_terrain(request, [entry], path, say)
+    terrain = run_terrain(request, [entry], path)
     _refuse_replacing(path, request, terrain)
     frame = whole_frame(entry)
     if "assumed_density" in frame.header:
-        say(f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3")
+        log.info(
+            f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3"
+        )
     return frame, terrain
 
 

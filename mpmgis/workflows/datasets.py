@@ -95,14 +95,13 @@ class SolverMaxima:
         return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
 
 
-def open_results(folder, dem=None, say=lambda text: None, **options):
+def open_results(folder, dem=None, **options):
     """A folder as a lazy xarray.Dataset: an exported one as it is, one of frames averaged step by step when asked for.
 
     Parameters
     ----------
     folder : str or Path
     dem : as of `depth_average`
-    say : callable
     **options
         `AveragingOptions`, for frames; `extent` is "dtm" unless it is given, because "flow" reads all frames first.
 
@@ -117,10 +116,10 @@ def open_results(folder, dem=None, say=lambda text: None, **options):
             raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
         return open_export(folder)
     request = _request(folder, options, "open_results")
-    return _dataset(request, list_frames([folder], request.terms()), dem, say, lazy=True)
+    return _dataset(request, list_frames([folder], request.terms()), dem, lazy=True)
 
 
-def depth_average(frame, dem=None, say=lambda text: None, **options):
+def depth_average(frame, dem=None, **options):
     """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
 
     Parameters
@@ -128,7 +127,6 @@ def depth_average(frame, dem=None, say=lambda text: None, **options):
     frame : str, Path or Frame
     dem : path, Terrain or xarray.DataArray (rioxarray), optional
         Default: the DTM that the frame names.
-    say : callable
     **options
         `AveragingOptions`.
 
@@ -146,7 +144,7 @@ def depth_average(frame, dem=None, say=lambda text: None, **options):
     entries = (GivenFrame(frame),) if given else list_frames([frame], request.terms())
     if len(entries) > 1:
         raise InputError(f"{frame} holds {len(entries)} frames, wanted one; mpmgis.open_results averages them all")
-    return _dataset(request, entries, dem, say, lazy=False).isel(time=0)
+    return _dataset(request, entries, dem, lazy=False).isel(time=0)
 
 
 def _request(frames, options, where):
@@ -156,15 +154,15 @@ def _request(frames, options, where):
     return ExportRequest(frames=(frames,), **({"extent": "dtm", "north_up": True} | options))
 
 
-def _dataset(request, entries, dem, say, lazy):
+def _dataset(request, entries, dem, lazy):
     """The steps averaged when they are asked for, with the solver's maxima; or, not `lazy`, the first one in memory."""
     products = choose_products(request.products)
     if dem is None or isinstance(dem, (str, Path)):
-        terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None, say)
+        terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None)
     else:
-        terrain = _terrain_in_memory(dem, entries[0], say)
+        terrain = _terrain_in_memory(dem, entries[0])
     with frame_pool() as pool:
-        plan = make_plan(request, entries, terrain, products, pool, say)
+        plan = make_plan(request, entries, terrain, products, pool)
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
     quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
     averaged = AveragedSteps(steps, plan.averaging, terrain)
@@ -182,8 +180,8 @@ def _dataset(request, entries, dem, say, lazy):
     )  # fmt: skip
 
 
-def _terrain_in_memory(dem, entry, say):
-    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem, say)
+def _terrain_in_memory(dem, entry):
+    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem)
     if entry.header.crs is not None and not same_place(entry.header.crs, terrain.grid.crs):
         raise GeoreferenceError(
             f"{entry.path} is in {name_of(entry.header.crs)}, but the DTM given is in {name_of(terrain.grid.crs)}; "

@@ -11,6 +11,7 @@ from ..io.atomic import refuse_existing, whole_folder
 from ..io.links import refuse_link
 from ..io.raster import read_raster, read_terrain
 from ..io.vector import read_release
+from ..messages import details, muted
 from ..reports.picture import write_picture
 from ..scene import read_scene
 from .export import ExportRequest, export_raster
@@ -41,7 +42,7 @@ TITLE = "Lava Falls, Grand Canyon: a hypothetical rock avalanche"
 CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey. Simulated by mpmgis."
 
 
-def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=lambda solver, end_time: None,
+def demo(output, *, overwrite=False, threads=None, watch=lambda solver, end_time: None,
          progress=lambda done, total: None):  # fmt: skip
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
 
@@ -60,15 +61,18 @@ def demo(output, *, overwrite=False, threads=None, say=lambda text: None, watch=
             if file.is_file():
                 shutil.copy(file, site / file.name)
     scene = output / "site" / "scene.toml"
-    summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, say=say, watch=watch)
+    with details():
+        summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, watch=watch)
     frames = tuple(sorted((output / SITE).glob("frame_*.h5")))
     request = ExportRequest(frames, output / f"{SITE}_gis", overwrite=overwrite, workers=threads)
-    project = export_raster(request, say, progress)[0]
+    with details():
+        project = export_raster(request, progress)[0]
     picture = output / f"{SITE}.png"
     draw(picture, scene, output / f"{SITE}_gis", SITE)
     return summary, project, picture
 
 
+@muted()
 def draw(picture, scene_path, gis_folder, name, title=TITLE, credit=CREDIT):
     """The picture of a run from its exported folder: hillshade, largest speed, outlines of release and deposit."""
     scene = read_scene(scene_path)

@@ -19,6 +19,7 @@ from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read
 from ..kernels.code_cache import source_digest
 from ..kernels.jit import set_threads
 from ..machine import available_memory
+from ..messages import log
 from ..reports.ensemble_maps import EnsembleMaps, write_maps
 from ..scene.reading import read_toml
 from ..scene.table_values import meant
@@ -91,7 +92,7 @@ class EnsembleFound:
     processor_seconds: float
 
 
-def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, look=lambda *state: None):
+def ensemble(request, *, confirm=lambda question: True, look=lambda *state: None):
     """Run the scene many times with other values, and write maps of what the runs say together.
 
     Members that are done are not run again. `look(done, total, left_out)` is called a few times a second.
@@ -108,21 +109,21 @@ def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, l
         More members became unphysical than --tolerate allows.
     """
     plan, products = read_plan(request)
-    study = _Study.of(request, plan, say)
+    study = _Study.of(request, plan)
     output = Path(request.output or Path(request.scene).parent / "ensemble")
     folder = EnsembleFolder(output, study.digest, request.overwrite)
     if plan.remark():
-        say(plan.remark())
+        log.info(plan.remark())
     tasks = study.tasks(folder.members.resolve())
     records = {task.digest: read_member(task.output, task.digest, task.frames) for task in tasks}
     records = {digest: record for digest, record in records.items() if record is not None}
     to_run = list({task.digest: task for task in tasks if task.digest not in records}.values())
     workers = min(request.workers or system.cores(), max(1, len(to_run)))
     if to_run:
-        _require_affordable(study, to_run, workers, confirm, say)
+        _require_affordable(study, to_run, workers, confirm)
     before = sum(task.digest in records for task in tasks)
     if before:
-        say(f"{before} of {len(tasks)} members are done already")
+        log.info(f"{before} of {len(tasks)} members are done already")
     folder.spare(study.input_files())
     with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
@@ -131,11 +132,11 @@ def ensemble(request, *, confirm=lambda question: True, say=lambda text: None, l
         if request.overwrite:
             folder.keep_members(task.digest for task in tasks)
         try:
-            times = _run(request, study, to_run, workers, records, say, look)
+            times = _run(request, study, to_run, workers, records, look)
         finally:
             table = folder.write_table(*study.table(records))
         statuses = dict(Counter(records[task.digest]["status"] for task in tasks))
-        _require_enough(statuses, records, len(tasks), request.tolerate, table, say)
+        _require_enough(statuses, records, len(tasks), request.tolerate, table)
         began = time.perf_counter()
         files = _write_maps(folder, study, products, tasks, records, workers)
         found = EnsembleFound(
@@ -245,7 +246,7 @@ class _Study:
     groups: dict
 
     @classmethod
-    def of(cls, request, plan, say):
+    def of(cls, request, plan):
         """Check all members, and prepare one run of each group."""
         scene = scene_to_prepare(request.scene, request.law)
         name, tables = Path(request.scene).name, _with_peaks(scene, request.min_depth)
@@ -256,7 +257,7 @@ class _Study:
             if texts not in study.groups:
                 task = study._task(0, "", with_values(tables, dict(texts)), name, "")
                 try:
-                    study.groups[texts] = task, task.prepared(say)
+                    study.groups[texts] = task, task.prepared()
                 except SceneError:
                     raise
                 except MpmgisError as error:
@@ -323,11 +324,11 @@ class _Study:
             for member, digest in zip(self.members, self.digests, strict=True)
         ]
 
-    def cost(self, tasks, say):
+    def cost(self, tasks):
         """(seconds, bytes) that `tasks` are foreseen to need one after the other, and one of them."""
         _, prepared = self.first
         set_threads(1)  # as a worker has
-        ahead = foreseen(prepared, 1, say)
+        ahead = foreseen(prepared, 1)
         set_threads(None)
         return ahead.seconds * sum(self._factor(task) for task in tasks), ahead.memory
 
@@ -362,13 +363,13 @@ def _digest(what):
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]
 
 
-def _require_affordable(study, tasks, workers, confirm, say):
+def _require_affordable(study, tasks, workers, confirm):
     """Tell what the runs are foreseen to take; ask `confirm(question)` over an hour or most of the memory."""
-    seconds, memory = study.cost(tasks, say)
+    seconds, memory = study.cost(tasks)
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
     need = f"{duration(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
-    say(f"{len(tasks)} runs, predicted: {need}")
+    log.info(f"{len(tasks)} runs, predicted: {need}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
         return
     if not confirm(f"these {len(tasks)} runs are predicted to take {need}"):
@@ -378,7 +379,7 @@ def _require_affordable(study, tasks, workers, confirm, say):
         )
 
 
-def _run(request, study, tasks, workers, records, say, look):
+def _run(request, study, tasks, workers, records, look):
     """Run `tasks` into `records`; (seconds until the workers were ready, seconds of the runs)."""
     if not tasks:
         return 0.0, 0.0
@@ -396,11 +397,11 @@ def _run(request, study, tasks, workers, records, say, look):
         if pool is not None:
             pool.warm(warm_worker, [task for task, _ in study.groups.values()])
         ready = time.perf_counter()
-        for task, record in _done(pool, tasks, looked, say):
+        for task, record in _done(pool, tasks, looked):
             records[task.digest] = record or {"status": "lost", "reason": "its worker died each time"}
             looked()
             if record is not None and record["status"] != "finished":
-                say(f"member {task.number} is {record['status']}: {record['reason']}")
+                log.info(f"member {task.number} is {record['status']}: {record['reason']}")
         return ready - began, time.perf_counter() - ready
 
 
@@ -411,19 +412,19 @@ def _pool(stack, dask, workers):
     return stack.enter_context(started(workers)) if workers > 1 else None
 
 
-def _done(pool, tasks, look, say):
+def _done(pool, tasks, look):
     """Yield (task, record) as they are done: by the workers of `pool`, or without one in this process."""
     if pool is None:
         yield from ((task, run_member(task, look)) for task in tasks)
         return
 
     def died(task, again):
-        say(f"the worker of member {task.number} died; {'it is run again' if again else 'given up after 3 times'}")
+        log.info(f"the worker of member {task.number} died; {'it is run again' if again else 'given up after 3 times'}")
 
     yield from pool.worked(run_member, tasks, look, died)
 
 
-def _require_enough(statuses, records, total, tolerate, table, say):
+def _require_enough(statuses, records, total, tolerate, table):
     """Say which members the statistics go without; refuse where they are too many."""
     left = {status: count for status, count in statuses.items() if status in LEFT_OUT}
     if not left:
@@ -437,7 +438,7 @@ def _require_enough(statuses, records, total, tolerate, table, say):
             f"{count} of {total} members gave no result ({words}; first: {first}), more than --tolerate {tolerate:g} "
             f"allows; see {table}"
         )
-    say(f"the statistics go without {count} of {total} members ({words}); first: {first}")
+    log.info(f"the statistics go without {count} of {total} members ({words}); first: {first}")
 
 
 def _write_maps(folder, study, products, tasks, records, workers):

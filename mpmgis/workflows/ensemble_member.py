@@ -20,6 +20,7 @@ from ..io.ensemble_folder import member_files, read_member, write_member
 from ..io.raster_output import write_rows
 from ..io.run_folder import RunFolder
 from ..kernels.laws import use_own_laws
+from ..messages import muted
 from ..scene import scene_from_tables
 from .run import march_into, use_threads
 from .run_setup.prepare import prepare_scene
@@ -74,11 +75,11 @@ class MemberTask:
     min_depth: float
     frames: bool = False
 
-    def prepared(self, say=lambda text: None):
+    def prepared(self):
         """Everything before the first step, as of any run."""
         own = NO_OWN_LAWS if self.law is None else load_laws(self.law)
         use_own_laws(own)
-        return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own), say)
+        return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
 
     def averaging(self, prepared):
         """How its frames are averaged: as an export of them would."""
@@ -117,6 +118,7 @@ def run_member(task, look=lambda *state: None):
     return record
 
 
+@muted()
 def _run(task, look):
     prepared = task.prepared()
     use_threads(prepared.particles, 1)
@@ -204,6 +206,7 @@ def _runout(prepared, grid, row, column):
     return float(distance[far]), float(angle) if np.isfinite(angle) else None
 
 
+@muted()
 def warmed(task, prepared):
     """Compile what a member needs in all its stages, so that workers find it in the disk cache and do not compile."""
     averaging = task.averaging(prepared)
@@ -211,6 +214,7 @@ def warmed(task, prepared):
         average_frame(frame, averaging)
 
 
+@muted()
 def warm_worker(tasks):
     """Import and load in a worker what `tasks` need, before the first of them is timed."""
     for task in tasks:

@@ -28,6 +28,7 @@ from ..interop.frame_list import OWN, list_frames, missing_frames
 from ..io.atomic import whole_folder
 from ..io.ogr import pyogrio
 from ..io.raster_output import require_square
+from ..messages import log
 from ..terrain.elevation import Terrain
 from .export_inputs import (
     output_folder,
@@ -106,14 +107,12 @@ class Plan:
     peaks: SolverPeaks | None = None
 
 
-def export_raster(request, say=lambda text: None, progress=lambda done, total: None):
+def export_raster(request, progress=lambda done, total: None):
     """Write the folder for GIS that README describes; it appears whole or not at all.
 
     Parameters
     ----------
     request : ExportRequest
-    say : callable
-        Told in one line what the user should know.
     progress : callable
         Told (frames done, frames in all).
 
@@ -130,7 +129,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     products = choose_products(request.products)
     entries = list_frames(request.frames, request.terms())
     output = output_folder(request, entries)
-    terrain = run_terrain(request, entries, output, say)
+    terrain = run_terrain(request, entries, output)
     if request.naming == "iseesnow":
         require_square(terrain.grid, "--naming iseesnow", terrain.path)
     if request.qgis:
@@ -138,7 +137,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
     with frame_pool(request.workers, request.dask) as pool:
         if request.qgis:
             pool.threads.submit(qgis_folder.load)  # while the first frames are read
-        plan = make_plan(request, entries, terrain, products, pool, say)
+        plan = make_plan(request, entries, terrain, products, pool)
         with whole_folder(output, request.overwrite) as folder:
             spool = StepSpool(folder / SPOOL_FOLDER) if request.qgis else None
             run, tally = write_rasters(request, plan, folder, pool, spool, progress)
@@ -146,7 +145,7 @@ def export_raster(request, say=lambda text: None, progress=lambda done, total: N
                 qgis_folder.write_qgis_files(run, _release(run, plan), spool, request.qgis_min, pool.threads)
                 shutil.rmtree(folder / SPOOL_FOLDER)
             files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
-    tell(request, plan, tally, say)
+    tell(request, plan, tally)
     return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
 
 
@@ -161,10 +160,10 @@ def _as_the_paper(request):
     return replace(request, bed="plane", min_depth=0.0)
 
 
-def make_plan(request, entries, terrain, products, pool, say):
+def make_plan(request, entries, terrain, products, pool):
     """Choose cells, steps and standoff, with a look over the frames only where one of them needs it."""
-    density = release_density(request, entries, say)
-    tell_of_columns(request, entries, say)
+    density = release_density(request, entries)
+    tell_of_columns(request, entries)
     standoff = 0.0 if request.standoff == AUTO else request.standoff
     bed = Bed.of(terrain, request.bed, standoff, clamped=request.paper)
     axes = export_axes(terrain.grid, request.north_up)
@@ -172,13 +171,13 @@ def make_plan(request, entries, terrain, products, pool, say):
     bounds = _bounds(request, entries, facts, bed, axes, terrain, pool)
     if request.standoff == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
-        say(f"--standoff auto: {bed.standoff:.3g} m")
+        log.info(f"--standoff auto: {bed.standoff:.3g} m")
     peaks = solver_peaks(entries[-1])
     if bounds is not None and peaks is not None:
         bounds = _with_peaks(bounds, peaks.bounds(request.min_depth), axes)
-    cell_size = _cell_size(request, facts, terrain, say)
+    cell_size = _cell_size(request, facts, terrain)
     grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.north_up)
-    time_step = _time_step(request, entries, bed, grid, density, pool, say)
+    time_step = _time_step(request, entries, bed, grid, density, pool)
     steps = choose_steps([entry.time for entry in entries], time_step)
     needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.qgis else ()))
     averaging = Averaging(
@@ -246,21 +245,23 @@ def _with_peaks(bounds, reached, axes):
     return _around([bounds, (column[0] + 0.5, row[0] + 0.5, column[1] + 0.5, row[1] + 0.5)])
 
 
-def _cell_size(request, facts, terrain, say):
+def _cell_size(request, facts, terrain):
     if request.cell_size != AUTO:
         return request.cell_size
     points = [fact for fact in facts if fact.column_side == 0]  # of a run of columns and points, the finer kind
     cell_size, why = automatic_cell_size(points or facts, terrain.grid.cell_size)
-    say(f"--cs-e auto: {cell_size:.4g} m; {why}")
+    log.info(f"--cs-e auto: {cell_size:.4g} m; {why}")
     return cell_size
 
 
-def _time_step(request, entries, bed, grid, density, pool, say):
+def _time_step(request, entries, bed, grid, density, pool):
     if request.time_step != AUTO:
         return request.time_step
     fastest = max(pool.map(_fastest_entry, entries, bed, grid, density))
     time_step = automatic_time_step(grid.cell_size, fastest)
-    say(f"--dt-e auto: {time_step:.4g} s (Eq 17: cells of {grid.cell_size:.4g} m, mean speed up to {fastest:.4g} m/s)")
+    log.info(
+        f"--dt-e auto: {time_step:.4g} s (Eq 17: cells of {grid.cell_size:.4g} m, mean speed up to {fastest:.4g} m/s)"
+    )
     return time_step
 
 
@@ -276,80 +277,84 @@ def _release(run, plan):
     return release
 
 
-def tell(request, plan, tally, say):
+def tell(request, plan, tally):
     """Say what the user should know about the frames, each thing once."""
     if plan.entries[0].reader != OWN:
-        _tell_of_foreign(plan, tally, say)
-    _tell_of_kinds(plan.entries, say)
+        _tell_of_foreign(plan, tally)
+    _tell_of_kinds(plan.entries)
     grid, times = plan.averaging.grid, [entry.time for entry in plan.entries]
     crossing = farthest_crossing(times, tally.speeds, grid.cell_size)
     if plan.peaks is not None:
-        say(_word_on_peaks(plan, crossing))
+        log.info(_word_on_peaks(plan, crossing))
     count, mass, name = tally.outside
     if count:
-        say(f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in")
+        log.info(
+            f"{name}: {count} particles ({mass:.4g} kg) lie outside the DTM or on its nodata; left out, never moved in"
+        )
     count, name = tally.moved
     if count:
-        say(f"{name}: {count} particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)")
+        log.info(
+            f"{name}: {count} particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)"
+        )
     count, name = tally.without_slope
     if count:
-        say(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")
+        log.info(f"{name}: {count} particles stand where the DTM has no slope; only their mass and number count")
     share, lowest, name = tally.below
     if share >= 0.01 and request.standoff == 0:
-        say(
+        log.info(
             f"{name}: {100 * share:.0f} % of the mass lies below the DTM (lowest {lowest:.2f} m), as grid-based codes "
             "leave it; --standoff auto moves the surface, t_vol comes from mass and is right as it is"
         )
     missing = missing_frames(plan.entries)
     if missing:
-        say(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
+        log.info(f"frames are missing in this series: {', '.join(missing)}; maxima and steps go without them")
     if tally.column_side > grid.cell_size * (1 + 1e-6) and request.cell_size is not None:
-        say(
+        log.info(
             f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
             "finer raster and add no detail"
         )
     side, name = tally.point_side
     if grid.cell_size < side * (1 - 1e-6):
-        say(
+        log.info(
             f"warning: cells of {grid.cell_size:.3g} m are smaller than Eq 15 asks for, {side:.3g} m (cube root of a "
             f"point's mean volume in {name}): cells inside the flow stay empty; take --cs-e {side:.3g} or more, or auto"
         )
-    _warn_of_crossing(plan, crossing, say)
-    _tell_of_time(plan, times, say)
+    _warn_of_crossing(plan, crossing)
+    _tell_of_time(plan, times)
 
 
-def _tell_of_foreign(plan, tally, say):
+def _tell_of_foreign(plan, tally):
     """Number, mass and volume of every frame; of a long series where they change, besides first and last."""
     density, before = plan.averaging.density, None
     for k, (entry, (count, mass, below)) in enumerate(zip(plan.entries, tally.frames, strict=True)):
         now = (count, f"{mass:.6g}")
         if now != before or len(plan.entries) <= MOST_FRAMES_TOLD or k == len(plan.entries) - 1:
-            say(
+            log.info(
                 f"{entry.path.name}: {entry.time:g} s, {count} particles, {mass:.6g} kg, {mass / density:.6g} m3 at "
                 f"{density:g} kg m-3; {100 * below:.0f} % of the mass below the DTM"
             )
         before = now
-    _tell_of_loss(plan, tally, say)
+    _tell_of_loss(plan, tally)
 
 
-def _tell_of_loss(plan, tally, say):
+def _tell_of_loss(plan, tally):
     """Particles that a code lost between its fullest frame and its last."""
     k = max(range(len(tally.frames)), key=lambda k: tally.frames[k][:2])
     (most, most_mass, _), (last, last_mass, _) = tally.frames[k], tally.frames[-1]
     if last < most or last_mass < most_mass * (1 - 1e-9):
         fullest = "the first" if k == 0 else f"that of {plan.entries[k].time:g} s"
-        say(
+        log.info(
             f"the last frame has {most - last} particles and {most_mass - last_mass:.4g} kg less than {fullest}: the "
             "code left them out, or they left its grid; maxima and deposit go without them"
         )
 
 
-def _tell_of_kinds(entries, say):
+def _tell_of_kinds(entries):
     """Where a run goes from columns to points or back: the two kinds measure depth each in its own way."""
     kinds = {2: "columns", 3: "points"}
     for before, entry in pairwise(entries):
         if before.header.dimension != entry.header.dimension:
-            say(
+            log.info(
                 f"{before.path.name} and before are {kinds[before.header.dimension]}, {entry.path.name} is "
                 f"{kinds[entry.header.dimension]}: h of columns is their thickness, of points the highest of them; "
                 "t_vol is the same in both"
@@ -378,13 +383,13 @@ def _word_on_peaks(plan, crossing):
     return word
 
 
-def _tell_of_time(plan, times, say):
+def _tell_of_time(plan, times):
     if plan.time_step is None or np.isinf(plan.time_step) or len(times) < 2:  # infinite: maxima alone were asked for
         return
     last = times[plan.steps[-1]]
     if last < times[-1]:
         end = f"the last step is that of {last:.4g} s, the frames go on to {times[-1]:.4g} s"
-        say(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
+        log.info(f"--dt-e {plan.time_step:.4g}: {end}; maxima and deposit are of all of them")
 
 
 def _word_on_crossing(plan, crossing):
@@ -400,12 +405,12 @@ def _word_on_crossing(plan, crossing):
     return f"{got}; Eq 17 asks for dt_e = {wanted:.3g} s (cells of {cell:.4g} m, {fastest})"
 
 
-def _warn_of_crossing(plan, crossing, say):
+def _warn_of_crossing(plan, crossing):
     """Warn where maxima of the frames alone miss cells because the frames are farther apart than Eq 17 asks for."""
     word = _word_on_crossing(plan, crossing)
     if word and not _all_of_every_step(plan):
         wanted = automatic_time_step(plan.averaging.grid.cell_size, crossing.fastest)
-        say(
+        log.info(
             f"warning: {word}. The flow crosses {crossing.cells:.3g} cells between frames and maxima miss cells: write "
             f"frames every {wanted:.3g} s, or take cells of {crossing.interval * crossing.speed:.3g} m (--cs-e)"
         )

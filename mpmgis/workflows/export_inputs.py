@@ -12,6 +12,7 @@ from ..io.atomic import refuse_existing
 from ..io.gdal_input import require_local
 from ..io.links import is_above
 from ..io.raster import open_raster, read_terrain
+from ..messages import log
 from ..terrain.georeference import LOCAL, name_of, same_place, warp_command
 
 
@@ -43,7 +44,7 @@ def refuse_within(output, path):
         )
 
 
-def run_terrain(request, entries, output, say):
+def run_terrain(request, entries, output):
     """The DTM asked for, or the one that the frames name. It must lie in the frames' CRS.
 
     `output` is the folder that is going to be written, None where nothing is.
@@ -64,11 +65,11 @@ def run_terrain(request, entries, output, say):
             raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
         if crs is None and not _carries_crs(path):
             crs = _word_of(header.crs)
-    terrain = read_terrain(path, crs, request.dem_band, say)
+    terrain = read_terrain(path, crs, request.dem_band)
     if output is not None:
         refuse_within(output, Path(path))
     if header.crs is None and terrain.grid.crs is not None:
-        say(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
+        log.info(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
     elif not same_place(header.crs, terrain.grid.crs):
         cure = _reprojection(path, header.crs)
         if terrain.grid.crs is None:
@@ -78,11 +79,11 @@ def run_terrain(request, entries, output, say):
             f"run used{cure}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
-        say(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
+        log.info(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
     return terrain
 
 
-def terrain_of_rasters(path, crs, band=None, say=lambda text: None):
+def terrain_of_rasters(path, crs, band=None):
     """The DTM at `path` under rasters in `crs`, which it takes where it carries none.
 
     Raises
@@ -90,7 +91,7 @@ def terrain_of_rasters(path, crs, band=None, say=lambda text: None):
     GeoreferenceError
         It lies in another CRS.
     """
-    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band, say)
+    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band)
     if None not in (terrain.grid.crs, crs) and not same_place(terrain.grid.crs, crs):
         code = crs.to_epsg() or "n"
         raise GeoreferenceError(
@@ -119,7 +120,7 @@ def _word_of(crs):
     return f"EPSG:{code}" if code else None
 
 
-def release_density(request, entries, say):
+def release_density(request, entries):
     """Density of the release [kg m-3]: what the frames say, else --density, else mass over volume of the first one."""
     first = entries[0]
     said = first.header.header.get("density")
@@ -128,20 +129,22 @@ def release_density(request, entries, say):
         if not (np.isfinite(said) and said > 0):
             raise InputError(f"{first.path}: density {said:g} kg m-3, wanted a number above 0")
         if request.density not in (None, said):
-            say(f"the frames say that their density is {said:g} kg m-3; --density {request.density:g} is not used")
+            log.info(f"the frames say that their density is {said:g} kg m-3; --density {request.density:g} is not used")
         return said
     if request.density is not None:
         return request.density
     particles = first.read().particles
     density = float(particles.mass.sum() / particles.volume.sum())
-    say(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
+    log.info(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
     return density
 
 
-def tell_of_columns(request, entries, say):
+def tell_of_columns(request, entries):
     """Say which of the request's options change nothing, where all frames are columns."""
     if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
-        say("the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing")
+        log.info(
+            "the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing"
+        )
 
 
 def solver_peaks(entry):

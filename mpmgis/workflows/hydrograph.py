@@ -22,6 +22,7 @@ from ..analysis.section_flux import (
 )
 from ..errors import InputError
 from ..io.observed import read_line
+from ..messages import log
 from ..reports.series import write_hydrograph_plot, write_hydrograph_table
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import open_flow
@@ -41,7 +42,7 @@ class HydrographRequest(AnswerRequest):
     method: str = "auto"
 
 
-def hydrograph(request, say=lambda text: None, progress=lambda done, total: None):
+def hydrograph(request, progress=lambda done, total: None):
     """Volume and mass through a section over time, counted by particles where they can be told apart.
 
     Returns
@@ -54,11 +55,11 @@ def hydrograph(request, say=lambda text: None, progress=lambda done, total: None
         What cannot be read, a section that crosses itself or that lies off the raster, one frame alone.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output, say)
+    flow = open_flow(request.results, output)
     if len(flow.times) < 2:
         raise InputError(f"{flow.name}: one frame, wanted two or more: what crosses is told between frames")
-    section = _section(request.section, flow, say)
-    found = (_found if flow.entries else _found_in_rasters)(request, flow, section, say, progress)
+    section = _section(request.section, flow)
+    found = (_found if flow.entries else _found_in_rasters)(request, flow, section, progress)
     writers = {
         PLOT_FILE: lambda path: write_hydrograph_plot(path, found),
         TABLE_FILE: lambda path: write_hydrograph_table(path, found),
@@ -66,9 +67,9 @@ def hydrograph(request, say=lambda text: None, progress=lambda done, total: None
     return replace(found, files=write_answer(request, output, writers))
 
 
-def _section(path, flow, say):
+def _section(path, flow):
     """float64[m, 2] [m]: the vertices of the section."""
-    section = read_line(path, flow.terrain.grid, say)
+    section = read_line(path, flow.terrain.grid)
     line = shapely.LineString(section)
     if not line.is_simple or line.is_closed:
         raise InputError(f"{path} crosses itself or is closed, wanted a line from one side of the flow to the other")
@@ -85,7 +86,7 @@ def _entry_state(entry, averaging, section):
     return section_state(entry.read(averaging.density), averaging, section)
 
 
-def _found(request, flow, section, say, progress):
+def _found(request, flow, section, progress):
     west, south, east, north = flow.grid.bounds
     whole = continued(section, BEYOND * float(np.hypot(east - west, north - south)))
     cells, crossed, beyond, before = [], [], [], None
@@ -103,11 +104,13 @@ def _found(request, flow, section, say, progress):
     simple = shapely.LineString(whole).is_simple
     balance = _balance(crossed, beyond) if simple else None
     if not simple:
-        say(f"{request.section}: continued straight it crosses itself, so mass beyond it cannot be told: no balance")
-    return _towards_more(flow, section, np.array(cells), crossed, balance, say)
+        log.info(
+            f"{request.section}: continued straight it crosses itself, so mass beyond it cannot be told: no balance"
+        )
+    return _towards_more(flow, section, np.array(cells), crossed, balance)
 
 
-def _found_in_rasters(request, flow, section, say, progress):
+def _found_in_rasters(request, flow, section, progress):
     """The HydrographFound of an export, by the flux of its cells."""
     if request.method == "particles":
         raise InputError(f"--method particles: {flow.name} is an export, which keeps none; give the frames")
@@ -128,7 +131,7 @@ def _found_in_rasters(request, flow, section, say, progress):
             for step in range(len(flow.times))
         ]
     )
-    return _towards_more(flow, section, cells, [None] * (len(cells) - 1), None, say)
+    return _towards_more(flow, section, cells, [None] * (len(cells) - 1), None)
 
 
 def _require_counted(request, flow, crossed):
@@ -149,7 +152,7 @@ def _balance(crossed, beyond):
     return Balance(beyond[1] - beyond[0], *sums)
 
 
-def _towards_more(flow, section, cells, crossed, balance, say):
+def _towards_more(flow, section, cells, crossed, balance):
     """The HydrographFound whose positive direction is that of more mass."""
     times = flow.times
     by_particles = np.array([counted is not None for counted in crossed])
@@ -166,7 +169,7 @@ def _towards_more(flow, section, cells, crossed, balance, say):
             if flow.entries
             else "rasters know no particles"
         )
-        say(
+        log.info(
             f"{np.count_nonzero(~by_particles)} of {len(crossed)} intervals are from the cells' flux at the frames, by "
             f"the trapezoidal rule: {why}"
         )

@@ -44,7 +44,7 @@ class IntensityFound:
     files: tuple
 
 
-def intensity(request, say=lambda text: None, progress=lambda done, total: None):
+def intensity(request, progress=lambda done, total: None):
     """Classes of the largest values that each cell saw, as raster, polygons and areas.
 
     Returns
@@ -60,8 +60,8 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
     output = answer_output(request, WORD, FILES)
     with ExitStack() as stack:
         of_rasters = ("density",) if "p_max" in guideline.bands else ()
-        result = exported_peaks(request.results, stack, say, progress, ("min_depth",), of_rasters)
-        bands, grid = _bands(result, guideline, request.results.density, say)
+        result = exported_peaks(request.results, stack, progress, ("min_depth",), of_rasters)
+        bands, grid = _bands(result, guideline, request.results.density)
     reached = np.nan_to_num(bands["h_max"]) >= request.results.min_depth
     if not reached.any():
         least = request.results.min_depth
@@ -78,10 +78,10 @@ def intensity(request, say=lambda text: None, progress=lambda done, total: None)
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
-def _bands(result, guideline, density, say):
+def _bands(result, guideline, density):
     """(band -> float[rows, columns], their Grid) of depth and of all that the guideline asks for."""
     names = tuple(dict.fromkeys(("h_max", *guideline.bands)))
-    bands, grid = read_peaks(result, names, density, say)
+    bands, grid = read_peaks(result, names, density)
     missing = [name for name in names if name not in bands]
     if missing:
         raise InputError(

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..interop.frame_list import list_frames
 from ..io.exported import ExportedSteps, is_export, open_steps
 from ..io.results import names_rasters, open_result
+from ..messages import log
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .export import ExportRequest, export_raster
@@ -138,7 +139,7 @@ class RasterFlow:
     times = np.empty(0)
 
 
-def open_flow(request, output, say=lambda text: None, peaks_do=False, used=()):
+def open_flow(request, output, peaks_do=False, used=()):
     """The flow that `request` (ExportRequest) names: frames, one exported folder, or rasters of its largest values.
 
     `output` is where the answers go: a DTM in there is refused. `peaks_do`: largest values are enough.
@@ -153,13 +154,13 @@ def open_flow(request, output, say=lambda text: None, peaks_do=False, used=()):
     MpmgisError
     """
     if any(is_export(path) for path in request.frames):
-        return _open_export(request, say)
+        return _open_export(request)
     if any(names_rasters(path) for path in request.frames):
-        return _open_rasters(request, say, peaks_do, used)
-    return open_frames(request, output, say)
+        return _open_rasters(request, peaks_do, used)
+    return open_frames(request, output)
 
 
-def open_frames(request, output, say=lambda text: None, why=""):
+def open_frames(request, output, why=""):
     """As `open_flow`, of frames only; `why` rasters will not do is said in their refusal."""
     for path in request.frames:
         if is_export(path):
@@ -167,9 +168,9 @@ def open_frames(request, output, say=lambda text: None, why=""):
         if names_rasters(path):
             raise InputError(f"{path} names rasters; {why}; give the code's frames of particles")
     entries = list_frames(request.frames, request.terms())
-    terrain = run_terrain(request, entries, output, say)
-    density = release_density(request, entries, say)
-    tell_of_columns(request, entries, say)
+    terrain = run_terrain(request, entries, output)
+    density = release_density(request, entries)
+    tell_of_columns(request, entries)
     averaging = Averaging(
         bed=Bed.of(terrain, request.bed, request.standoff),
         grid=export_grid(terrain.grid, request.cell_size),
@@ -190,15 +191,15 @@ def result_name(request):
     return folder.resolve().name or "frames"
 
 
-def _open_export(request, say):
+def _open_export(request):
     _require_alone(request)
     _refuse_options_of_frames(request)
     steps = open_steps(request.frames[0])
     path = request.dem or steps.terrain
-    return ExportFlow(steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.dem_band, say))
+    return ExportFlow(steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.dem_band))
 
 
-def _open_rasters(request, say, peaks_do, used):
+def _open_rasters(request, peaks_do, used):
     """The RasterFlow of rasters named for what they hold."""
     path = request.frames[0]
     if not peaks_do:
@@ -210,7 +211,7 @@ def _open_rasters(request, say, peaks_do, used):
     if dem is None:
         raise InputError(f"{path}: no DTM lies beside these rasters; give it with --dem")
     _, grid = next(iter(result.bands.values())).read()
-    terrain = terrain_of_rasters(dem, grid.crs, request.dem_band, say)
+    terrain = terrain_of_rasters(dem, grid.crs, request.dem_band)
     return RasterFlow(result_name(request), terrain, grid, request.density, request.min_depth)
 
 
@@ -240,9 +241,7 @@ def _refuse_options_of_frames(request, used=()):
         )
 
 
-def exported_peaks(
-    request, stack, say=lambda text: None, progress=lambda done, total: None, used=(), used_of_rasters=()
-):
+def exported_peaks(request, stack, progress=lambda done, total: None, used=(), used_of_rasters=()):
     """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, which are exported for it.
 
     `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it. `used` are names of options of
@@ -257,11 +256,11 @@ def exported_peaks(
         return replace(open_result(request.frames[0]).with_our_names(), name=result_name(request))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
     asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
-    export_raster(asked, say, progress)
+    export_raster(asked, progress)
     return replace(open_result(folder), name=result_name(request), kind="run")
 
 
-def read_peaks(result, names, density=None, say=lambda text: None):
+def read_peaks(result, names, density=None):
     """(Band -> float[rows, columns] of those of `names` that a Result has, their Grid).
 
     A pressure that it lacks is made of its largest speed and the `density` [kg m-3].
@@ -273,7 +272,7 @@ def read_peaks(result, names, density=None, say=lambda text: None):
     if density is None or result.kind in ("export", "run") or "p_max" not in names:
         return bands, grid
     if "p_max" in bands:
-        say(f"{result.name} holds the pressure itself; --density {density:g} is not used")
+        log.info(f"{result.name} holds the pressure itself; --density {density:g} is not used")
     elif "Ut_max" in result.bands:
         speed, grid = result.read("Ut_max", grid)
         bands["p_max"] = density * speed**2

@@ -12,6 +12,7 @@ from ..analysis.profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
 from ..analysis.runout import line_profile
 from ..errors import InputError
 from ..io.observed import read_line
+from ..messages import log
 from ..reports.series import write_profile_plot, write_rows
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import open_flow
@@ -31,7 +32,7 @@ class ProfileRequest(AnswerRequest):
     spacing: float | None = None  # [m]
 
 
-def profile(request, say=lambda text: None, progress=lambda done, total: None):
+def profile(request, progress=lambda done, total: None):
     """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
 
     Returns
@@ -44,9 +45,9 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
         What cannot be read, a line off the raster, a time beyond the results; nothing is written then.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output, say)
-    line = read_line(request.line, flow.terrain.grid, say)
-    steps = chosen_steps(flow.times, request.at_times, say)
+    flow = open_flow(request.results, output)
+    line = read_line(request.line, flow.terrain.grid)
+    steps = chosen_steps(flow.times, request.at_times)
     length = float(vertex_distances(line)[-1])
     spacing = request.spacing or flow.grid.cell_size
     if length > MOST_PLACES * spacing:
@@ -56,12 +57,12 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
         )
     along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
     cells = cells_of(flow.grid, x, y)
-    _tell_of_places_off(request.line, flow, cells, line, say)
+    _tell_of_places_off(request.line, flow, cells, line)
     values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)
     surface = free_surface(flow.terrain, x, y, values["h"])
     found = ProfileFound(flow.name, along, x, y, elevation, flow.times[steps], surface, values)
     if not (values["h"] > 0).any():
-        say(f"{request.line}: nothing flows along it at these times")
+        log.info(f"{request.line}: nothing flows along it at these times")
     writers = {
         PLOT_FILE: lambda path: write_profile_plot(path, found),
         TABLE_FILE: lambda path: write_rows(path, found),
@@ -69,7 +70,7 @@ def profile(request, say=lambda text: None, progress=lambda done, total: None):
     return replace(found, files=write_answer(request, output, writers))
 
 
-def chosen_steps(times, wanted, say):
+def chosen_steps(times, wanted):
     """Numbers of the steps nearest to the `wanted` times [s]; evenly spread ones where none are.
 
     Raises
@@ -88,11 +89,11 @@ def chosen_steps(times, wanted, say):
             )
         moved = [time for time in wanted if np.abs(times - time).min() > 1e-6 * max(1.0, abs(time))]
         if moved:
-            say(f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest ones are shown, each once")
+            log.info(f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest ones are shown, each once")
     return nearest_times(times, wanted)
 
 
-def _tell_of_places_off(path, flow, cells, line, say):
+def _tell_of_places_off(path, flow, cells, line):
     off = cells == NOWHERE
     if off.all():
         west, south, east, north = flow.grid.bounds
@@ -102,4 +103,4 @@ def _tell_of_places_off(path, flow, cells, line, say):
         )
     if off.any():
         beyond = shapely.LineString(line).difference(shapely.box(*flow.grid.bounds)).length
-        say(f"{path}: {beyond:.0f} m of it lie off the raster and have no values")
+        log.info(f"{path}: {beyond:.0f} m of it lie off the raster and have no values")

@@ -12,6 +12,7 @@ from ..analysis.comparison import footprint, high_percentile, peak
 from ..analysis.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
 from ..errors import MpmgisError, one_line
 from ..io.run_folder import SCENE_FILE, read_record, versions
+from ..messages import collected, log
 from ..reports.band_map import write_band_map
 from ..reports.html import Lines, Picture, Source, Table, figure_rows, section, write_report
 from ..reports.series import write_runout_plot
@@ -55,7 +56,7 @@ class _Gathered:
     notes: tuple
 
 
-def report(request, say=lambda text: None, progress=lambda done, total: None):
+def report(request, progress=lambda done, total: None):
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
 
     Returns
@@ -67,7 +68,7 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
     MpmgisError
     """
     output = answer_output(request, WORD, (REPORT_FILE,))
-    gathered = _gather(request, output, say, progress)
+    gathered = _gather(request, output, progress)
     title = request.title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
         sections = (
@@ -85,25 +86,20 @@ def report(request, say=lambda text: None, progress=lambda done, total: None):
     return write_answer(request, output, writers)
 
 
-def _gather(request, output, say, progress):
-    notes = []
-
-    def note(text):
-        notes.append(text)
-        say(text)
-
-    flow = open_flow(request.results, output, note, peaks_do=True, used=USED_OF_RASTERS)
-    with ExitStack() as stack:
-        result = exported_peaks(request.results, stack, note, progress, used_of_rasters=USED_OF_RASTERS)
-        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.density, note)
-    asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
-    try:
-        runout = found_runout(asked, flow, values, grid, note)
-    except MpmgisError as error:  # a flow that does not run out has a report all the same
-        if request.line is not None:
-            raise
-        note(f"no runout: {error}")
-        runout = None
+def _gather(request, output, progress):
+    with collected() as notes:
+        flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
+        with ExitStack() as stack:
+            result = exported_peaks(request.results, stack, progress, used_of_rasters=USED_OF_RASTERS)
+            values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.density)
+        asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
+        try:
+            runout = found_runout(asked, flow, values, grid)
+        except MpmgisError as error:  # a flow without runout has a report all the same
+            if request.line is not None:
+                raise
+            log.info(f"no runout: {error}")
+            runout = None
     return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
 
 

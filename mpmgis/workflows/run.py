@@ -14,6 +14,7 @@ from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunF
 from ..io.tables import BarrierTable
 from ..kernels.jit import set_threads
 from ..machine import available_memory
+from ..messages import details, log
 from ..peaks import largest_peaks
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
@@ -64,13 +65,13 @@ def use_threads(particles, asked=None):
     return set_threads(asked or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
-def require_affordable(prepared, threads, confirm, say):
+def require_affordable(prepared, threads, confirm):
     """Tell what a run is predicted to take; refuse, or ask `confirm(question)`, over an hour or most of the memory.
 
     A run that may come near to the question is predicted from a trial of its steps. Answers the Foreseen.
     """
-    ahead, available = foreseen(prepared, threads, say, TRIAL_FROM), available_memory()
-    say(prediction(ahead))
+    ahead, available = foreseen(prepared, threads, TRIAL_FROM), available_memory()
+    log.info(prediction(ahead))
     if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
         return ahead
     question = f"this run is predicted to take {need(ahead)}{at_most(ahead)} ({available / 1e9:.1f} GB are free)"
@@ -83,11 +84,11 @@ def require_affordable(prepared, threads, confirm, say):
 
 
 def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws=None,
-        confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):  # fmt: skip
+        confirm=lambda question: True, watch=lambda solver, end_time: None):  # fmt: skip
     """Simulate a scene into the folder `output` (default `results/` beside the scene).
 
     `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
-    `watch(solver, end_time)` is called a few times a second; `say(text)` gets lines for the user; `confirm(question)`
+    `watch(solver, end_time)` is called a few times a second; `confirm(question)`
     decides on very large runs. With `resume` the run goes on after its last whole frame, bitwise as if never stopped;
     an empty or missing folder starts at the beginning, a finished run is left as it is, unless [output] end_time is
     larger than it was: then it goes on to that time, as a run that was to last so long from the start. `laws` is the
@@ -108,61 +109,61 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, laws
         read_toml(scene)  # a scene that is not there is told before a folder that is
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
-    prepared = prepare(scene, say, laws)
+    prepared = prepare(scene, laws)
     folder.spare(input_files(scene, prepared.scene, laws))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    ahead = require_affordable(prepared, used, confirm, say)
+    ahead = require_affordable(prepared, used, confirm)
     if not ahead.rehearsed:
-        rehearse(prepared, say)
-    sequence, pace = Sequence(prepared, _telling_mach(watch, say), say), OwnPace(prepared, used, ahead, say)
+        rehearse(prepared)
+    sequence, pace = Sequence(prepared, _telling_mach(watch)), OwnPace(prepared, used, ahead)
     if not ahead.rehearsed and not resume:
         sequence.observe = pace.watching(sequence, sequence.observe)
-    _tell_of_stages(prepared, say)
+    _tell_of_stages(prepared)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
     to_come = prepared.particles - len(prepared.frame.particles)
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
-    say(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
     with folder.held():
-        start = _restored(folder, sequence, say) if resume else ANEW
+        start = _restored(folder, sequence) if resume else ANEW
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open(anew=start == ANEW)
         try:
             return march_into(folder, sequence, start == RESUMED, pace)
         except KeyboardInterrupt:
-            say(f"{folder.path} holds what was computed until now; --resume goes on after its last whole frame")
+            log.info(f"{folder.path} holds what was computed until now; --resume goes on after its last whole frame")
             raise
 
 
-def _tell_of_stages(prepared, say):
+def _tell_of_stages(prepared):
     """Each stage with when it ends and the effects that it is decided to have."""
     for number, stage in enumerate(prepared.stages, 1):
         if stage.table is not None:
-            say(f"stage {number}: {stage.words()}")
+            log.info(f"stage {number}: {stage.words()}")
         for decision in stage.decisions:
             if decision.called_for:
-                say(decision.line())
+                log.info(decision.line())
 
 
-def _restored(folder, sequence, say):
+def _restored(folder, sequence):
     """Set the sequence to the last whole frame; answers RESUMED, ANEW where there is none, or FINISHED."""
     record, digest = folder.record(), sequence.prepared.digest
     if not record:
         return ANEW
     if record.get("digest") != digest:
-        return _restored_earlier(folder, sequence, record, say)
+        return _restored_earlier(folder, sequence, record)
     frame = folder.last_frame(digest)
     if frame is None:
         return ANEW
     sequence.restore(frame)
     if record.get("state") == "finished":
-        say(f"{folder.path} is finished: {record.get('reason')}")
+        log.info(f"{folder.path} is finished: {record.get('reason')}")
         return FINISHED
-    say(f"going on after frame {folder.frames - 1}, t = {frame.time:g} s")
+    log.info(f"going on after frame {folder.frames - 1}, t = {frame.time:g} s")
     return RESUMED
 
 
-def _restored_earlier(folder, sequence, record, say):
+def _restored_earlier(folder, sequence, record):
     """As `_restored`, of a folder that holds the run of this scene to an earlier end_time; any other is refused."""
     prepared = sequence.prepared
     earlier = earlier_run(prepared, record)
@@ -177,14 +178,16 @@ def _restored_earlier(folder, sequence, record, say):
         last = folder.last_frame(earlier.digest)
         if last is not None:
             sequence.restore(last)
-        say(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s changes nothing")
+        log.info(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s changes nothing")
         return FINISHED
     frame = go_on(folder, sequence, earlier)
-    say(f"end_time = {before:g} s is now {now:g} s: going on after frame {folder.frames - 1}, t = {frame.time:g} s")
+    log.info(
+        f"end_time = {before:g} s is now {now:g} s: going on after frame {folder.frames - 1}, t = {frame.time:g} s"
+    )
     return RESUMED
 
 
-def _telling_mach(watch, say):
+def _telling_mach(watch):
     """`watch` that says once when a 3D flow gets so fast that its stiffness is felt."""
     told = []
 
@@ -192,7 +195,7 @@ def _telling_mach(watch, say):
         mach = getattr(now, "mach", 0.0)
         if not told and mach > MACH_THRESHOLD:
             told.append(True)
-            say(
+            log.info(
                 f"t = {now.time:.1f} s: the flow moves at {mach:.2f} times the speed of pressure waves (more than "
                 f"{MACH_THRESHOLD:g}): it is compressed, and impacts are too soft; give a larger [material] "
                 "bulk_modulus"
@@ -321,24 +324,23 @@ def _beside(scene, folder):
     return scene.with_files(moved)
 
 
-def decided(scene_path, laws=None, say=lambda text: None):
+def decided(scene_path, laws=None):
     """((stage in words, decisions), ...) of the scene at `scene_path`, with the user's own `laws`; nothing is run.
 
     A scene without [[stage]] is one stage, without words.
     """
-    stages = prepare(scene_path, say, laws).stages
+    with details():
+        stages = prepare(scene_path, laws).stages
     return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
 
 
-def measured(scene_path, laws=None, say=lambda text: None, tell=lambda text: None):
-    """(decisions, EffectCosts): the scene's first steps are run, with each of its effects and without it.
-
-    `say` gets the small print of the preparation, `tell` what takes long.
-    """
-    prepared = prepare(scene_path, say, laws)
+def measured(scene_path, laws=None):
+    """(decisions, EffectCosts): the scene's first steps are run, with each of its effects and without it."""
+    with details():
+        prepared = prepare(scene_path, laws)
     if prepared.scene.solvers != {"columns"}:
         raise SceneError("--measure times the effects of solver = 'columns' only; leave it out")
     use_threads(prepared.particles)
     solver = prepared.solver()
     start = under_way(solver, prepared.events, prepared.scene.output.end_time)
-    return prepared.decisions, effect_costs(solver, start, tell)
+    return prepared.decisions, effect_costs(solver, start)

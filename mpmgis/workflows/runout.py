@@ -21,13 +21,14 @@ from ..analysis.runout import (
 )
 from ..errors import InputError
 from ..io.observed import read_line
+from ..messages import log
 from ..reports.series import write_figures, write_over_time, write_profile, write_runout_plot
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import exported_peaks, open_flow, read_peaks
 from .parallel import frame_pool
 
 
-def given_line(path, flowed, grid, terrain, say):
+def given_line(path, flowed, grid, terrain):
     """float64[n, 2] [m]: the line at `path`, from its upper end.
 
     Parameters
@@ -38,20 +39,19 @@ def given_line(path, flowed, grid, terrain, say):
     grid : Grid
     terrain : Terrain or None
         Without it the line keeps its direction.
-    say : callable
 
     Raises
     ------
     MpmgisError
     """
-    line = read_line(path, grid, say)
+    line = read_line(path, grid)
     distance = distance_to_line(line, flowed, grid)
     if distance > 2 * grid.cell_size:
         raise InputError(f"{path} passes no nearer than {distance:.0f} m to the flow; give the line that it took")
     if terrain is not None:
         begin, end = terrain.sample(*line[[0, -1]].T)
         if begin < end:
-            say(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
+            log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
             return line[::-1]
     return line
 
@@ -72,7 +72,7 @@ class RunoutRequest(AnswerRequest):
     threshold: float = 0.1  # [m]
 
 
-def runout(request, say=lambda text: None, progress=lambda done, total: None):
+def runout(request, progress=lambda done, total: None):
     """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
 
     Returns
@@ -85,15 +85,15 @@ def runout(request, say=lambda text: None, progress=lambda done, total: None):
         What cannot be read, or a flow that reached nothing; nothing is written then.
     """
     output = answer_output(request, WORD, FILES)
-    flow = open_flow(request.results, output, say, peaks_do=True)
+    flow = open_flow(request.results, output, peaks_do=True)
     with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
-        peaks = exported_peaks(request.results, stack, say, progress)
+        peaks = exported_peaks(request.results, stack, progress)
         bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
-    found = found_runout(request, flow, bands, grid, say)
+    found = found_runout(request, flow, bands, grid)
     return replace(found, files=_write(request, output, found))
 
 
-def found_runout(request, flow, bands, grid, say):
+def found_runout(request, flow, bands, grid):
     """The RunoutFound of a flow whose largest depth and maybe last depth [m] are the `bands` on `grid`; no files."""
     if "h_max" not in bands:
         raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), from which a runout is read")
@@ -106,7 +106,7 @@ def found_runout(request, flow, bands, grid, say):
     elevation = heights_under(mask, grid, flow.terrain)
     if not np.isfinite(elevation).any():
         raise InputError(f"{flow.terrain.path} has no heights under the flow; give with --dem the DTM of the results")
-    line, source = _line(request, flow, mask, depth, elevation, grid, say)
+    line, source = _line(request, flow, mask, depth, elevation, grid)
     top, toe = ends_along(mask, elevation, grid, line)
     lying = footprint(deposit, request.threshold)
     spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
@@ -116,7 +116,7 @@ def found_runout(request, flow, bands, grid, say):
             f"{flow.name}: the flow does not get beyond its highest place along {source}; give another --line"
         )
     if reached.straight > STRAIGHT_OVER_ALONG * reached.length:
-        say(
+        log.info(
             f"{source}: the flow's toe lies {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
             "along the line, which does not follow the flow; give another --line"
         )
@@ -134,10 +134,10 @@ def found_runout(request, flow, bands, grid, say):
     )
 
 
-def _line(request, flow, mask, depth, elevation, grid, say):
+def _line(request, flow, mask, depth, elevation, grid):
     """(vertices, where from) of the line that the runout is read along."""
     if request.line is not None:
-        return given_line(request.line, mask, grid, flow.terrain, say), str(request.line)
+        return given_line(request.line, mask, grid, flow.terrain), str(request.line)
     line = centre_line([mask], [depth], elevation, grid)
     if line is None:
         raise InputError(

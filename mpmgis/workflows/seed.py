@@ -11,6 +11,7 @@ from ..io.atomic import refuse_existing
 from ..io.particle_files import require_format, write_columns
 from ..io.raster import READ_WHOLE, TerrainFile, read_terrain
 from ..io.vector import read_release, with_crs_beside
+from ..messages import log
 from ..particles import Particles
 from ..seeding.columns import plan_seed
 from ..seeding.options import Cures, tell_if_implausible
@@ -40,7 +41,6 @@ def seed_file(
     thickness_mode=NORMAL,
     surface=None,
     overwrite=False,
-    say=lambda text: None,
     **options,
 ):
     """Seed `release` on `dem` and write the columns to `output`.
@@ -53,7 +53,6 @@ def seed_file(
     crs, dem_band, fill_nodata : as for `read_terrain`
     thickness, thickness_mode, surface : as for `read_release`
     overwrite : bool
-    say : callable
     **options
         As in `SeedOptions`.
 
@@ -64,27 +63,27 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = with_crs_beside(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, say))
-    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
+    terrain = with_crs_beside(release, lambda: _terrain(dem, crs, dem_band, fill_nodata))
+    area = read_release(release, terrain, thickness, thickness_mode, surface)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
     _refuse_inputs(path, (dem, release, thickness, surface))
-    seed = _planned(terrain, area, options, say)
+    seed = _planned(terrain, area, options)
     frame = replace(seed.empty_frame(), dem=system.slashed(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
 
-def _terrain(dem, crs, band, fill_nodata, say):
+def _terrain(dem, crs, band, fill_nodata):
     """The DTM, or of a very large one the file, of which no more is read than lies under the release.
 
     Holes are filled in the whole DTM: where a hole ends is not known of a part.
     """
-    file = TerrainFile(dem, crs, band, say, fill_nodata)
+    file = TerrainFile(dem, crs, band, fill_nodata)
     if file.pixels <= READ_WHOLE or fill_nodata is not None:
         return file.whole()
     rows, columns = file.grid.shape
-    say(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
+    log.info(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
     return file
 
 
@@ -98,25 +97,22 @@ def seed_frame(
     thickness=None,
     thickness_mode=NORMAL,
     surface=None,
-    say=lambda text: None,
     **options,
 ):
     """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
-    terrain = with_crs_beside(
-        release, lambda: read_terrain(dem, crs=crs, band=dem_band, say=say, fill_nodata=fill_nodata)
-    )
-    area = read_release(release, terrain, thickness, thickness_mode, surface, say)
-    seed = _planned(terrain, area, options, say)
+    terrain = with_crs_beside(release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata))
+    area = read_release(release, terrain, thickness, thickness_mode, surface)
+    seed = _planned(terrain, area, options)
     slabs = [particles.arrays() for particles in seed.slabs()]
     particles = Particles(**{name: np.concatenate([slab[name] for slab in slabs]) for name in slabs[0]})
     return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
 
 
-def _planned(terrain, area, options, say):
+def _planned(terrain, area, options):
     """The Seed of a release on a terrain, with words about what is hardly meant."""
-    seed = plan_seed(terrain, area, say=say, **options)
+    seed = plan_seed(terrain, area, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
-    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES, say)
+    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES)
     return seed
 
 

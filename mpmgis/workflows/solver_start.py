@@ -17,6 +17,7 @@ from ..interop.writers.registry import SOLVER_FILES
 from ..interop.writers.start_files import SolverFiles, write_terrain
 from ..io.atomic import refuse_existing, whole_folder
 from ..machine import memory_lack
+from ..messages import log
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
 from .convert import entry_at, listed, require_point_memory, whole_frame
 from .export_inputs import refuse_within, run_terrain
@@ -51,7 +52,7 @@ class StartWritten:
     volume: float
 
 
-def convert_for_solver(request, sources, terrain_request, options=None, of_columns=False, say=lambda text: None):
+def convert_for_solver(request, sources, terrain_request, options=None, of_columns=False):
     """Write what a solver starts from: the frames at `sources`, columns of them turned into points.
 
     Parameters
@@ -65,7 +66,6 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
         How columns become points, where there are columns.
     of_columns : bool
         The options mean columns: points are refused.
-    say : callable
 
     Raises
     ------
@@ -85,12 +85,12 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
     first = entries[0]
     folder = _folder(request, first.path.resolve().parent.name if len(entries) > 1 else first.path.stem)
     given = _material(request, files)
-    terrain = run_terrain(terrain_request, [first], folder, say)
+    terrain = run_terrain(terrain_request, [first], folder)
     for entry in entries:
         refuse_within(folder, entry.path)
     _refuse_idle(request, files, entries, of_columns)
     request = replace(request, cell=request.cell or _cell_of(first, files))
-    return _write(request, files, given, _Frames(entries, terrain, options, say), terrain, str(first.path), folder, say)
+    return _write(request, files, given, _Frames(entries, terrain, options), terrain, str(first.path), folder)
 
 
 def _refuse_idle(request, files, entries, of_columns):
@@ -104,7 +104,7 @@ def _refuse_idle(request, files, entries, of_columns):
         raise InputError(f"{points} holds points already, and {files.title} needs no grid; leave --cell out")
 
 
-def seed_for_solver(request, dem, release, options=None, say=lambda text: None, **seeding):
+def seed_for_solver(request, dem, release, options=None, **seeding):
     """Seed `release` on `dem`, turn the columns into points and write what a solver starts from.
 
     Parameters
@@ -113,7 +113,6 @@ def seed_for_solver(request, dem, release, options=None, say=lambda text: None, 
     dem, release : str or Path
     options : PointOptions, optional
         How columns become points; default: so that they fill the request's cells.
-    say : callable
     **seeding
         As for `seed_file`.
 
@@ -128,12 +127,12 @@ def seed_for_solver(request, dem, release, options=None, say=lambda text: None, 
         raise InputError(_cell_needed(files))
     if request.output is not None:
         refuse_existing(request.output, request.overwrite)
-    frame, terrain, name, record = seed_frame(dem, release, say=say, **seeding)
+    frame, terrain, name, record = seed_frame(dem, release, **seeding)
     folder = _folder(request, name)
     refuse_within(folder, Path(dem))
     refuse_within(folder, Path(str(release).partition("|")[0]))
-    points = _turned(frame, terrain, options or PointOptions(cell=request.cell), say)
-    return _write(request, files, given, [points], terrain, str(release), folder, say), len(frame.particles), record
+    points = _turned(frame, terrain, options or PointOptions(cell=request.cell))
+    return _write(request, files, given, [points], terrain, str(release), folder), len(frame.particles), record
 
 
 def _folder(request, name):
@@ -183,37 +182,37 @@ def _cell_needed(files):
     return f"{files.title} needs the side of its grid's cells: --cell M, a third of the flow's thickness or less"
 
 
-def _points_of(entry, terrain, options, say):
+def _points_of(entry, terrain, options):
     frame = whole_frame(entry)
     if len(frame.particles) == 0:
         raise InputError(f"{entry.path} holds no particle")
-    return frame if frame.dimension == 3 else _turned(frame, terrain, options or PointOptions(), say)
+    return frame if frame.dimension == 3 else _turned(frame, terrain, options or PointOptions())
 
 
 class _Frames:
     """Frames of points, read one by one each time they are gone through; a single one is kept."""
 
-    def __init__(self, entries, terrain, options, say):
+    def __init__(self, entries, terrain, options):
         self._entries, self._terrain, self._options = entries, terrain, options
-        self._only = [self._read(entries[0], say)] if len(entries) == 1 else None
+        self._only = [self._read(entries[0])] if len(entries) == 1 else None
 
-    def _read(self, entry, say=lambda text: None):
-        return _points_of(entry, self._terrain, self._options, say)
+    def _read(self, entry):
+        return _points_of(entry, self._terrain, self._options)
 
     def __iter__(self):
         return iter(self._only) if self._only else map(self._read, self._entries)
 
 
-def _turned(frame, terrain, options, say):
+def _turned(frame, terrain, options):
     """Points of a frame of columns."""
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
     for line in account_of_points(points.report, options):
-        say(line)
+        log.info(line)
     return points.frame
 
 
-def _write(request, files, given, frames, terrain, source, folder, say):
+def _write(request, files, given, frames, terrain, source, folder):
     """Write the folder; `frames` are gone through several times."""
     box = placed_box(frames, terrain, request.cell if files.needs_grid else None, request.window)
     end, placeholder = _placeholder(given)
@@ -235,7 +234,7 @@ def _write(request, files, given, frames, terrain, source, folder, say):
         told = _Told(files, first, times, given, placeholder)
         (part / README).write_text(_readme(told, source, ground), encoding="utf-8", newline="\n")
     for line in _account(told):
-        say(line)
+        log.info(line)
     return StartWritten(folder, len(first.mass), float(first.mass.sum()), float(_volume(files, first).sum()))
 
 

@@ -27,6 +27,7 @@ from ..io.atomic import whole_folder
 from ..io.links import within
 from ..io.spatial_inputs import read_placed_raster
 from ..io.tables import write_records
+from ..messages import log, muted
 from ..reports.study_files import read_beside, write_plot
 from ..terrain.grid import Grid
 from .run import use_threads
@@ -73,7 +74,7 @@ class StudyFound:
     files: tuple
 
 
-def study(request, *, confirm=lambda question: True, say=lambda text: None, watch=lambda solver, end_time: None):
+def study(request, *, confirm=lambda question: True, watch=lambda solver, end_time: None):
     """Run the scene with its knobs turned one at a time, hold all runs against a finer one or an exact answer.
 
     Returns
@@ -90,7 +91,7 @@ def study(request, *, confirm=lambda question: True, say=lambda text: None, watc
     _require_possible(request)
     output = Path(request.output or Path(request.scene).parent / "study")
     with whole_folder(output, request.overwrite) as part:
-        found = _study(request, output, confirm, say, watch)
+        found = _study(request, output, confirm, watch)
         write_records(part / TABLE_FILE, *found.study.records())
         write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
         write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
@@ -110,8 +111,8 @@ def _require_possible(request):
         raise InputError("--exact needs no finer run; leave --refinement out")
 
 
-def _study(request, output, confirm, say, watch):
-    base = prepare(request.scene, say, request.law)
+def _study(request, output, confirm, watch):
+    base = prepare(request.scene, request.law)
     given = within(output, input_files(request.scene, base.scene, request.law))
     if given is not None:
         raise OutputError(f"{output} holds {given}, which this is made from, and would be replaced; give another -o")
@@ -124,28 +125,31 @@ def _study(request, output, confirm, say, watch):
     exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
     beside = tuple(_beside(file, request, exact, base.terrain, cells.grid) for file in request.beside)
     threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
-    _require_affordable(settings, finer, base, threads, request.repeats, confirm, say)
+    _require_affordable(settings, finer, base, threads, request.repeats, confirm)
 
     @cache
     def machine():  # tried when the first setting's kernels are compiled
-        rehearse(base)
+        with muted():
+            rehearse(base)
         return tried(base, threads, TRIAL_SECONDS)
 
     def run(settings, repeats, saying=lambda turn, number: None):
         return outcomes(
-            settings, lambda s: prepare_scene(s.scene), rehearse, partial(_Flow, interval=times[0], watch=watch), cells,
+            settings, muted()(lambda s: prepare_scene(s.scene)), muted()(rehearse), partial(_Flow, interval=times[0], watch=watch), cells,
             times, repeats, lambda p: predicted_cost(p, threads, machine(), interval=times[0]), saying,
         )  # fmt: skip
 
     def saying(turn, number):
-        say(f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}")
+        log.info(
+            f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}"
+        )
 
     truth = None
     if finer is not None:
-        say(f"the reference: {finer.name}")
+        log.info(f"the reference: {finer.name}")
         truth = run([finer], 1)[0].states
     rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, saying)]
-    exports = _exports(base, say) if request.exports else ()
+    exports = _exports(base) if request.exports else ()
     cell = 0.0 if finer is None else finer.cell_size
     made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
     choice = None if request.target_error is None else made.choice(request.target_error)
@@ -228,13 +232,13 @@ def _state_of(thickness):
     return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
 
 
-def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
+def _require_affordable(settings, finer, base, threads, repeats, confirm):
     """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
     runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
     total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
         times * setting.work_over(base.scene) for setting, times in runs
     )
-    say(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
+    log.info(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
         raise SceneError(
             f"this study is predicted to take {total / 60:.0f} minutes; give --yes to run it, or fewer --knobs or "
@@ -242,15 +246,15 @@ def _require_affordable(settings, finer, base, threads, repeats, confirm, say):
         )
 
 
-def _exports(base, say):
+def _exports(base):
     """ExportSettings of the scene as it is."""
     interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
-    say(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
+    log.info(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
     sweep = ExportSweep(
         Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, interval,
         base.numerics.density,
     )  # fmt: skip
-    for frame in _Flow(prepare_scene(base.scene), interval):
+    for frame in _Flow(muted()(prepare_scene)(base.scene), interval):
         if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # not those of a switch between stages
             sweep.take(frame)
     return tuple(sweep.settings())

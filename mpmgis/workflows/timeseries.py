@@ -8,6 +8,7 @@ import numpy as np
 from ..analysis.profiles import SERIES_PRODUCTS, SeriesFound
 from ..errors import InputError
 from ..io.observed import read_points
+from ..messages import log
 from ..reports.series import write_rows, write_series_plot
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import FrameFlow, open_flow, require_on_grid
@@ -24,7 +25,7 @@ class TimeseriesRequest(AnswerRequest):
     at: tuple = ()  # (E, N) [m]
 
 
-def timeseries(request, say=lambda text: None, progress=lambda done, total: None):
+def timeseries(request, progress=lambda done, total: None):
     """Depth, thickness, velocities and impact pressure over time, in the cells that points lie in.
 
     Returns
@@ -37,10 +38,10 @@ def timeseries(request, say=lambda text: None, progress=lambda done, total: None
         What cannot be read, no point, a point off the raster; nothing is written then.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output, say)
-    names, x, y = asked_points(request.points, request.at, flow, say)
+    flow = open_flow(request.results, output)
+    names, x, y = asked_points(request.points, request.at, flow)
     cells = require_on_grid(flow, x, y, names, "point")
-    values = flow.at_cells(cells, _products(flow, say), range(len(flow.times)), progress)
+    values = flow.at_cells(cells, _products(flow), range(len(flow.times)), progress)
     found = SeriesFound(flow.name, names, x, y, flow.times, values)
     writers = {
         PLOT_FILE: lambda path: write_series_plot(path, found),
@@ -49,18 +50,20 @@ def timeseries(request, say=lambda text: None, progress=lambda done, total: None
     return replace(found, files=write_answer(request, output, writers))
 
 
-def _products(flow, say):
+def _products(flow):
     """What a point's series holds; an export has only what it was asked for."""
     if isinstance(flow, FrameFlow):
         return SERIES_PRODUCTS
     there = tuple(name for name in SERIES_PRODUCTS if name in flow.steps.bands)
     if there != SERIES_PRODUCTS:
         missing = ", ".join(name for name in SERIES_PRODUCTS if name not in there)
-        say(f"{flow.name}: this export's steps have no {missing}; export with --products {missing}, or name the frames")
+        log.info(
+            f"{flow.name}: this export's steps have no {missing}; export with --products {missing}, or name the frames"
+        )
     return there
 
 
-def asked_points(path, places, flow, say):
+def asked_points(path, places, flow):
     """(names, x float64[n], y float64[n]) of the points in a file, and of those given as (E, N).
 
     Raises
@@ -68,7 +71,7 @@ def asked_points(path, places, flow, say):
     InputError
         None at all.
     """
-    names, x, y = ((), np.empty(0), np.empty(0)) if path is None else read_points(path, flow.terrain.grid, say)
+    names, x, y = ((), np.empty(0), np.empty(0)) if path is None else read_points(path, flow.terrain.grid)
     if len(names) + len(places) == 0:
         raise InputError("no point is named; give --points FILE or --at E,N")
     given = np.reshape(np.array(places, float), (-1, 2))

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..analysis.profiles import MOST_LAYERS, VerticalFound, corners_of, usual_sizes, vertical_profiles
 from ..errors import InputError
+from ..messages import log
 from ..reports.series import write_loads, write_profiles, write_vertical_plot
 from .answer_files import AnswerRequest, answer_output, write_answer
 from .opened_results import open_frames, require_on_grid
@@ -29,7 +30,7 @@ class VerticalRequest(AnswerRequest):
     layer: float | None = None  # [m]
 
 
-def vertical(request, say=lambda text: None, progress=lambda done, total: None):
+def vertical(request, progress=lambda done, total: None):
     """Density, velocities and pressure over the height above the bed, in cells around points.
 
     Returns
@@ -43,16 +44,16 @@ def vertical(request, say=lambda text: None, progress=lambda done, total: None):
     """
     files = (PLOT_FILE, PROFILE_FILE, LOAD_FILE)
     output = answer_output(request, WORD, files)
-    flow = _of_points(open_frames(request.results, output, say, "it keeps nothing of what is over the depth"), say)
-    names, x, y = asked_points(request.points, request.at, flow, say)
+    flow = _of_points(open_frames(request.results, output, "it keeps nothing of what is over the depth"))
+    names, x, y = asked_points(request.points, request.at, flow)
     require_on_grid(flow, x, y, names, "point")
-    steps = chosen_steps(flow.times, request.at_times, say)
+    steps = chosen_steps(flow.times, request.at_times)
     first = flow.entries[steps[0]].read(flow.averaging.density)
     usual_width, usual_layer = usual_sizes(first)
     width, layer = request.width or usual_width, request.layer or usual_layer
     require_on_grid(flow, *corners_of(x, y, width), np.repeat(names, 4), f"the cell of {width:.3g} m around point")
     if request.layer is None or request.width is None:
-        say(f"cells of {width:.3g} m, layers of {layer:.3g} m, by the code's own grid (--width, --layer)")
+        log.info(f"cells of {width:.3g} m, layers of {layer:.3g} m, by the code's own grid (--width, --layer)")
     points, profiles = np.stack([x, y], axis=1), []
     with frame_pool() as pool:
         entries = [flow.entries[step] for step in steps]
@@ -60,7 +61,7 @@ def vertical(request, say=lambda text: None, progress=lambda done, total: None):
             profiles.append(found)
             progress(len(profiles), len(entries))
     found = VerticalFound(flow.name, names, x, y, width, tuple(zip(*profiles, strict=True)))
-    _tell_of_nothing(found, say)
+    _tell_of_nothing(found)
     writers = {
         PLOT_FILE: lambda path: write_vertical_plot(path, found),
         PROFILE_FILE: lambda path: write_profiles(path, found),
@@ -69,7 +70,7 @@ def vertical(request, say=lambda text: None, progress=lambda done, total: None):
     return replace(found, files=write_answer(request, output, writers))
 
 
-def _of_points(flow, say):
+def _of_points(flow):
     """The flow's frames of points; InputError where there are none."""
     entries = tuple(entry for entry in flow.entries if entry.header.dimension == 3)
     if not entries:
@@ -77,7 +78,7 @@ def _of_points(flow, say):
             f'{flow.name}: its frames are columns, which have one velocity over depth; run it with solver = "points"'
         )
     if len(entries) < len(flow.entries):
-        say(f"{len(flow.entries) - len(entries)} frames are columns, which have no profile; the others are used")
+        log.info(f"{len(flow.entries) - len(entries)} frames are columns, which have no profile; the others are used")
     return replace(flow, entries=entries)
 
 
@@ -89,7 +90,7 @@ def _entry_profiles(entry, averaging, points, width, layer):
         raise InputError(f"{entry.path.name}: {error}, wanted at most {MOST_LAYERS}; take a larger --layer") from error
 
 
-def _tell_of_nothing(found, say):
+def _tell_of_nothing(found):
     empty = [
         name
         for name, of_point in zip(found.names, found.profiles, strict=True)
@@ -97,4 +98,4 @@ def _tell_of_nothing(found, say):
     ]
     if empty:
         others = f" and of {len(empty) - 1} others" if len(empty) > 1 else ""
-        say(f"nothing lies within {0.5 * found.width:.3g} m of point {empty[0]!r}{others} at these times")
+        log.info(f"nothing lies within {0.5 * found.width:.3g} m of point {empty[0]!r}{others} at these times")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 from exporting import AFFINES, sheet_frames, terrain, write_frames, write_run
+from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
@@ -17,9 +18,9 @@ from mpmgis.workflows.export import ExportRequest, export_raster
 
 def export(frames, **options):
     """Export without QGIS unless asked; answers the folder."""
-    said = []
     options = {"qgis": False, "overwrite": True} | options
-    paths = export_raster(ExportRequest(tuple(frames), **options), say=said.append)
+    with collected() as said:
+        paths = export_raster(ExportRequest(tuple(frames), **options))
     folder = next(path for path in paths if path.name == "dtm.tif").parent
     assert sorted(paths) == sorted(p for p in folder.rglob("*") if p.is_file() and p.name[0] != ".")
     return folder, said

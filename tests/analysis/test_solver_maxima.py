@@ -11,6 +11,7 @@ import pytest
 import rasterio
 from affine import Affine
 from exporting import AFFINES, NORTH, WEST, terrain, write_run
+from mpmgis.messages import collected
 
 from mpmgis.analysis import maxima as solver_maxima
 from mpmgis.analysis.cells import Bed
@@ -205,8 +206,8 @@ def kept(thickness=6.0, speed=60.0, arrival=0.25, columns=(14, 30)):
 
 def export(frames, output, **options):
     """(maxima by band, tags, what was said) of an export without QGIS."""
-    said = []
-    export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options), say=said.append)
+    with collected() as said:
+        export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options))
     return *read(output / "rasters" / f"{Path(frames[0]).parent.name}_max.tif"), said
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import psutil
 import pytest
 import rasterio
+from mpmgis.messages import collected
 from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
@@ -236,7 +237,8 @@ def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_
             os.kill(killed[0], signal.SIGKILL)
 
     request = EnsembleRequest(site / "scene.toml", tmp_path / "ensemble", vary=VARY, samples=5, workers=2)
-    found = ensemble(request, say=said.append, look=kill)
+    with collected() as said:
+        found = ensemble(request, look=kill)
     assert killed and found.statuses == {"finished": 5}
     assert sum("died" in line for line in said) <= 1  # none where its member was done at that very moment
     assert digests(tmp_path / "ensemble") == digests(done)

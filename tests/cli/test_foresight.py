@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 import shapely
+from mpmgis.messages import collected
 from slope_site import SCENE, slide, write_block_site, write_shapes
 
 from mpmgis.solvers.cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
@@ -98,7 +99,8 @@ def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, m
     run, said = prepared(site, "time = 2", "time = 5"), []
     ahead = foreseen(run, 1, trial_from=1e9)
     monkeypatch.setattr(cost_prediction, "TELL_FROM", 0.0)
-    pace = OwnPace(run, 1, ahead, said.append)
+    with collected() as said:
+        pace = OwnPace(run, 1, ahead)
     nominal = 1e-9 * NANOSECONDS_PER_STEP + SECONDS_PER_STEP / 1000.0
 
     def look(solver, seconds, each):

@@ -10,6 +10,7 @@ import shapely
 from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
@@ -151,8 +152,8 @@ def test_3d_needs_no_ground_where_no_point_can_get(tmp_path):
         prepare(in_3d(tmp_path))
     assert prepare(in_3d(tmp_path, terrain={"fill_nodata": "interpolate"})).fill.cells == 72
     write_site(tmp_path, [ABOVE], collar=20.0)
-    said = []
-    assert prepare(in_3d(tmp_path), said.append).stages[0].nodata.holes == ()
+    with collected() as said:
+        assert prepare(in_3d(tmp_path)).stages[0].nodata.holes == ()
     assert not any("amid the DTM" in line for line in said)
 
 

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from mpmgis.messages import collected
 from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
@@ -73,8 +74,8 @@ def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
             pass
 
     monkeypatch.setattr(warmup.threading, "Timer", Over)
-    said = []
-    rehearse(prepare(scene), said.append, first=1)
+    with collected() as said:
+        rehearse(prepare(scene), first=1)
     assert [line.split(" ready")[0] for line in said] == [
         "getting stage 2 of 3, of points,", "getting stage 3 of 3, of columns,"
     ]  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from mpmgis.messages import collected
 from slope_site import SOUTH, WEST, contents, decisions, record, refused, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
@@ -206,9 +207,9 @@ def test_a_run_starts_from_a_seed_or_from_points(site, capsys):
         assert prepared.facts.release_thickness == pytest.approx(13.4, rel=0.05)
     bare = read_frame(points, with_state=False)
     write_frame(site / "bare.h5", bare)
-    said = []
     (site / "scene.toml").write_text(start.format("bare.h5"))
-    assert prepare(site / "scene.toml", said.append).stress is None
+    with collected() as said:
+        assert prepare(site / "scene.toml").stress is None
     assert any("no stress" in line for line in said)
     bare.particles.position[:, 2] -= 30.0
     write_frame(site / "deep.h5", bare)
@@ -225,8 +226,8 @@ def test_a_window_takes_a_part_of_a_run_of_columns(site, capsys):
     start = f'particles = "results/{last}"\nwindow = "box.geojson"'
     text = SCENE.replace('source = "block.geojson"\nthickness = 12.0\ndensity = 1500', start)
     (site / "scene.toml").write_text(text)
-    said = []
-    prepared = prepare(site / "scene.toml", said.append)
+    with collected() as said:
+        prepared = prepare(site / "scene.toml")
     frame = read_frame(site / "results" / last)
     inside = frame.map_xy()[0] < WEST + 122
     whole, part = frame.particles.mass.sum(), prepared.frame.particles.mass.sum()

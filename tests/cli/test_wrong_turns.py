@@ -4,6 +4,7 @@ import json
 
 import pytest
 import shapely
+from mpmgis.messages import collected
 from slope_site import COLUMNS, PIXEL, ROWS, SCENE, SOUTH, WEST, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.cli.main import main
@@ -178,8 +179,8 @@ def test_an_interrupted_run_says_how_it_goes_on(site):
     def stop(now, end_time):
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        run_scene(site / "scene.toml", say=told.append, watch=stop)
+    with pytest.raises(KeyboardInterrupt), collected() as told:
+        run_scene(site / "scene.toml", watch=stop)
     assert (
         told[-1] == f"{site / 'results'} holds what was computed until now; --resume goes on after its last whole frame"
     )

@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from mpmgis.messages import collected
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
@@ -44,8 +45,8 @@ frame_interval = 1
     ],
 )
 def test_what_is_reported(count, density, thickness, words):
-    said = []
-    tell_if_implausible(count, density, thickness, CURES, said.append)
+    with collected() as said:
+        tell_if_implausible(count, density, thickness, CURES)
     assert len(said) == len(words)
     assert all(line.startswith(word) and "\n" not in line for line, word in zip(said, words, strict=True))
 
@@ -89,8 +90,8 @@ def test_run_warns_before_its_first_step(tmp_path, values, words):
         shutil.copy(file, tmp_path)
     usual = {"thickness": 5.0, "density": 2000.0, "cell_size": 10.0, "per_cell": 4}
     (tmp_path / "scene.toml").write_text(SCENE.format(**usual | values))
-    said = []
-    prepare(tmp_path / "scene.toml", said.append)
+    with collected() as said:
+        prepare(tmp_path / "scene.toml")
     told = [line for line in said if "usual" in line or line.startswith("only")]
     assert len(told) == (1 if words else 0)
     assert all(word in told[0] for word in words)

@@ -7,6 +7,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from mpmgis.messages import collected
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
 from mpmgis.errors import FormatError, GeoreferenceError, InputError
@@ -41,9 +42,9 @@ def test_vector_formats(tmp_path, terrain, name):
         table.to_crs(4326).to_file(tmp_path / name, driver="KML")
     else:
         table.to_file(tmp_path / name, driver="SQLite" if name.endswith(".sqlite") else None)
-    said = []
     thickness = 2.5 if name.endswith(".kml") else None
-    release = read_release(tmp_path / name, terrain, thickness, say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / name, terrain, thickness)
     (part,) = release.parts
     assert part.polygon.area == pytest.approx(two_islands().area, rel=1e-5 if name.endswith(".kml") else 1e-9)
     assert len(shapely.get_rings(shapely.get_parts(part.polygon))) == 3
@@ -54,16 +55,16 @@ def test_vector_formats(tmp_path, terrain, name):
 
 def test_another_crs_is_reprojected_and_reported(tmp_path, terrain):
     features(ring(), thickness=[2.0]).to_crs(2056).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain)
     assert release.area == pytest.approx(ring().area, rel=1e-6)
     assert any("EPSG:2056" in line and "EPSG:32632" in line for line in said)
 
 
 def test_no_crs_is_assumed_where_the_coordinates_lie(tmp_path, terrain):
     features(ring(), crs=None, thickness=[2.0]).to_file(tmp_path / "a.shp")
-    said = []
-    assert read_release(tmp_path / "a.shp", terrain, say=said.append).area == pytest.approx(ring().area)
+    with collected() as said:
+        assert read_release(tmp_path / "a.shp", terrain).area == pytest.approx(ring().area)
     assert any("no CRS" in line and "EPSG:32632" in line for line in said)
     far = shapely.affinity.translate(ring(), -EAST + 9.0, -NORTH + 46.0)
     features(far, crs=None, thickness=[2.0]).to_file(tmp_path / "b.shp")
@@ -74,8 +75,8 @@ def test_no_crs_is_assumed_where_the_coordinates_lie(tmp_path, terrain):
 def test_columns_of_thickness(tmp_path, terrain):
     west, east = shapely.box(X - 40, Y, X, Y + 30), shapely.box(X, Y, X + 40, Y + 30)
     features(west, east, D0=[1.0, 2.0], other=[5.0, 6.0], note=["a", "b"]).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain)
     assert [part.thickness for part in release.parts] == [1.0, 2.0]
     assert any("'D0'" in line for line in said)
     assert [p.thickness for p in read_release(tmp_path / "a.gpkg", terrain, "other").parts] == [5.0, 6.0]
@@ -103,8 +104,8 @@ def test_overlap_of_different_thickness_is_refused_by_name(tmp_path, terrain):
 def test_overlap_of_one_thickness_is_counted_once(tmp_path, terrain):
     first, second = shapely.box(X - 40, Y, X + 5, Y + 30), shapely.box(X, Y, X + 40, Y + 30)
     features(first, second, d0=[2.0, 2.0]).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, thickness_mode="vertical", say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain, thickness_mode="vertical")
     assert release.area == pytest.approx(80 * 30)
     assert any("overlap" in line for line in said)
     assert seed_columns(terrain, release).particles.volume.sum() == pytest.approx(2 * 80 * 30)
@@ -127,8 +128,8 @@ def test_invalid_polygons_are_repaired_and_reported(tmp_path, terrain):
         [shapely.box(X - 50, Y, X - 30, Y + 20), shapely.box(X - 40, Y + 10, X - 20, Y + 30)]
     )
     features(bow, islands, d0=[1.0, 1.0]).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain)
     assert release.area == pytest.approx(200.0 + 700.0)
     assert sum("repaired" in line for line in said) == 2
 
@@ -183,9 +184,9 @@ def test_a_mask_raster_is_a_union_of_pixel_squares(tmp_path, terrain):
 def test_a_thickness_raster_holds_metres(tmp_path, terrain):
     values = mask() * np.linspace(0.5, 2.5, 60)
     values[values == 0] = -9999
-    said = []
     path = write_raster(tmp_path / "t.tif", values, PIXELS["north_up"], nodata=-9999)
-    release = read_release(path, terrain, thickness_mode="vertical", say=said.append)
+    with collected() as said:
+        release = read_release(path, terrain, thickness_mode="vertical")
     assert any("metres" in line for line in said)
     frame = seed_columns(terrain, release)
     assert frame.particles.volume.sum() == pytest.approx(values[values > 0].sum() * 25, rel=1e-12)
@@ -199,8 +200,8 @@ def test_thickness_of_polygons_from_a_raster(tmp_path, terrain):
     values[:, :30] = 1.5
     write_raster(tmp_path / "t.tif", values, PIXELS["north_up"])
     features(shapely.box(X - 40, Y - 20, X + 40, Y + 20), name=["a"]).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, tmp_path / "t.tif", "vertical", say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain, tmp_path / "t.tif", "vertical")
     assert release.area == pytest.approx(40 * 40)
     assert any("without thickness" in line for line in said)
     assert isinstance(release.parts[0].thickness, ThicknessRaster)
@@ -212,8 +213,8 @@ def test_surface_minus_bed(tmp_path, terrain):
     level = float(terrain.sample(X, Y)) + 4.0
     write_raster(tmp_path / "s.tif", np.full((60, 60), level), PIXELS["north_up"])
     features(shapely.box(X - 30, Y - 20, X + 30, Y + 20)).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, surface=tmp_path / "s.tif", say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain, surface=tmp_path / "s.tif")
     assert release.thickness_mode == "vertical"
     assert release.record["clipped_cells"] > 0 and release.record["clipped_volume"] > 0
     assert any("clipped" in line for line in said)
@@ -252,8 +253,8 @@ def test_rasters_of_another_crs_are_placed(tmp_path, terrain):
         px, py = back.transform(*(transform * (columns + 0.5, rows + 0.5)))
         values = np.where((px - X) ** 2 + (py - Y) ** 2 < 50**2, 2.0, 0.0)
         path = write_raster(tmp_path / "t.tif", values, transform, crs)
-        said = []
-        release = read_release(path, terrain, thickness_mode="vertical", say=said.append)
+        with collected() as said:
+            release = read_release(path, terrain, thickness_mode="vertical")
         assert any("placed" in line for line in said)
         frame = seed_columns(terrain, release)
         assert frame.particles.volume.sum() == pytest.approx(2 * np.pi * 50**2, rel=0.03)
@@ -274,8 +275,8 @@ def test_both_files_in_a_local_frame(tmp_path):
     features(ring(), crs=None, d0=[1.0]).to_file(tmp_path / "a.gpkg")
     assert read_release(tmp_path / "a.gpkg", terrain).area == pytest.approx(ring().area)
     features(ring(), d0=[1.0]).to_file(tmp_path / "b.gpkg")
-    said = []
-    read_release(tmp_path / "b.gpkg", terrain, say=said.append)
+    with collected() as said:
+        read_release(tmp_path / "b.gpkg", terrain)
     assert any("local frame" in line for line in said)
 
 
@@ -289,8 +290,8 @@ def test_missing_parts_of_a_shapefile(tmp_path, terrain):
 def test_z_coordinates_are_dropped_and_empty_features_reported(tmp_path, terrain):
     solid = shapely.force_3d(ring(), 5.0)
     features(solid, shapely.Polygon(), d0=[1.0, 1.0]).to_file(tmp_path / "a.gpkg")
-    said = []
-    release = read_release(tmp_path / "a.gpkg", terrain, say=said.append)
+    with collected() as said:
+        release = read_release(tmp_path / "a.gpkg", terrain)
     assert release.area == pytest.approx(ring().area)
     assert not release.parts[0].polygon.has_z
     assert any("no geometry" in line for line in said)

@@ -8,6 +8,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from mpmgis.messages import collected
 from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
@@ -56,8 +57,8 @@ def test_undeclared_nodata_is_reported_and_masked(tmp_path):
     heights = np.full((6, 6), 500.0)
     heights[2, 3] = -9999
     heights[4, 4] = np.inf
-    said = []
-    terrain = read_terrain(write_raster(tmp_path / "d.tif", heights, PIXELS["north_up"]), say=said.append)
+    with collected() as said:
+        terrain = read_terrain(write_raster(tmp_path / "d.tif", heights, PIXELS["north_up"]))
     assert np.isnan(terrain.elevation).sum() == 2
     assert len(said) == 1 and "-9999" in said[0]
 
@@ -116,7 +117,7 @@ def test_the_suggested_command_can_be_pasted_for_any_file_name(tmp_path, monkeyp
     assert words == ["warp", str(path), "my dtm_warped.tif", "--dst-crs", "EPSG:32632", "--resampling", "bilinear"]
     monkeypatch.chdir(tmp_path)
     rio(words, standalone_mode=False)
-    warped = read_terrain(tmp_path / "my dtm_warped.tif", say=lambda text: None)
+    warped = read_terrain(tmp_path / "my dtm_warped.tif")
     assert name_of(warped.grid.crs) == "EPSG:32632" and np.nanmax(warped.elevation) == pytest.approx(100.0)
 
 
@@ -157,8 +158,8 @@ def test_heights_in_feet_by_vertical_crs_are_refused(tmp_path):
 
 
 def test_unknown_unit_is_reported(tmp_path):
-    said = []
-    read_terrain(write_dtm(tmp_path / "d.tif", unit="masl"), say=said.append)
+    with collected() as said:
+        read_terrain(write_dtm(tmp_path / "d.tif", unit="masl"))
     assert any("masl" in line for line in said)
 
 
@@ -178,20 +179,21 @@ def test_coordinates_of_another_crs_are_refused(tmp_path, x, y):
 
 def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_reported(tmp_path):
     """A whole country in one zone is usual; D7 warns of the area bias beyond 1e-3."""
-    said = []
     path = write_raster(tmp_path / "d.tif", np.full((9, 9), 1.0), Affine(10, 0, 80_000, 0, -10, 5.2e6), "EPSG:32633")
-    read_terrain(path, say=said.append)
+    with collected() as said:
+        read_terrain(path)
     assert any("stretches lengths" in line and "EPSG:32632" in line for line in said)
     said.clear()
-    read_terrain(write_dtm(tmp_path / "q.tif"), say=said.append)
+    with collected() as said:
+        read_terrain(write_dtm(tmp_path / "q.tif"))
     assert not said
 
 
 def test_cliffs_everywhere_are_reported(tmp_path):
     """D7: more than 1 % of the cells above 85 degrees is a mix-up of units."""
-    said = []
     rng = np.random.default_rng(1)
-    read_terrain(write_raster(tmp_path / "d.tif", rng.uniform(0, 4000, (30, 30)), PIXELS["north_up"]), say=said.append)
+    with collected() as said:
+        read_terrain(write_raster(tmp_path / "d.tif", rng.uniform(0, 4000, (30, 30)), PIXELS["north_up"]))
     assert any("85 degrees" in line for line in said)
 
 
@@ -239,6 +241,7 @@ def test_a_vertical_datum_is_reported_and_left_out(tmp_path):
     """Heights relate to what the DTM says; results carry the place on the map alone."""
     heights, told = np.arange(12.0).reshape(3, 4), []
     write_raster(tmp_path / "d.tif", heights, Affine(10, 0, EAST, 0, -10, NORTH), crs="EPSG:25832+5783")
-    terrain = read_terrain(tmp_path / "d.tif", say=told.append)
+    with collected() as told:
+        terrain = read_terrain(tmp_path / "d.tif")
     assert terrain.grid.crs.to_epsg() == 25832
     assert ["DHHN92" in line and "heights are taken as they are" in line for line in told] == [True]

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
+from mpmgis.messages import collected
 
 from mpmgis.effects.barrier import Barrier, NoBarrier
 from mpmgis.effects.cohesion import Cohesion
@@ -71,7 +72,8 @@ class Timed:
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
     effects, said = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0)), []
     solver = Timed(effects, friction=0.03, cohesion=0.05, rest=0.02)
-    costs = effect_costs(solver, 3, said.append, lambda: solver.now)
+    with collected() as said:
+        costs = effect_costs(solver, 3, lambda: solver.now)
     assert costs.shares == pytest.approx({"friction": 0.3, "cohesion": 0.5})
     assert costs.noise == pytest.approx(0.0, abs=1e-9) and costs.step_seconds == pytest.approx(0.1)
     assert (costs.columns, costs.time) == (50, 7.0)

@@ -9,6 +9,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from mpmgis.messages import collected
 
 from mpmgis import machine
 from mpmgis.cli.main import main
@@ -101,7 +102,8 @@ def test_a_seed_has_the_bits_that_the_whole_gives(transform, how, tmp_path, monk
     for limit in (seeding.READ_WHOLE, 0):
         monkeypatch.setattr(seeding, "READ_WHOLE", limit)
         path = tmp_path / f"{limit}.h5"
-        seeding.seed_file(dem, release, path, velocity=(1.0, 2.0), refine_slope=1.0, say=said.append, **options)
+        with collected() as said:
+            seeding.seed_file(dem, release, path, velocity=(1.0, 2.0), refine_slope=1.0, **options)
         frames.append(read_frame(path))
     whole, part = frames
     for name, values in whole.particles.arrays().items():
@@ -162,7 +164,8 @@ def test_a_run_that_has_the_memory_prints_its_need(tmp_path, monkeypatch):
     dem = written(tmp_path / "dtm.tif", (200, 200), Affine(5, 0, MIDDLE[0] - 500, 0, -5, MIDDLE[1] + 500))
     scene, said = scene_on(dem, tmp_path), []
     monkeypatch.setattr(prepare, "READ_WHOLE", 10_000)
-    prepare.prepare(scene, said.append)
+    with collected() as said:
+        prepare.prepare(scene)
     assert any("200 x 200 cells, which take up to 0.0056 GB; [terrain] window" in text for text in said)
     monkeypatch.setattr(machine, "available_memory", lambda: 5e6)
     with pytest.raises(SceneError, match=r"0\.005 GB are free"):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import MpmgisError, SceneError
 from ...machine import available_memory, memory_lack
+from ...messages import log, muted
 from ...solvers import cost
 from ...solvers.cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
 from ...solvers.stage_end import LOOK_SECONDS
@@ -53,7 +54,8 @@ def require_room(stages, windowed, terrain):
         return
     coarse = np.sqrt((east - west) * (north - south) / COARSE_NODES)
     try:
-        moving = read_sources(stages[0], terrain, ColumnGrid.on(terrain, coarse), lambda text: None).everything
+        with muted():
+            moving = read_sources(stages[0], terrain, ColumnGrid.on(terrain, coarse)).everything
     except MpmgisError:  # on such cells alone, or said in full where they are the scene's own
         return
     volume, area = float(moving.particles.volume.sum()), float(moving.particles.area.sum())
@@ -107,7 +109,7 @@ class Foreseen(NamedTuple):
     rehearsed: bool
 
 
-def foreseen(prepared, threads, say=lambda text: None, trial_from=None):
+def foreseen(prepared, threads, trial_from=None):
     """The Foreseen of a prepared run.
 
     A run that may take longer than `trial_from` [s] (default TRIAL_FROM) on a typical machine is tried on this one.
@@ -117,7 +119,7 @@ def foreseen(prepared, threads, say=lambda text: None, trial_from=None):
     trial_from = TRIAL_FROM if trial_from is None else trial_from
     tries = longest > trial_from and memory < cost.MEMORY_SHARE * available_memory()
     if tries:
-        rehearse(prepared, say)
+        rehearse(prepared)
         machine = tried(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
         longest = predicted_cost(prepared, threads, machine, longest=True)
@@ -282,8 +284,6 @@ class OwnPace:
     threads : int
     ahead : Foreseen
         What was predicted before the first step.
-    say : callable
-        Gets the new prediction where that is TELL_FROM [s] or more.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ class OwnPace:
         What the run is predicted to take, by what is known now.
     """
 
-    def __init__(self, prepared, threads, ahead, say):
+    def __init__(self, prepared, threads, ahead):
         self.seconds, self._ahead, self._say = ahead.seconds, ahead, say
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
@@ -309,7 +309,7 @@ class OwnPace:
         self.seconds = predicted_cost(self._prepared, self._threads, machine)
         if self.seconds >= TELL_FROM:
             longest = predicted_cost(self._prepared, self._threads, machine, longest=True)
-            self._say(prediction(Foreseen(self.seconds, longest, self._ahead.memory, machine.words, True)))
+            log.info(prediction(Foreseen(self.seconds, longest, self._ahead.memory, machine.words, True)))
 
     def watching(self, sequence, watch):
         """`watch` that looks at the pace of the `sequence`, too."""

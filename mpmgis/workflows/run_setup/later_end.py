@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from ...errors import InputError, MpmgisError
+from ...messages import muted
 from ...solvers.stepping import END_TIME
 from .prepare import prepare_scene
 from .sequence import stage_number
@@ -15,7 +16,7 @@ def earlier_run(prepared, record):
     if not isinstance(told, (int, float)) or not 0 < told < output.end_time:
         return None
     try:
-        earlier = prepare_scene(replace(prepared.scene, output=replace(output, end_time=told)))
+        earlier = muted()(prepare_scene)(replace(prepared.scene, output=replace(output, end_time=told)))
     except MpmgisError:  # what could be prepared once cannot any more: its inputs have changed
         return None
     return earlier if earlier.digest == record.get("digest") else None

@@ -17,6 +17,7 @@ from ...io.raster import READ_WHOLE, TerrainFile
 from ...io.vector import with_crs_beside
 from ...kernels.laws import require_compiled, use_own_laws
 from ...machine import memory_lack
+from ...messages import log
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ...scene.tables import DENSITY
 from ...seeding.options import Cures, tell_if_implausible
@@ -118,7 +119,7 @@ class _Start:
     affine: np.ndarray | None = None
 
 
-def prepare(given, say=lambda text: None, laws=None):
+def prepare(given, laws=None):
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
     `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
@@ -126,7 +127,7 @@ def prepare(given, say=lambda text: None, laws=None):
     """
     scene = scene_to_prepare(given, laws)
     try:
-        return prepare_scene(scene, say)
+        return prepare_scene(scene)
     except SceneError:
         raise
     except InputError as error:  # told in the words of `seed`; say whose file they are about
@@ -141,24 +142,24 @@ def in_scene_words(message):
     return message
 
 
-def prepare_scene(scene, say=lambda text: None):
+def prepare_scene(scene):
     """As `prepare`, of a Scene that is read already."""
-    say = _once(say)
-    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene, say))
-    scene = _completed(_with_density(scene, say), terrain.grid.cell_size)
+    say = _once()
+    terrain, fill = with_crs_beside(_laid_on_it(scene), lambda: _terrain(scene))
+    scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     require_room(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
-    start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0], say)
+    start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0])
     require_inflow_over(scene.stage, start.events)
     stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
-        stage = _stage(one, terrain, grid, start, reached, number > 0, say)
-        stages.append(replace(stage, **read_areas(scene, number, terrain, say)))
-    _tell_of_friction(stages, say)
+        stage = _stage(one, terrain, grid, start, reached, number > 0)
+        stages.append(replace(stage, **read_areas(scene, number, terrain)))
+    _tell_of_friction(stages)
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
-        frame = levelled(frame, lakes, grids[0], say)
+        frame = levelled(frame, lakes, grids[0])
     shapes = [shape for stage in stages for shape in stage.shapes()]
     digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
@@ -168,14 +169,14 @@ def prepare_scene(scene, say=lambda text: None):
     )  # fmt: skip
 
 
-def _once(say):
+def _once():
     """`say` that tells nothing twice: what each stage reads anew."""
     told = set()
 
     def saying(text):
         if text not in told:
             told.add(text)
-            say(text)
+            log.info(text)
 
     return saying
 
@@ -188,12 +189,12 @@ def _laid_on_it(scene):
     return None
 
 
-def _terrain(scene, say):
+def _terrain(scene):
     """(the terrain, or the window of it that the scene asks for, of which no more is read; its NodataFill or None)."""
     table = scene.terrain
-    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, say, table.fill_nodata), table.window
+    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata), table.window
     if window is None:
-        _tell_of_size(file.path, file.grid.shape, say)
+        _tell_of_size(file.path, file.grid.shape)
         return file.whole(), file.fill
     west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
@@ -202,18 +203,18 @@ def _terrain(scene, say):
             f"{north:.0f}; correct it"
         )
     rows, columns = file.grid.window(window, 0)
-    _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start), say)
+    _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start))
     given = zip(("west", "south", "east", "north"), window, (west, south, east, north), (-1, -1, 1, 1), strict=True)
     beyond = [side for side, asked, edge, out in given if out * (asked - edge) > file.grid.cell_size]
     if beyond:
-        say(
+        log.info(
             f"[terrain] window = [west, south, east, north] reaches beyond the DTM to the {', '.join(beyond)}; it is "
             f"cut there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
         )
     return file.cropped(window, 0), file.fill
 
 
-def _tell_of_size(name, shape, say):
+def _tell_of_size(name, shape):
     """What very many cells of a DTM will take up of memory, before they are read; refused where that is not there."""
     rows, columns = shape
     if rows * columns <= READ_WHOLE:
@@ -222,36 +223,36 @@ def _tell_of_size(name, shape, say):
     cure = "[terrain] window = [west, south, east, north] reads only as much as that"
     if lack := memory_lack(needed, MEMORY_SHARE):
         raise SceneError(f"{cells}, which need {lack}; {cure}")
-    say(f"{cells}, which take up to {needed / 1e9:.2g} GB; {cure}")
+    log.info(f"{cells}, which take up to {needed / 1e9:.2g} GB; {cure}")
 
 
-def _start_of_columns(scene, terrain, grid, say):
+def _start_of_columns(scene, terrain, grid):
     """What moves in a run that begins with columns."""
-    sources = read_sources(scene, terrain, grid, say)
-    _tell_of_release(sources.frame.particles, sources.frame.header, scene, say)
-    tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything, say)
+    sources = read_sources(scene, terrain, grid)
+    _tell_of_release(sources.frame.particles, sources.frame.header, scene)
+    tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything)
     return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
 
 
-def _start_of_points(scene, terrain, grid, say):
+def _start_of_points(scene, terrain, grid):
     """What moves in a run that begins with points."""
-    start = read_point_start(scene, terrain, grid, say)
-    _tell_of_release(start.seen.particles, start.frame.header, scene, say)
+    start = read_point_start(scene, terrain, grid)
+    _tell_of_release(start.seen.particles, start.frame.header, scene)
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
-def _stage(scene, terrain, grid, start, reached, later, say):
+def _stage(scene, terrain, grid, start, reached, later):
     """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins.
 
     `reached` (mu) answers as `_reached`.
     """
     at_start = start.frame if start.frame.dimension == 2 else start.seen
-    known = read_places(scene, terrain, grid, at_start, start.seen, say)
+    known = read_places(scene, terrain, grid, at_start, start.seen)
     reach, facts, deciding = _facts(terrain, start.seen, reached, known)
     in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
     require_ground(scene.solver, scene.numerics.edges, in_reach)
     for line in in_reach.lines():
-        say(line)
+        log.info(line)
     facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
     effects, decisions = resolve(deciding, facts)
     if scene.solver == "points":
@@ -294,25 +295,25 @@ def _point_numerics(scene, grid, start):
     )
 
 
-def _with_density(scene, say):
+def _with_density(scene):
     """The scene with the density of its release, where that is not given: what flows in has it, else it is assumed."""
     release, named = scene.release, scene.densities()
     if release is not None and release.particles is not None:
         return scene
     if not named:
-        say(f"no density is given: {DENSITY:g} kg m-3 is assumed (masses, forces and pressures follow it)")
+        log.info(f"no density is given: {DENSITY:g} kg m-3 is assumed (masses, forces and pressures follow it)")
     if release is None or release.density is not None:
         return scene
     return replace(scene, release=replace(release, density=named[0][1] if named else DENSITY))
 
 
-def _tell_of_friction(stages, say):
+def _tell_of_friction(stages):
     """Say where nothing resists on the bed, which is rarely meant."""
     for number, stage in enumerate(stages, 1):
         for decision in stage.decisions:
             if decision.effect == "friction" and decision.state == "off":
                 where = f"stage {number}: " if len(stages) > 1 else ""
-                say(f"{where}there is no friction: {decision.reason}")
+                log.info(f"{where}there is no friction: {decision.reason}")
 
 
 def _completed(scene, cell_size):
@@ -380,9 +381,9 @@ def _some_columns(particles):
     return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
-def _tell_of_release(particles, header, scene, say):
+def _tell_of_release(particles, header, scene):
     more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
     cures = Cures("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
     if len(particles):
         thickness = particles.volume.sum() / particles.area.sum()
-        tell_if_implausible(len(particles), header["density"], thickness, cures, say)
+        tell_if_implausible(len(particles), header["density"], thickness, cures)

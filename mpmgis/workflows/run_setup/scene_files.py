@@ -48,7 +48,7 @@ def _with_what_belongs_to_it(path):
             yield from raster_files(path)
 
 
-def read_places(scene, terrain, grid, start, everything, say):
+def read_places(scene, terrain, grid, start, everything):
     """Read all that `scene` knows by place; a KnownByPlace.
 
     Parameters
@@ -59,17 +59,16 @@ def read_places(scene, terrain, grid, start, everything, say):
         Of the solver.
     start, everything : Frame
         The columns at the start, and all that may ever be released.
-    say : callable
 
     Raises
     ------
     InputError
         Files that cannot be read or do not match terrain, release and scene.
     """
-    walls, nodes = standing_walls(_barriers(scene, terrain, say), grid, everything, say)
+    walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything)
     return KnownByPlace(
-        grid, scene, _zones(scene, terrain, grid, say), _erodible(scene, terrain, grid, everything, say), walls, nodes,
-        _lakes(scene, terrain, grid, start, say),
+        grid, scene, _zones(scene, terrain, grid), _erodible(scene, terrain, grid, everything), walls, nodes,
+        _lakes(scene, terrain, grid, start),
     )  # fmt: skip
 
 
@@ -86,51 +85,51 @@ def _used(table):
     return table is not None and table.use != "off"
 
 
-def _placed(path, terrain, say):
+def _placed(path, terrain):
     """Polygons or the raster at `path`."""
     if is_raster(path):
         return PlacedFiles(raster=read_placed_raster(path, terrain))
-    return PlacedFiles(features=read_polygons(path, terrain, say))
+    return PlacedFiles(features=read_polygons(path, terrain))
 
 
-def _zones(scene, terrain, grid, say):
+def _zones(scene, terrain, grid):
     """Parameter -> values at the nodes; {} without zones."""
     used = [(k, zone) for k, zone in enumerate(scene.zones, 1) if _used(zone)]
     if not used or not _used(scene.friction):
         return {}
-    read = ((number, zone, _zone_files(scene, zone, terrain, say)) for number, zone in used)
+    read = ((number, zone, _zone_files(scene, zone, terrain)) for number, zone in used)
     return painted_zones(scene, read, grid)
 
 
-def _zone_files(scene, zone, terrain, say):
+def _zone_files(scene, zone, terrain):
     """Polygons or mask of a zone, and the rasters that its parameters name."""
     values = {
         name: read_placed_raster(scene.path(value), terrain) for name, value in zone.parameters.items()
         if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
     }  # fmt: skip
-    where = PlacedFiles() if zone.source is None else _placed(scene.path(zone.source), terrain, say)
+    where = PlacedFiles() if zone.source is None else _placed(scene.path(zone.source), terrain)
     return PlacedFiles(where.features, where.raster, values)
 
 
-def _barriers(scene, terrain, say):
+def _barriers(scene, terrain):
     """(table, its files) of every barrier that is not off."""
     for table in filter(_used, scene.barrier):
-        yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width, say))
+        yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width))
 
 
-def _erodible(scene, terrain, grid, frame, say):
+def _erodible(scene, terrain, grid, frame):
     """Erodible mass at the nodes [kg m-2]; None without [entrainment]."""
     table = scene.entrainment
     if not _used(table):
         return None
     path = scene.path(table.source)
-    return erodible_mass(table, _placed(path, terrain, say), path, grid, frame.header["density"])
+    return erodible_mass(table, _placed(path, terrain), path, grid, frame.header["density"])
 
 
-def _lakes(scene, terrain, grid, start, say):
+def _lakes(scene, terrain, grid, start):
     """Still level in the cells [m]; None without [still_water]."""
     table = scene.still_water
     if not _used(table):
         return None
-    features = None if table.source is None else read_polygons(scene.path(table.source), terrain, say)
+    features = None if table.source is None else read_polygons(scene.path(table.source), terrain)
     return lake_levels(table, PlacedFiles(features), grid, start)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...analysis.run_summary import resolution_words, stood_still, volume_words
 from ...errors import FormatError, InputError, one_line
+from ...messages import log
 from ...peaks import together
 from ...scene.points import stiffness_in_hindsight
 from ...solvers.coupled import parts_of
@@ -66,7 +67,6 @@ class Sequence:
     prepared : Prepared
     observe : callable
         Told (solver, end time) a few times a second.
-    say : callable
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Sequence:
         Features on the map whose effect was off until the flow came to them, in plain numbers.
     """
 
-    def __init__(self, prepared, observe=lambda solver, end: None, say=lambda text: None):
+    def __init__(self, prepared, observe=lambda solver, end: None):
         self.prepared, self.observe, self._say = prepared, observe, say
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
         self._peaks_before = {}  # of the stages that are over, as frames have them
@@ -116,11 +116,11 @@ class Sequence:
         prepared = self.prepared
         output = prepared.scene.output
         if self.checks and not self._resumed:
-            self._say(resolution_words(self.checks["resolution"]))
+            log.info(resolution_words(self.checks["resolution"]))
         while True:
             march = self._march = March(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
-                self._resumed, prepared.events, self._end, lambda taken: self._say(taken.line()),
+                self._resumed, prepared.events, self._end, lambda taken: log.info(taken.line()),
             )  # fmt: skip
             for frame in march:
                 self._tell_of(march.troubles)
@@ -150,7 +150,7 @@ class Sequence:
         points = solver.parts()[0] if stage.marches_outside else solver.frame()
         volume = stage.volume(points, self.prepared.terrain).as_numbers()
         if volume["kept"]:
-            self._say(volume_words(volume))
+            log.info(volume_words(volume))
         else:
             self._tell_of([volume_words(volume)])
         self.checks["volume"] = volume
@@ -163,12 +163,12 @@ class Sequence:
                 self.stage.facts, self.stage.numerics.density, told["speed_max"], told["mach_max"]
             )
             if words:
-                self._say(words)
+                log.info(words)
 
     def _tell_of(self, troubles):
         """Say what the march got over since the frame before."""
         for words in troubles:
-            self._say(words)
+            log.info(words)
         self.troubles += troubles
         troubles.clear()
 
@@ -275,12 +275,12 @@ class Sequence:
             "taken_in": self._taken_in_now(),
         } | self.checks)  # fmt: skip
         self._peaks_before = self.maxima()
-        self._say(f"{where}: {why}")
+        log.info(f"{where}: {why}")
         for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
-            self._say(f"  {line}")
+            log.info(f"  {line}")
         self.checks = self._resolution(after, frame)
         if self.checks:
-            self._say(f"  {resolution_words(self.checks['resolution'])}")
+            log.info(f"  {resolution_words(self.checks['resolution'])}")
         self.number += 1
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()

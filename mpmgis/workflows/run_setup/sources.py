@@ -12,6 +12,7 @@ from ...io.frames import read_frame
 from ...io.hydrograph import read_hydrograph
 from ...io.spatial_inputs import read_area
 from ...io.vector import read_release
+from ...messages import log
 from ...particles import Particles
 from ...scene.tables import DENSITY, ReleaseTable
 from ...seeding.columns import seed_columns
@@ -46,7 +47,7 @@ class Sources:
     facts: dict
 
 
-def read_sources(scene, terrain, grid, say):
+def read_sources(scene, terrain, grid):
     """The Sources of `scene` on `terrain`; `grid` is the solver's.
 
     Raises
@@ -54,11 +55,11 @@ def read_sources(scene, terrain, grid, say):
     InputError
         What a file holds cannot be used; areas overlap; densities differ.
     """
-    release = _release(scene, terrain, say)
-    frame = None if release is None else _start(scene, terrain, grid, release, say)
+    release = _release(scene, terrain)
+    frame = None if release is None else _start(scene, terrain, grid, release)
     density = _density(scene, frame)
-    inlet, reference = _inlet(scene, terrain, grid, density, say), []
-    secondary = _secondary(scene, terrain, grid, density, release, say)
+    inlet, reference = _inlet(scene, terrain, grid, density), []
+    secondary = _secondary(scene, terrain, grid, density, release)
     frames = [] if frame is None else [frame]
     if inlet is not None:
         frames.append(_standing(inlet))
@@ -72,17 +73,17 @@ def read_sources(scene, terrain, grid, say):
     return Sources(frame, events, everything, min(reference, default=None), _facts(inlet, secondary, frames))
 
 
-def _release(scene, terrain, say):
+def _release(scene, terrain):
     """The ReleaseArea of [release]; its particles as a Frame; None without it."""
     table = scene.release
     if table is None:
         return None
     if table.particles is not None:
-        return columns_of(scene.path(table.particles), terrain, DENSITY, say)
-    return _area(scene, table, terrain, say)
+        return columns_of(scene.path(table.particles), terrain, DENSITY)
+    return _area(scene, table, terrain)
 
 
-def _start(scene, terrain, grid, release, say):
+def _start(scene, terrain, grid, release):
     """The columns at the start, with their velocity."""
     table = scene.release
     if table.particles is not None:
@@ -93,13 +94,13 @@ def _start(scene, terrain, grid, release, say):
     return replace(frame, particles=replace(frame.particles, velocity=table.speed * grid.downslope(frame)))
 
 
-def _area(scene, table, terrain, say):
+def _area(scene, table, terrain):
     thickness, surface = table.thickness, getattr(table, "surface", None)
     if isinstance(thickness, str) and scene.path(thickness).exists():
         thickness = str(scene.path(thickness))
     return read_release(
         scene.path(table.source), terrain, thickness=thickness, thickness_mode=table.thickness_mode,
-        surface=None if surface is None else scene.path(surface), say=say,
+        surface=None if surface is None else scene.path(surface),
     )  # fmt: skip
 
 
@@ -130,27 +131,27 @@ def _used(table):
     return table is not None and table.use != "off"
 
 
-def _inlet(scene, terrain, grid, density, say):
+def _inlet(scene, terrain, grid, density):
     """The Inlet of [hydrograph]; None where there is none."""
     table = scene.hydrograph
     if not _used(table):
         return None
     hydrograph = read_hydrograph(scene.path(table.file))
     mode = VERTICAL if hydrograph.thickness is None else table.thickness_mode
-    area = read_release(scene.path(table.source), terrain, thickness=1.0, thickness_mode=mode, say=say)
+    area = read_release(scene.path(table.source), terrain, thickness=1.0, thickness_mode=mode)
     inlet = inlet_of(_seeded(scene, terrain, grid, area, density), hydrograph, grid, scene.output.end_time)
     if hydrograph.thickness is None and hydrograph.time[-1] > scene.output.end_time:
         late = hydrograph.volume(scene.output.end_time, np.inf)
-        say(f"[hydrograph] {late:.6g} m3 would flow in after end_time = {scene.output.end_time:g} s")
+        log.info(f"[hydrograph] {late:.6g} m3 would flow in after end_time = {scene.output.end_time:g} s")
     return inlet
 
 
-def _secondary(scene, terrain, grid, density, release, say):
+def _secondary(scene, terrain, grid, density, release):
     """A SecondaryRelease for each polygon of each [[secondary_release]]."""
     others = [("[release]", p) for p in getattr(release, "polygons", ())]
     named = []
     for table in filter(_used, scene.secondary_release):
-        area = _area(scene, table, terrain, say)
+        area = _area(scene, table, terrain)
         pieces = [(part, piece) for part in area.parts for piece in shapely.get_parts(polygons_only(part.polygon))]
         for number, (part, piece) in enumerate(pieces, 1):
             name = area.name if len(pieces) == 1 else f"{area.name} {number}"
@@ -210,7 +211,7 @@ def _facts(inlet, secondary, frames):
     return facts
 
 
-def columns_of(path, terrain, density, say, with_state=False, window=None):
+def columns_of(path, terrain, density, with_state=False, window=None):
     """A seed or an earlier frame as the start; refused if it is no columns or in another CRS.
 
     Only what lies in `window` (shapely.Polygon) need be on the terrain.
@@ -218,10 +219,10 @@ def columns_of(path, terrain, density, say, with_state=False, window=None):
     frame = read_frame(path, with_state)
     if frame.dimension != 2:
         raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
-    return placed_on(frame, path, terrain, density, say, window)
+    return placed_on(frame, path, terrain, density, window)
 
 
-def placed_on(frame, path, terrain, density, say, window=None):
+def placed_on(frame, path, terrain, density, window=None):
     """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS.
 
     With `window` (shapely.Polygon) only what lies in it, or reaches into it, has to be on the terrain.
@@ -229,16 +230,16 @@ def placed_on(frame, path, terrain, density, say, window=None):
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
     if window is not None:
-        frame = _without_far(frame, terrain, window, say)
+        frame = _without_far(frame, terrain, window)
     _require_on_terrain(frame, path, terrain)
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
-        say(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
+        log.info(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
 
 
-def _without_far(frame, terrain, window, say):
+def _without_far(frame, terrain, window):
     """`frame` without the particles off the terrain that do not reach into `window`."""
     west, south, east, north = terrain.grid.bounds
     x, y = frame.map_xy()
@@ -249,7 +250,7 @@ def _without_far(frame, terrain, window, say):
     if not far.any():
         return frame
     left = float(particles.mass[far].sum())
-    say(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg that lie outside the terrain")
+    log.info(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg that lie outside the terrain")
     state = {name: values[~far] for name, values in frame.state.items() if np.shape(values)[:1] == far.shape}
     return replace(frame, particles=particles.take(~far), state=state)
 
@@ -300,7 +301,7 @@ class PointStart:
     seen: object
 
 
-def read_point_start(scene, terrain, grid, say):
+def read_point_start(scene, terrain, grid):
     """The PointStart of `scene` on `terrain`; `grid` is the solver's, seen from above.
 
     Raises
@@ -311,54 +312,56 @@ def read_point_start(scene, terrain, grid, say):
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
     if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        return _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain, say), say)
-    return _converted(_columns_of(scene, path, terrain, grid, say), scene, terrain, say)
+        return _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain))
+    return _converted(_columns_of(scene, path, terrain, grid), scene, terrain)
 
 
-def _columns_of(scene, path, terrain, grid, say):
+def _columns_of(scene, path, terrain, grid):
     """Columns out of the file at `path`, or seeded in the release."""
     if path is not None:
-        return columns_of(path, terrain, DENSITY, say, with_state=True, window=_window(scene, terrain, say))
-    return read_sources(scene, terrain, grid, say).frame
+        return columns_of(path, terrain, DENSITY, with_state=True, window=_window(scene, terrain))
+    return read_sources(scene, terrain, grid).frame
 
 
-def _converted(columns, scene, terrain, say):
+def _converted(columns, scene, terrain):
     """Points out of a frame of columns; what a conversion of somebody's columns keeps is told."""
     options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
-    window = _window(scene, terrain, say)
+    window = _window(scene, terrain)
     seen = columns if window is None else lying_in(columns, window)
     require_memory_for_points(options.predicted_points(seen.particles), options.cell)
     points = points_from(columns, terrain, options, window)
-    _tell_of_outside(points.report.outside.mass, points.report.before.mass, say)
+    _tell_of_outside(points.report.outside.mass, points.report.before.mass)
     if scene.release.particles is not None:
         for line in account_of_points(points.report, options)[:2]:
-            say(line)
+            log.info(line)
     state, frame = points.frame.state, replace(points.frame, state={}, time=0.0, step=0)
     return PointStart(frame, state["vertical_stress"], state.get("affine"), replace(seen, state={}))
 
 
-def _window(scene, terrain, say):
+def _window(scene, terrain):
     """The polygons of [release] window as one; None without it."""
     name = scene.release.window
-    return None if name is None else read_area(scene.path(name), terrain, say)
+    return None if name is None else read_area(scene.path(name), terrain)
 
 
-def _tell_of_outside(outside, mass, say):
+def _tell_of_outside(outside, mass):
     """What a window leaves out."""
     if outside > 0.0:
-        say(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
+        log.info(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
 
 
-def _points_of(path, terrain, cell_size, density, window, say):
+def _points_of(path, terrain, cell_size, density, window):
     """Points out of the frame at `path`, those in `window`."""
-    frame = placed_on(read_frame(path), path, terrain, density, say, window)
+    frame = placed_on(read_frame(path), path, terrain, density, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
         frame = lying_in(frame, window)
-        _tell_of_outside(mass - float(frame.particles.mass.sum()), mass, say)
+        _tell_of_outside(mass - float(frame.particles.mass.sum()), mass)
     stress, affine = frame.told("vertical_stress"), frame.told("affine", 3, 3)
     if stress is None:
-        say(f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity")
+        log.info(
+            f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity"
+        )
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
     under = above < -cell_size

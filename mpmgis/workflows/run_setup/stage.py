@@ -219,13 +219,13 @@ class Stage:
         return replace(options, relevel=True)
 
 
-def read_areas(scene, number, terrain, say):
+def read_areas(scene, number, terrain):
     """What stage `number`, from 0, of `scene` has by place: `table`, `window` and `area` of a Stage."""
     if not scene.stage:
         return {}
     table = scene.stage[number]
     named = {"window": table.window, "area": table.reached_file}
-    read = {key: read_area(scene.path(name), terrain, say) for key, name in named.items() if name is not None}
+    read = {key: read_area(scene.path(name), terrain) for key, name in named.items() if name is not None}
     return {"table": table} | read
 
 

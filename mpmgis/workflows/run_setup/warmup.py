@@ -12,7 +12,7 @@ FEW = 16  # particles that go through the stages
 TELL_SECONDS = 3.0  # of getting a stage ready, above which it is said why: loading takes less
 
 
-def rehearse(prepared, say=lambda text: None, first=0):
+def rehearse(prepared, first=0):
     """Compile, or load from the disk cache, the kernels of the stages from number `first` on, by a step in each.
 
     Nothing of the run is touched. A flow that cannot be handed on ends the rehearsal: what that means the run says
@@ -26,7 +26,7 @@ def rehearse(prepared, say=lambda text: None, first=0):
     frames, stages = [], prepared.stages
     frame, vertical_stress, gradient = some_of(prepared, FEW)
     for number, stage in enumerate(stages):
-        with _telling(_words(stage, number, len(stages)) if number >= first else "", say):
+        with _telling(_words(stage, number, len(stages)) if number >= first else ""):
             if number:
                 try:
                     switched = handed_on(stage, stages[number - 1], frame, prepared.terrain)
@@ -68,9 +68,9 @@ def _words(stage, number, stages):
 
 
 @contextmanager
-def _telling(words, say):
+def _telling(words):
     """Within this block `words` are said, if there are any, once it has taken TELL_SECONDS."""
-    waiting = threading.Timer(TELL_SECONDS, say, (words,))
+    waiting = threading.Timer(TELL_SECONDS, (words,))
     waiting.daemon = True
     if words:
         waiting.start()
