@@ -1,4 +1,4 @@
-"""What can go wrong, in six kinds. Every message is one line: what, where, got, wanted, cure."""
+"""Kinds of errors. Every message is one line: what, where, got, expected, fix."""
 
 
 class MpmgisError(Exception):

@@ -7,13 +7,13 @@ quantity is named once. Raster bands carry `NODATA` where there is no value.
 from typing import NamedTuple
 
 NODATA = -9999.0
-GRAVITY = 9.81  # [m s-2], the one constant (design notes 0.1)
+GRAVITY = 9.81  # [m s-2], the one constant
 
 
 class Quantity(NamedTuple):
     """One physical quantity.
 
-    `name` is the key in files, `unit` follows UDUNITS ("m s-1"; "1" where it has none), `long_name` says in words
+    `name` is the key in files, `unit` follows UDUNITS ("m s-1"; "1" where it has none), `long_name` describes in words
     what it is, with its sign and convention, `dtype` is the default storage type.
     """
 

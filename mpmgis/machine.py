@@ -1,4 +1,4 @@
-"""What this machine has: memory that is free, and whether it is enough."""
+"""Free memory of this machine, and whether it is sufficient."""
 
 import re
 from contextlib import suppress
@@ -10,7 +10,7 @@ _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
 def available_memory():
-    """Memory that a program may take [bytes]; infinite where the system does not tell.
+    """Memory that a program may take [bytes]; infinite where the system does not report it.
 
     What the system holds of files counts as free: it gives that back.
     """
@@ -18,7 +18,7 @@ def available_memory():
         found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
         if found:
             return 1024 * int(found[1])
-    with suppress(Exception):  # psutil's own errors, of systems that tell nothing
+    with suppress(Exception):  # psutil's own errors, on systems without this information
         import psutil
 
         return psutil.virtual_memory().available

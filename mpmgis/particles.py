@@ -1,4 +1,4 @@
-"""Particles and frames: the one thing that passes between all stages."""
+"""Particles and frames: the data that all parts of the program exchange."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -49,10 +49,10 @@ class Particles:
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time, with their place on the map. README tells its form on disk.
+    """All particles at one time, with their place on the map. The file format is in docs/formats.md.
 
     `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' where
-    unknown; `state` holds what a restart needs besides; `maxima` holds running peaks of the solver; `header` holds
+    unknown; `state` holds what else a restart needs; `maxima` holds running peaks of the solver; `header` holds
     what a producer wants to record (plain numbers and strings).
     """
 

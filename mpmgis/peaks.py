@@ -1,4 +1,4 @@
-"""Running peaks that a solver keeps of its flow in every step: at the nodes of its lattice, and as a frame has them.
+"""Running peaks of every step: at the nodes of a solver's lattice, and in a frame.
 
 A frame holds them as a flat dictionary: `thickness` [m, vertical], `speed` [m s-1], `pressure` [Pa], `arrival_time` [s,
 -1: never], float32[rows, columns] with row 0 in the south, their `transform` (spacing, 0, west, 0, spacing, south), and

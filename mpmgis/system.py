@@ -1,4 +1,4 @@
-"""What differs between Linux, macOS and Windows, in one place: folders, names, files that are open, processes, signals.
+"""Differences between Linux, macOS and Windows: folders, names, open files, processes, signals.
 
 No other module asks which system it runs on, but for the toolbox for QGIS; a test holds that. It is called as
 `system.name`, so that tests can emulate another system (`tests/cli/as_on_windows.py`).
@@ -16,7 +16,7 @@ from pathlib import Path
 
 WINDOWS = os.name == "nt"
 MACOS = sys.platform == "darwin"
-PROCESSES = Path("/proc")  # what Linux tells of its processes and of itself
+PROCESSES = Path("/proc")  # process and system information on Linux
 PATIENCE_SECONDS = 2.0  # in which a virus scanner or a search index has let go of a new file
 UNKNOWN = 0  # start of a process that cannot be known
 
@@ -36,7 +36,7 @@ def cache_root() -> Path:
 
 
 def modes_count() -> bool:
-    """Whether the mode of a file tells who may write to it. On Windows all have the same, and the owner is unknown."""
+    """Whether the mode of a file shows who may write to it. On Windows all have the same, and the owner is unknown."""
     return not WINDOWS
 
 
@@ -66,7 +66,7 @@ def wrong_name(path) -> str:
         if _DEVICE.fullmatch(name):
             return f"{name} is the name of a device on Windows"
         if _NO_NAME.search(name) or name[-1] in ". ":
-            return f'{name!r} is no name of a file on Windows (none of < > : " | ? *, no dot or space at its end)'
+            return f'{name!r} is not a valid file name on Windows (none of < > : " | ? *, no dot or space at its end)'
     return ""
 
 
@@ -148,7 +148,7 @@ def is_held_open(error) -> bool:
 
 
 def is_unread(stream, error) -> bool:
-    """Whether an OSError means that nobody reads a `stream` of this process any more; Windows has EINVAL for that."""
+    """Whether an OSError means that the reader of a `stream` of this process is gone; Windows has EINVAL for that."""
     if isinstance(error, BrokenPipeError):
         return True
     if not (WINDOWS and error.errno == errno.EINVAL and error.filename is None):
@@ -201,7 +201,7 @@ def process_space() -> str:
 
 
 def process_start(number) -> int:
-    """When process `number` was started; UNKNOWN where the system does not tell, or where there is none.
+    """When process `number` was started; UNKNOWN where the system does not report it, or where there is none.
 
     In Linux' ticks since the start of the machine, elsewhere in hundredths of a second since 1970.
     """
@@ -231,7 +231,7 @@ def runs(number) -> bool:
 
 
 def process_facts(number) -> list:
-    """What Linux tells of process `number` after its name: its state, ..., its start; [] elsewhere."""
+    """The fields of process `number` on Linux after its name: its state, ..., its start; [] elsewhere."""
     return text_of(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
 
 
@@ -250,7 +250,7 @@ def _may_be_signalled(number):
 
 
 def text_of(path) -> str:
-    """The text of a file in which a system tells something of itself; "" where there is none."""
+    """The text of a system information file; "" where there is none."""
     try:
         return Path(path).read_text(encoding="ascii", errors="replace").strip()
     except OSError:
@@ -261,7 +261,7 @@ def text_of(path) -> str:
 
 
 def stop_signals() -> tuple:
-    """The signals by which a user, a terminal or a system asks a program to end; Windows has Ctrl+Break besides."""
+    """The signals by which a user, a terminal or a system asks a program to end; Windows also has Ctrl+Break."""
     return tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 
 

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..kernels import binning
+from ..kernels import binning, cell_places, footprint_binning
 from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
@@ -78,7 +78,7 @@ def place(frame: Frame, bed: Bed) -> Placed:
     """Find the DTM pixel under every particle of `frame` and its distance d_p from the bed (Eqs 2, 5, 6)."""
     n = len(frame.particles)
     pixel, distance = np.empty(n, np.int64), np.empty(n)
-    moved = binning.place(
+    moved = cell_places.place(
         frame.particles.position,
         np.asarray(frame.origin, float),
         bed.grid.corner,
@@ -169,7 +169,7 @@ def bin_frame(
     Cells
     """
     row, column, bounds = _cells_of(frame, placed, grid, bed.clamped and frame.dimension == 3)
-    outside, mass_outside, without_slope = binning.left_out(row, placed.distance, frame.particles.mass)
+    outside, mass_outside, without_slope = cell_places.left_out(row, placed.distance, frame.particles.mass)
     totals = {
         "cell_area": grid.cell_area,
         "density": density,
@@ -194,7 +194,7 @@ def _cells_of(frame, placed, grid, clamped):
     n = len(frame.particles)
     row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
-    binning.cells_of_points(
+    cell_places.cells_of_points(
         frame.particles.position, placed.pixel, origin, grid.corner, grid.axes, grid.shape, clamped, row, column, bounds
     )
     return row, column, bounds
@@ -295,7 +295,7 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     particles = frame.particles
     footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
-    binning.footprints(
+    footprint_binning.footprints(
         particles.position,
         particles.area,
         row,
@@ -307,10 +307,10 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
         footprint,
         bounds,
     )
-    window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
+    window, cells = _numbered(lambda mark: footprint_binning.mark_footprints(footprint, bounds, mark), bounds, grid)
     k = len(cells)
     sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
-    binning.bin_columns(
+    footprint_binning.bin_columns(
         footprint, row, column, bounds, window, placed.pixel, bed.gradient_by_pixel,
         particles.velocity, particles.mass, particles.volume, sums, count,
     )  # fmt: skip

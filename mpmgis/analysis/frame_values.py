@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..kernels import binning
+from ..kernels import cell_places
 from ..particles import Frame
 from ..terrain.grid import Grid
 from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
@@ -148,7 +148,7 @@ def _below_terrain(frame, placed, standoff, spacing, mass):
     """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns."""
     if frame.dimension == 2:
         return 0.0, 0.0
-    below, lowest = binning.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
+    below, lowest = cell_places.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
     return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)
 
 
@@ -169,7 +169,7 @@ def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
     particles, bounds = frame.particles, np.empty(4)
     half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
     origin = np.asarray(frame.origin, float)
-    count = binning.reach(
+    count = cell_places.reach(
         particles.position, half, origin, bed.grid.corner, bed.grid.axes, bed.elevation,
         bed.clamped and frame.dimension == 3, axes.corner, axes.axes, bounds,
     )  # fmt: skip

@@ -13,7 +13,7 @@ import scipy  # submodules are loaded on first use
 
 from ..kernels import binning
 from ..kernels import node_fields as kernel
-from ..kernels.binning import ROUNDING
+from ..kernels.cell_places import ROUNDING
 from ..particles import Frame
 from ..terrain.grid import Grid
 from .sampling import export_axes

@@ -1,1 +1,1 @@
-"""Columns to points and back: Algorithm 2 of MOX report 15/2025, its defects resolved (design notes E1 to E13)."""
+"""Columns to points and back: Algorithm 2 of MOX report 15/2025."""

@@ -1,10 +1,10 @@
-"""A conversion told in plain lines: what was kept, what changed, what the printed algorithm does wrong."""
+"""Report of a conversion: conserved and changed quantities, and the errors of the printed algorithm."""
 
 from .points import OVERLAP
 from .sums import conservation_error
 
-FEWEST_IN_CELL = 4  # median points a cell of the 3D grid below which it is badly sampled (design note E8)
-_SEEN = 0.01  # [m] shift of a bed, or share of an energy, below which there is nothing to tell
+FEWEST_IN_CELL = 4  # median points a cell of the 3D grid below which it is badly sampled
+_SEEN = 0.01  # [m] shift of a bed, or share of an energy, below which nothing is reported
 
 
 def account_of_points(report, options):

@@ -1,4 +1,4 @@
-"""Points to columns: the inverse of Algorithm 2 (design note 2.4)."""
+"""Points to columns: the inverse of Algorithm 2 of MOX report 15/2025."""
 
 from dataclasses import dataclass, replace
 
@@ -8,6 +8,7 @@ from ..errors import InputError
 from ..fields import GRAVITY
 from ..particles import Frame, Particles
 from .ground import Ground, slope_cosine
+from .groups import Groups, PointsOverGround, cells_of, grouped
 from .options import LAY, REFUSE, ColumnOptions
 from .sums import NOTHING, Sums, sums_of
 
@@ -15,10 +16,7 @@ GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
 WIDEST_SLICE = 1.5  # spacings of a conversion that a single point may stand for
 NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
 LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
-SPREAD = 2.0  # times its own footprint over which the points of a column may be strewn and still stand together
-APART = 0.01  # share of the mass in columns that do not, at which the parents are no longer used
-_DENSE = 16  # times as many numbers as points, up to which columns are found in a table of all numbers
-_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be told
+_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be computed
 
 
 @dataclass(frozen=True)
@@ -100,17 +98,19 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     bed = ground.height(x, y)
     on_ground = np.isfinite(bed)
     if not on_ground.any():
-        raise InputError(f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; give theirs")
+        raise InputError(
+            f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; use the terrain of this frame"
+        )
     here = np.flatnonzero(on_ground)
-    over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
-    groups, by, cell_area, apart = _grouped(over, x[here], y[here], near, options)
+    over = PointsOverGround(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
+    groups, by, cell_area, apart = grouped(over, x[here], y[here], near, options)
     detached, laid = _detached(over, groups, _point_cell(frame, options)), 0.0
     if options.detached == LAY:
         laid, detached = float(over.mass[groups.spread(detached)].sum()), np.zeros(len(groups), bool)
     if detached.any() and options.detached == REFUSE:
         raise InputError(_detachment(over, groups, detached))
     if detached.all():
-        raise InputError("all of the flow is clear of the bed or leaves it; there is nothing to make columns of")
+        raise InputError("all of the flow is clear of the bed or leaves it; no columns can be made")
     staying = groups.spread(detached)
     stays = np.ones(len(x), bool)
     stays[here[~staying]] = False
@@ -122,7 +122,7 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
 
 
 def unsettled_share(frame, terrain, cell, normal_share):
-    """Share of the mass [1] that columns would not tell of: clear of the bed, or moving across it.
+    """Share of the mass [1] that columns cannot represent: clear of the bed, or moving across it.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def unsettled_share(frame, terrain, cell, normal_share):
     cell : float [m]
         Side of the columns' cells.
     normal_share : float [1]
-        Of the speed along the slope that the speed across it may be (design note 2.4).
+        Of the speed along the slope that the speed across it may be.
     """
     x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
     ground = Ground.under(near, x, y)
@@ -140,8 +140,8 @@ def unsettled_share(frame, terrain, cell, normal_share):
     here = np.flatnonzero(np.isfinite(bed))
     if not len(here):
         return 0.0
-    over = _Over(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
-    groups = _Groups(_cells(x[here], y[here], near.grid, cell)[0])
+    over = PointsOverGround(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
+    groups = Groups(cells_of(x[here], y[here], near.grid, cell)[0])
     unsettled = _detached(over, groups, _point_cell(frame, ColumnOptions()), normal_share)
     return float(over.mass[groups.spread(unsettled)].sum() / frame.particles.mass.sum())
 
@@ -149,7 +149,7 @@ def unsettled_share(frame, terrain, cell, normal_share):
 def _require_points(frame):
     particles = frame.particles
     if frame.dimension != 3:
-        raise InputError("wanted points (dimension 3), got columns; to points is the inverse (--to points)")
+        raise InputError("expected points (dimension 3), got columns; to points is the inverse (--to points)")
     if len(particles) == 0:
         raise InputError("the frame holds no point")
     for name in ("position", "velocity", "mass", "volume"):
@@ -160,106 +160,11 @@ def _require_points(frame):
         if bad.any():
             row = int(np.argmax(bad))
             wanted = "above 0" if name in ("mass", "volume") else "finite"
-            raise InputError(f"{name} of point {row} is {values[row].tolist()}, wanted {wanted}")
-
-
-class _Over:
-    """Points over ground: rows `index` of a frame, with `height` [m] over the bed, `bed` [m] and its gradient."""
-
-    def __init__(self, frame, index, bed, slope_east, slope_north):
-        self.frame, self.index, self.bed = frame, index, bed
-        self.slope_east, self.slope_north = slope_east, slope_north
-        particles = frame.particles
-        self.position, self.velocity = particles.position[index], particles.velocity[index]
-        self.mass, self.volume = particles.mass[index], particles.volume[index]
-        self.height = self.position[:, 2] + (frame.origin[2] - bed)
-
-    def take(self, mask):
-        """The points that `mask` picks."""
-        return _Over(self.frame, self.index[mask], self.bed[mask], self.slope_east[mask], self.slope_north[mask])
-
-
-class _Groups:
-    """Points by column: `key` int64[m] names the columns, `of` int64[n] is each point's."""
-
-    def __init__(self, labels):
-        low = labels.min()
-        number = (labels - low).astype(np.int64)
-        if number.max() > _DENSE * len(labels):
-            self.key, self.of = np.unique(labels, return_inverse=True)
-            return
-        there = np.zeros(int(number.max()) + 1, bool)  # a table instead of a sort
-        there[number] = True
-        self.key = np.flatnonzero(there).astype(labels.dtype) + low
-        self.of = (np.cumsum(there) - 1)[number]
-
-    def __len__(self):
-        return len(self.key)
-
-    def sum(self, values):
-        """float64[m]: sum over each column's points."""
-        return np.bincount(self.of, values, len(self))
-
-    def least(self, values):
-        """float64[m]: least value among each column's points."""
-        low = np.full(len(self), np.inf)
-        np.minimum.at(low, self.of, values)
-        return low
-
-    def spread(self, values):
-        """Each point's column's value."""
-        return values[self.of]
-
-    def without(self, gone):
-        """The groups that are not `gone` (bool[m]), with the points left."""
-        left = object.__new__(_Groups)
-        left.key = self.key[~gone]
-        number = np.cumsum(~gone) - 1
-        left.of = number[self.of[~gone[self.of]]]
-        return left
-
-
-def _grouped(over, x, y, terrain, options):
-    """(_Groups, "parent" or "cell", area of a cell or None, share of the mass whose parents' points moved apart)."""
-    parent, by, apart = over.frame.particles.parent, options.by, 0.0
-    if by == "parent" and parent is None:
-        raise InputError("these points know no parents; bin them on cells (by cell)")
-    if parent is not None and by != "cell":
-        groups = _Groups(parent[over.index])
-        apart = _apart(over, groups)
-        if by == "parent" or apart <= APART:
-            return groups, "parent", None, apart
-    labels, cell_area = _cells(x, y, terrain.grid, options.cell)
-    return _Groups(labels), "cell", cell_area, apart
-
-
-def _apart(over, groups):
-    """Share of the mass in columns whose points lie under the bed or are strewn over more than their footprint."""
-    mass = groups.sum(over.mass)
-    thickness = 2.0 * groups.sum(over.mass * over.height) / mass
-    spread = np.zeros(len(groups))
-    for axis in (0, 1):
-        off = over.position[:, axis] - groups.spread(groups.sum(over.mass * over.position[:, axis]) / mass)
-        spread += groups.sum(over.mass * off**2) / mass
-    sunk = thickness <= 0
-    area = groups.sum(over.volume) / np.where(sunk, 1.0, thickness)
-    return float(mass[sunk | (spread > SPREAD**2 * area / 6.0)].sum() / mass.sum())
-
-
-def _cells(x, y, grid, cell):
-    """(int64[n] number of each point's cell, area of a cell [m2]): of the terrain's pixels, or squares of `cell`."""
-    if cell is None:
-        row, column = grid.rowcol(x, y)
-        row, column, area = np.floor(row + 0.5), np.floor(column + 0.5), grid.cell_area
-    else:
-        west, _, _, north = grid.bounds
-        row, column, area = np.floor((north - y) / cell), np.floor((x - west) / cell), cell**2
-    row, column = row.astype(np.int64), column.astype(np.int64)
-    return row * (int(column.max()) + 1) + column, float(area)
+            raise InputError(f"{name} of point {row} is {values[row].tolist()}, expected {wanted}")
 
 
 def _point_cell(frame, options):
-    """Grid spacing of the 3D code [m]: as asked, as the frame says, or with the usual 8 points a cell."""
+    """Grid spacing of the 3D code [m]: as given, from the frame, or with the usual 8 points a cell."""
     if options.point_cell is not None:
         return options.point_cell
     said = frame.header.get("cell_size")

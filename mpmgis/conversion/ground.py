@@ -17,7 +17,7 @@ _MARGIN = 3  # [pixels] beyond the particles, so that gradients under them are c
 
 @dataclass(frozen=True)
 class Ground:
-    """Bilinear height of a terrain, and its gradient limited at cliff edges (X3), interpolated likewise."""
+    """Bilinear height of a terrain, and its gradient limited at cliff edges, interpolated likewise."""
 
     terrain: Terrain
 
@@ -28,7 +28,7 @@ class Ground:
         return cls(terrain.cropped(bounds, _MARGIN))
 
     def height(self, x, y):
-        """float64[n] [m]; NaN off the terrain and beside nodata."""
+        """float64[n] [m]; NaN off the terrain and next to nodata."""
         return self.terrain.sample(x, y)
 
     def gradient(self, x, y):
@@ -55,12 +55,12 @@ def vertical_strain(stress, bulk_modulus, shear_modulus):
     """
     stiffness = bulk_modulus + 4.0 / 3.0 * shear_modulus
     if not stiffness > 0:
-        raise InputError(f"confined modulus K + 4 G / 3 is {stiffness:g} Pa, wanted above 0")
+        raise InputError(f"confined modulus K + 4 G / 3 is {stiffness:g} Pa, expected above 0")
     return stress / stiffness
 
 
 def volume_ratio(density, gravity, depth, bulk_modulus):
     """float64[n] [1]: J of a weakly compressible fluid under `depth` [m] of itself, 1 - rho g d / K."""
     if not bulk_modulus > 0:
-        raise InputError(f"bulk modulus is {bulk_modulus:g} Pa, wanted above 0")
+        raise InputError(f"bulk modulus is {bulk_modulus:g} Pa, expected above 0")
     return 1.0 - density * gravity * depth / bulk_modulus

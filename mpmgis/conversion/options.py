@@ -1,4 +1,4 @@
-"""What may be asked of a conversion, checked once."""
+"""Options of a conversion, with their checks."""
 
 import math
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ class PointOptions:
     spacing : float, optional [m]
         Vertical distance r of a column's points; default half the `cell`, or without one the median column's side.
     vertical_velocity : {"tangent", "paper", "linear"}
-        w = u . grad b; 0 as printed (Eq 3); or u . grad b - (z - b) div u, which needs to know div u (E5).
+        w = u . grad b; 0 as printed (Eq 3); or u . grad b - (z - b) div u, which needs to know div u.
     placement : {"centred", "paper"}
-        Points in the middle of equal slices (E1, E2), or from bed to surface as printed (Eq 2), which deletes columns
+        Points in the middle of equal slices, or from bed to surface as printed (Eq 2), which deletes columns
         of a single point: 0/0 is "eliminated".
     counting : {"round", "paper"}
         Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1, E3). Halves are rounded upwards; a quotient
         that misses a whole number or a half by a millionth counts as that, so that equal columns have equally many.
     cell : float, optional [m]
-        Grid spacing of the 3D solver to be filled: wider columns are split sideways (E8).
+        Grid spacing of the 3D solver to be filled: wider columns are split sideways.
     relevel : bool
-        Where columns lie over each other raise them to what their mass fills (E10); needs `cell`.
+        Where columns lie over each other raise them to what their mass fills; needs `cell`.
     gravity : float [m s-2]
-        Of the geostatic stress (E7).
+        Of the geostatic stress.
     stretched : bool
         Footprints of columns that have moved are stretched as their neighbours lie; False: squares, of columns whose
         neighbours are not in the frame.
@@ -77,18 +77,18 @@ class PointOptions:
 
     @property
     def deletes_single_points(self):
-        """Eq (2) is 0/0 for a column of one point, which the printed algorithm then deletes (E1)."""
+        """Eq (2) is 0/0 for a column of one point, which the printed algorithm then deletes."""
         return self.placement == "paper"
 
     def spacing_for(self, particles):
-        """The vertical spacing [m]: as asked, else half a cell, else the median column's side."""
+        """The vertical spacing [m]: as given, else half a cell, else the median column's side."""
         if self.spacing is not None:
             return self.spacing
         return 0.5 * self.cell if self.cell is not None else float(np.median(np.sqrt(particles.area)))
 
     @property
     def piece_size(self):
-        """Longest piece [m] that columns are cut into: half a cell (E8); None where they stay whole."""
+        """Longest piece [m] that columns are cut into: half a cell; None where they stay whole."""
         return None if self.cell is None else 0.5 * self.cell
 
     def points_in(self, thickness, spacing):
@@ -111,14 +111,14 @@ class ColumnOptions:
     Parameters
     ----------
     by : {"parent", "cell"}, optional
-        Points of one parent make a column, or those of one cell. Default: by parent where points know theirs and
+        Points of one parent make a column, or those of one cell. Default: by parent where points have parents and
         still stand together, else by cell.
     cell : float, optional [m]
         Side of the cells, counted from the terrain's upper left corner; default the terrain's own pixels.
     point_cell : float, optional [m]
-        Grid spacing of the 3D code; default as the frame says, else twice the mean point's side.
+        Grid spacing of the 3D code; default from the frame, else twice the mean point's side.
     detached : {"refuse", "keep", "lay"}
-        What leaves the bed or is clear of it is refused, or stays points (design note 2.4), or is laid onto the bed
+        What leaves the bed or is clear of it is refused, or stays points, or is laid onto the bed
         under it with its mass and its horizontal momentum, as a run does that goes on with columns.
 
     Raises
@@ -141,9 +141,9 @@ class ColumnOptions:
 
 def _require_choice(name, value, choices):
     if value not in choices:
-        raise InputError(f"{name.replace('_', ' ')} {value!r} is unknown, wanted {', '.join(choices)}")
+        raise InputError(f"{name.replace('_', ' ')} {value!r} is unknown, expected {', '.join(choices)}")
 
 
 def _require_positive(name, value):
     if value is not None and not (math.isfinite(value) and value > 0):
-        raise InputError(f"{name.replace('_', ' ')} is {value:g}, wanted a finite number above 0")
+        raise InputError(f"{name.replace('_', ' ')} is {value:g}, expected a finite number above 0")

@@ -84,7 +84,7 @@ def _radius(points, corners):
 
 
 _WELL = 1e-12
-_LONGER = 1e-6  # share by which a piece may be longer than asked for, or cells by which a place may miss one: rounding
+_LONGER = 1e-6  # share by which a piece may be longer than requested, or cells by which a place may miss one: rounding
 _DENSE = 16  # times as many cells as points, up to which points are counted in a table of all cells
 
 
@@ -196,7 +196,7 @@ def within(pieces, x, y, window):
 def piece_velocity(pieces, velocity, gradient):
     """(u, v) float64[k] each: horizontal velocity of the pieces, of columns that move at `velocity` [n, 3] [m s-1].
 
-    Where a column knows its velocity `gradient` [n, 2, 2] [s-1] (None: unknown) its pieces move by it, about a mean
+    Where a column has a velocity `gradient` [n, 2, 2] [s-1] (None: unknown) its pieces move by it, about a mean
     that stays the column's.
     """
     u, v = velocity[pieces.column, 0], velocity[pieces.column, 1]

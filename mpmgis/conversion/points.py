@@ -1,4 +1,4 @@
-"""Columns to points: Algorithm 2 of MOX report 15/2025, its defects resolved (design notes 2.2, E1 to E13)."""
+"""Columns to points: Algorithm 2 of MOX report 15/2025."""
 
 from dataclasses import dataclass, replace
 
@@ -6,17 +6,15 @@ import numpy as np
 from shapely.affinity import translate
 
 from ..errors import InputError
-from ..kernels import columns_to_points as stack_kernel
 from ..kernels.column_rows import CXX, ROW
-from ..particles import Frame, Particles
-from . import ground as geostatic
+from ..particles import Frame
 from .ground import Ground, slope_cosine
 from .options import MOST, PointOptions
-from .pieces import Pieces, count_by_cell, cover, cut, piece_velocity, squares, stretched, within
+from .pieces import count_by_cell, cover, cut, piece_velocity, squares, stretched, within
+from .stacks import Stacks, _frame_of
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
-OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's (E10)
-SMALLEST_STEP = 1e-6  # [m] that the points' origin is rounded to
+OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's
 COVER_SIDES = 4  # sides of the median column along a cell on which cover is looked at: 16 columns in a row tile it
 
 
@@ -39,14 +37,14 @@ class PointsReport:
     bed_shift : float [m]
         Largest difference of the columns' beds from the terrain's.
     second_moment : float [1]
-        Of the columns' mass about their middle, over h^2/12 (E2).
+        Of the columns' mass about their middle, over h^2/12.
     overlap : float [1]
         Largest area of columns over the ground that they stand on, above 1: the relative error of density there;
         NaN where no cell was given.
     largest_gap : float [m]
         Widest distance of two points above each other.
     launch : float [m s-1]
-        Largest speed at which points start off the slope, normal to it (E5).
+        Largest speed at which points start off the slope, normal to it.
     mass_scatter, momentum_scatter : float [kg, kg m s-1]
         Eq (4) of the report over the points, and its like for momentum to the east (`particle_mass_scatter`).
     raised : int
@@ -97,10 +95,10 @@ def columns_to_points(frame, terrain, options=None, window=None):
     frame : Frame
         Dimension 2, in the terrain's CRS.
     terrain : Terrain
-        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not (E9).
+        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not.
     options : PointOptions
     window : shapely.Polygon, optional
-        Only what lies in it becomes points; columns on its edge are cut if they are split at all (E11).
+        Only what lies in it becomes points; columns on its edge are cut if they are split at all.
 
     Returns
     -------
@@ -128,7 +126,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
     thickness, overlap, raised = _thickness(here, x, y, particles, options)
     count = options.points_in(thickness, spacing)
     _require_few_enough(count.sum(), spacing)
-    stacks = _Stacks(here, thickness, count.astype(np.int64), u, v)
+    stacks = Stacks(here, thickness, count.astype(np.int64), u, v)
     kept, deleted = _without_deleted(stacks, particles, options)
     points = _frame_of(frame, kept, gradient, spacing, options)
     bed_shift = np.abs(particles.position[here.column, 2] + frame.origin[2] - ground.height(x, y)[here.column])
@@ -142,24 +140,10 @@ def columns_to_points(frame, terrain, options=None, window=None):
     return Points(points, rest, _report(frame, points, rest, kept, deleted, options, ground, numbers))
 
 
-@dataclass(frozen=True, eq=False)
-class _Stacks:
-    """`pieces` with their `thickness` [m], their number of points `count`, and their horizontal velocity `u`, `v`."""
-
-    pieces: Pieces
-    thickness: np.ndarray
-    count: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-
-    def take(self, index):
-        return _Stacks(self.pieces.take(index), self.thickness[index], self.count[index], self.u[index], self.v[index])
-
-
 def _require_columns(frame):
     particles = frame.particles
     if frame.dimension != 2 or particles.area is None or particles.thickness is None:
-        raise InputError("wanted columns (dimension 2), got points; to columns is the inverse (--to columns)")
+        raise InputError("expected columns (dimension 2), got points; to columns is the inverse (--to columns)")
     if len(particles) == 0:
         raise InputError("the frame holds no column")
     for name, values in particles.arrays().items():
@@ -171,7 +155,7 @@ def _require_columns(frame):
         if bad.any():
             row = int(np.argmax(bad))
             wanted = {"thickness": "0 or more"}.get(name, "above 0" if name in ("mass", "area", "volume") else "finite")
-            raise InputError(f"{name} of column {_id(particles, row)} is {values[row]}, wanted {wanted}")
+            raise InputError(f"{name} of column {_id(particles, row)} is {values[row]}, expected {wanted}")
 
 
 def _id(particles, row):
@@ -180,12 +164,14 @@ def _id(particles, row):
 
 def _require_few_enough(count, spacing):
     if count > MOST:
-        raise InputError(f"{count:.3g} points at a spacing of {spacing:g} m, wanted at most {MOST}; take a wider one")
+        raise InputError(f"{count:.3g} points at a spacing of {spacing:g} m, expected at most {MOST}; take a wider one")
 
 
 def _require_some(inside, columns, terrain, window):
     if not len(inside):
-        raise InputError(f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; give theirs")
+        raise InputError(
+            f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; use the terrain of this frame"
+        )
     if not inside.any():
         west, south, east, north = window.bounds
         raise InputError(
@@ -195,7 +181,7 @@ def _require_some(inside, columns, terrain, window):
 
 
 def velocity_gradient(frame):
-    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not tell.
+    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not have it.
 
     The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
     """
@@ -254,7 +240,7 @@ def _rest(frame, pieces, inside, u, v, ground, gradient):
 
 
 def _thickness(pieces, x, y, particles, options):
-    """(float64[k] [m] thickness of the pieces, largest overlap, number of pieces raised) (E10)."""
+    """(float64[k] [m] thickness of the pieces, largest overlap, number of pieces raised)."""
     thickness = particles.thickness[pieces.column]
     if options.cell is None:
         return thickness, float("nan"), 0
@@ -280,106 +266,6 @@ def _without_deleted(stacks, particles, options):
         )
     gone = np.bincount(stacks.pieces.column[single], minlength=len(particles)) > 0
     return stacks.take(~single), gone
-
-
-def _frame_of(frame, stacks, gradient, spacing, options):
-    """The points of `stacks` as a Frame."""
-    particles, pieces = frame.particles, stacks.pieces
-    east, north = (
-        particles.position[pieces.column, axis] + shift for axis, shift in ((0, pieces.east), (1, pieces.north))
-    )
-    origin, shift = _origin(frame, east, north, pieces.bed)
-    each = pieces.share / stacks.count
-    ids = particles.id if particles.id is not None else np.arange(len(particles), dtype=np.uint64)
-    points, depth, stress = _filled(
-        stacks.count,
-        options.placement == "paper",
-        np.column_stack([east + shift[0], north + shift[1], pieces.bed - origin[2]]),
-        stacks.thickness,
-        np.column_stack([stacks.u, stacks.v, _climb(stacks, options)]),
-        _divergence(pieces, gradient, options),
-        np.column_stack([particles.mass[pieces.column] * each, particles.volume[pieces.column] * each]),
-        _load(particles, pieces, options),
-        ids[pieces.column],
-    )
-    state = {}
-    if options.placement != "paper":
-        state = {"depth": depth, "vertical_stress": stress}
-        if gradient is not None and gradient.any():
-            state["affine"] = np.repeat(_affine(gradient[pieces.column], pieces, options), stacks.count, axis=0)
-    header = {name: value for name, value in frame.header.items() if name != "cell_size"}
-    header |= {"converted_spacing": spacing, "converted_vertical_velocity": options.vertical_velocity}
-    header |= {"cell_size": options.cell} if options.cell is not None else {}
-    header.setdefault("density", float(particles.mass.sum() / particles.volume.sum()))
-    return replace(
-        frame, particles=points, dimension=3, solver="convert", origin=origin, header=header, maxima={}, state=state
-    )
-
-
-def _filled(count, printed, place, thickness, motion, divergence, shares, load, parent):
-    """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, with no stress to start."""
-    n = int(count.sum())
-    points = Particles(
-        np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), id=np.arange(n, dtype=np.uint64),
-        parent=np.empty(n, np.uint64),
-    )  # fmt: skip
-    depth, stress = np.empty((2, 0 if printed else n))
-    stack_kernel.fill_stacks(
-        count, printed, place, thickness, motion, divergence, shares, load, parent,
-        points.position, points.velocity, points.mass, points.volume, points.parent, depth, stress,
-    )  # fmt: skip
-    return points, depth, stress
-
-
-def _origin(frame, east, north, bed):
-    """(origin of the points amid them, so that float32 files are exact; what moves x and y there).
-
-    In whole metres, or below 1 m of extent in a power of ten of a metre that is no longer than that.
-    """
-    old = np.asarray(frame.origin, float)
-    extent = max(np.ptp(east), np.ptp(north), np.ptp(bed), SMALLEST_STEP)
-    step = min(1.0, 10.0 ** np.floor(np.log10(extent)))
-    middle = [0.5 * (at.min() + at.max()) for at in (east + old[0], north + old[1], bed)]
-    origin = tuple(float(np.rint(value / step) * step) for value in middle)
-    return origin, (old[0] - origin[0], old[1] - origin[1])
-
-
-def _climb(stacks, options):
-    """float64[k] [m s-1]: vertical velocity at the foot of the stacks (E5)."""
-    if options.vertical_velocity == "paper":
-        return np.zeros(len(stacks.pieces))
-    return stacks.u * stacks.pieces.gradient_east + stacks.v * stacks.pieces.gradient_north
-
-
-def _divergence(pieces, gradient, options):
-    """float64[k] [s-1]: div u, by which the vertical velocity falls with height where that is asked for (E5)."""
-    if options.vertical_velocity != "linear":
-        return np.zeros(len(pieces))
-    if gradient is None:
-        raise InputError(
-            "vertical velocity 'linear' needs the columns' velocity gradient, which only the newest two frames of a "
-            "run keep; take 'tangent'"
-        )
-    return (gradient[:, 0, 0] + gradient[:, 1, 1])[pieces.column]
-
-
-def _load(particles, pieces, options):
-    """float64[k] [Pa m-1]: vertical stress for each metre under the surface (E7)."""
-    density = (particles.mass / particles.volume)[pieces.column]
-    cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
-    return geostatic.vertical_stress(density, options.gravity, 1.0, cosine)
-
-
-def _affine(gradient, pieces, options):
-    """float64[k, 3, 3] [s-1]: the velocity gradient that the points of a piece start with (E5)."""
-    affine = np.zeros((len(pieces), 3, 3))
-    affine[:, :2, :2] = gradient
-    if options.vertical_velocity != "paper":
-        slope = np.stack([pieces.gradient_east, pieces.gradient_north], axis=1)
-        affine[:, 2, :2] = np.einsum("kij,ki->kj", gradient, slope)
-    if options.vertical_velocity == "linear":
-        affine[:, 2, 2] = -(gradient[:, 0, 0] + gradient[:, 1, 1])
-    return affine
 
 
 def _report(frame, points, rest, stacks, gone, options, ground, numbers):
@@ -412,7 +298,7 @@ def _spread(counts):
 
 
 def _stack_facts(particles, stacks, options):
-    """What a report tells of the stacks, by its names."""
+    """Numbers of the stacks for the report, by name."""
     pieces, count = stacks.pieces, stacks.count.astype(float)
     mass, volume = (values[pieces.column] * pieces.share for values in (particles.mass, particles.volume))
     printed = options.placement == "paper"

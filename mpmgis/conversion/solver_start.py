@@ -68,8 +68,8 @@ def solver_grid(start):
         )
     if count.sum() > MOST_CELLS:
         raise InputError(
-            f"the grid would have {count.sum():.3g} cells of {start.cell:g} m, wanted at most {MOST_CELLS:.3g}; take a "
-            "larger --cell or a smaller --window"
+            f"the grid would have {count.sum():.3g} cells of {start.cell:g} m, expected at most {MOST_CELLS:.3g}; take "
+            "a larger --cell or a smaller --window"
         )
     return _numbered(start, place, first, count, height)
 
@@ -102,10 +102,10 @@ def _numbered(start, place, first, count, height):
     )
 
 
-CELLS_AROUND = 10  # at the least, of the grid beyond the points, where no window is asked for
+CELLS_AROUND = 10  # at the least, of the grid beyond the points, where no window is given
 CELLS_UNDER = 3  # of the grid under the lowest ground
-CELLS_OVER = 4  # of the grid over the flow, which may rise to twice its height besides
-COURANT = 0.2  # of the time step written for solvers that are to be told one
+CELLS_OVER = 4  # of the grid over the flow, which may also rise to twice its height
+COURANT = 0.2  # of the time step written for solvers that require one
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Box:
 
 @dataclass(frozen=True)
 class SolverStart:
-    """Points at one time in local coordinates, and all that a solver may ask besides.
+    """Points at one time in local coordinates, and everything else that a solver may need.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class SolverStart:
     volume, current_volume : float64[n] [m3]
         Mass over density, for solvers that make the mass of the volume; the frame's own.
     vertical_stress : float64[n] or None [Pa]
-        Of the weight above a point (`geostatic`), where the frame tells it.
+        Of the weight above a point (`geostatic`), where the frame has it.
     time, density : float [s], [kg m-3]
     box : Box
     crs : pyproj.CRS or None
@@ -251,7 +251,7 @@ def placed_box(frames, terrain, cell=None, window=None):
     east, north = min(asked[2], east), min(asked[3], north)
     if cell is not None and cell > min(east - west, north - south):
         raise InputError(
-            f"cells of {cell:g} m do not fit into the ground that there is around the points, {east - west:g} x "
+            f"cells of {cell:g} m do not fit into the ground around the points, {east - west:g} x "
             f"{north - south:g} m; take a smaller --cell"
         )
     if cell is not None:
@@ -307,7 +307,7 @@ def _height(frame, terrain):
 
 
 def release_density(frame):
-    """Density [kg m-3] that a frame of points was released with; its mass over its volume where it does not say."""
+    """Density [kg m-3] of a frame of points: from its header, otherwise its mass over its volume."""
     said = frame.header.get("density")
     if isinstance(said, (int, float, np.number)) and math.isfinite(said) and said > 0:
         return float(said)

@@ -1,4 +1,4 @@
-"""What a 3D run starts with: columns made into points that fill its grid, and the stress of their weight."""
+"""Initial state of a 3D run: columns converted to points that fill its grid, and the stress of their weight."""
 
 from dataclasses import replace
 
@@ -54,7 +54,7 @@ def _rows_of(state, inside):
 
 
 def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):
-    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points confined sideways under `vertical_stress` [Pa] (E7).
+    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points confined sideways under `vertical_stress` [Pa].
 
     sigma_xx = sigma_yy = nu / (1 - nu) sigma_zz; a `shear_modulus` of 0 is a fluid, in which all three are the same.
     What a material cannot bear of this its first step returns.

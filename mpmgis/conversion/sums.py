@@ -1,4 +1,4 @@
-"""What a conversion must keep, and what it may change: mass, momentum, energy."""
+"""Mass, momentum and energy before and after a conversion."""
 
 import math
 from typing import NamedTuple
@@ -63,7 +63,7 @@ def points_sum(count, mass, value=1.0):
     """Sum over all points of mass times `value`, never stored: columns of `mass` [n] in `count` [n] equal points.
 
     The points of a column are equal, so that the finest cases of MOX report 15/2025, section 4.3, some 6e10 points,
-    are sums over columns (design note E13).
+    are sums over columns.
     """
     return float((count * ((mass / count) * value)).sum())
 
@@ -73,7 +73,7 @@ def particle_mass_scatter(count, mass, volume, exact, value=1.0):
 
     `exact` is the exact total that the mean point's share is taken from. It measures how much one particle's mass
     differs from the mean particle's, so that it falls with the size of particles for any scheme, even one that loses
-    mass: it is no measure of conservation (design note E12).
+    mass: it is no measure of conservation.
     """
     each = mass / count * value
     share = exact / count.sum()

@@ -1,4 +1,4 @@
-"""A flow handed from one solver to the other amid a run, with what that keeps (design notes 2.4, E5, E11)."""
+"""Transfer of a flow from one solver to the other during a run, with its balances."""
 
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -47,7 +47,7 @@ class SwitchAccount:
         return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
 
     def lines(self, outside="booked and gone"):
-        """The account in plain lines; `outside` says what becomes of what is outside the window."""
+        """Report lines; `outside` describes what happens to the part outside the window."""
         before, after, (mass, momentum) = self.before, self.after, self.errors()
         lines = [
             f"{before.count} particles became {after.count}; mass {before.mass:.9g} kg and horizontal momentum "
@@ -55,7 +55,7 @@ class SwitchAccount:
             f"vertical momentum {before.momentum[2]:.6g}, now {after.momentum[2]:.6g} kg m s-1; kinetic energy "
             f"{before.kinetic:.6g}, now {after.kinetic:.6g} J",
         ]
-        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "off the terrain of the next solver"))
+        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "outside the terrain of the next solver"))
         for part, what in parts:
             if part.count:
                 momentum = ", ".join(f"{value:.6g}" for value in part.momentum)

@@ -1,7 +1,7 @@
-"""Barriers as a screening tool: walls that the flow passes only as far as it is higher than their crest.
+"""Barriers as a screening tool: the flow passes a wall only by its height above the crest.
 
-Inside a wall that is higher than the flow nothing moves through it; along it the flow slides with Coulomb friction
-(design notes 3.9). Above the crest a wall is a broad-crested weir. Loads need a 3D run: a depth-averaged column has no
+No flow passes through a wall that is higher than the flow; along the wall it slides with Coulomb friction.
+Above the crest a wall is a broad-crested weir. Loads need a 3D run: a depth-averaged column has no
 splash, no jet and one velocity from bed to surface.
 """
 

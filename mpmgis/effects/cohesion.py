@@ -1,4 +1,4 @@
-"""Cohesion of the flow to its bed: a yield stress that adds to whatever law of friction is in the scene."""
+"""Cohesion of the flow to its bed: a yield stress in addition to the friction law."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ class NoCohesion(NamedTuple):
 class Cohesion(NamedTuple):
     """A basal stress tau_0 that does not depend on load or speed, added to the friction law's.
 
-    tau_0 of VoellmyMinShear (AvaFrame com1DFA; design notes 3.5). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris
+    tau_0 of VoellmyMinShear (AvaFrame com1DFA). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris
     flows 100 to 5000 Pa.
     """
 

@@ -1,6 +1,6 @@
 """Curvature of the bed: the flow keeps its speed where the slope changes, and presses harder in hollows.
 
-Two parts under one switch (design notes 3.8): (T) the velocity turns with the bed at constant speed, (N) the
+Two parts under one switch: (T) the velocity turns with the bed at constant speed, (N) the
 centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction. Each alone is there for
 tests against exact answers that leave the other out; on real ground T alone runs too far and N alone not far enough.
 """
@@ -76,5 +76,5 @@ class CurvatureLoadOnly(NamedTuple):
     effective_gravity = Curvature.effective_gravity
 
 
-# one part alone, by the word that a scene says instead of "on"
+# one part alone, by the word in a scene instead of "on"
 PARTS = {"turn": CurvatureTurnOnly, "load": CurvatureLoadOnly}

@@ -3,7 +3,7 @@
 from math import cos, radians, sqrt
 from typing import NamedTuple
 
-# Compression in one time step over which K goes from active to passive. At a twentieth of that (design notes 3.4), and
+# Compression in one time step over which K goes from active to passive. At a twentieth of that, and
 # with the middle K at rest, the push flickers between the two from column to column: 16 % error in a dam break whose
 # exact answer is Ritter's with K_active, against 1.7 % (measured 2026-11-21).
 SWITCH = 0.02

@@ -1,4 +1,4 @@
-"""Entrainment: the flow takes up material of its bed (design notes 3.9).
+"""Entrainment: the flow takes up material of its bed.
 
 A law says how much mass a square metre of bed surface loses in a second. What a node takes up is at rest and shares the
 flow's momentum, it never exceeds what lies there, and it lowers the bed where the scene wants that.
@@ -47,7 +47,7 @@ class ErosionEnergy(NamedTuple):
 class ErosionSpeed(NamedTuple):
     """Erosion in proportion to speed, q = k_e rho |U|: the bed recedes at k_e times the flow's speed.
 
-    k_e 1e-5 to 1e-2: debris flows near 1e-3, dry snow up to 1e-2 (design notes 3.9).
+    k_e 1e-5 to 1e-2: debris flows near 1e-3, dry snow up to 1e-2.
     """
 
     coefficient: float  # k_e [1]

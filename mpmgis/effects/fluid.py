@@ -1,4 +1,4 @@
-"""Water and mud in the 3D solver: weakly compressible, without tension (design note 4.6)."""
+"""Water and mud in the 3D solver: weakly compressible, without tension."""
 
 from math import log, sqrt
 from typing import NamedTuple
@@ -59,7 +59,7 @@ class Fluid(NamedTuple):
     def stress_step_far(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
     ):  # fmt: skip
-        """The same: `stress_step` holds J by itself, and its code FAR says so."""
+        """The same: `stress_step` holds J by itself, and returns the code FAR."""
         return self.stress_step(
             s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
         )  # fmt: skip

@@ -1,7 +1,7 @@
 """Basal resistance: the stress with which the bed opposes the flow.
 
 A friction law is a NamedTuple of its parameters with methods that run as plain Python and, unchanged, inside the
-compiled solver. The basal stress is split so that the solver can apply it semi-implicitly (design notes 3.5):
+compiled solver. The basal stress is split so that the solver can apply it semi-implicitly:
 
     tau = dry_stress + viscous_coefficient * speed + density * drag_coefficient * speed^2
 
@@ -81,7 +81,7 @@ class Voellmy(NamedTuple):
 class ModifiedVoellmy(NamedTuple):
     """Either Coulomb friction or turbulent drag: mu sigma below the speed v_c h_n^(1/3), rho g u^2 / xi above it.
 
-    Hergarten (2024, minVoellmy v2; design notes 3.5), who takes v_c = 4 m/s for a flow of 1 m and argues for it with
+    Hergarten (2024, minVoellmy v2), who takes v_c = 4 m/s for a flow of 1 m and argues for it with
     the speeds of rock avalanches: mu 0.3 to 0.7 (that of dry rock), xi 100 to 1000 m s-2. A slope that starts to move
     keeps mu until it has crossed v_c, and a flow that has slowed to it stops as if dry.
     """
@@ -108,7 +108,7 @@ class ModifiedVoellmy(NamedTuple):
 def plug_ratio(law, thickness_normal, speed):
     """Z [1] = yield stress over basal stress of a Bingham column, 1 at rest and towards 0 when it flows freely.
 
-    The exact root of Z^3 - (3 + a) Z + 2 = 0 with a = 6 eta |u| / (h_n tau_y) (design notes 3.5): with p = 3 + a and
+    The exact root of Z^3 - (3 + a) Z + 2 = 0 with a = 6 eta |u| / (h_n tau_y): with p = 3 + a and
     Z = 2 sqrt(p / 3) sin(phi), sin(3 phi) = (3 / p)^(3/2). The economised quadratic of Pastor et al. (2004) is 5 % off
     where the flow stops. Z h_n is the thickness of the plug.
     """
@@ -182,7 +182,7 @@ def basal_stress(law, density, gravity, normal_stress, thickness_normal, speed):
 
 
 def slowed_speed(speed, time_step, dry_deceleration, viscous_rate, drag_per_length):
-    """Speed [m s-1] after `time_step` [s] of friction; never reverses (design notes 3.5).
+    """Speed [m s-1] after `time_step` [s] of friction; never reverses.
 
     The exact solution of (1 + dt L) s = S - dt k s^2 with S = max(0, speed - dt F): F is `dry_deceleration` [m s-2], L
     is `viscous_rate` [s-1], k is `drag_per_length` [m-1]. S = 0 is the exact static test tan(theta) <= mu on planes.
@@ -194,14 +194,23 @@ def slowed_speed(speed, time_step, dry_deceleration, viscous_rate, drag_per_leng
     return 2.0 * reduced / (linear + sqrt(linear * linear + 4.0 * time_step * drag_per_length * reduced))
 
 
+DRY, DRAG = "dry", "drag"  # roles: friction coefficient at rest [1]; xi of a turbulent drag rho g u^2 / xi [m s-2]
+ROLES = {"mu": DRY, "mu1": DRY, "xi": DRAG}  # by the parameter's name, the same for built-in and user-defined laws
+
+
 class Parameter(NamedTuple):
-    """What a scene may give for a parameter of a law."""
+    """A parameter of a law: unit, description, range and default."""
 
     unit: str
     meaning: str
     smallest: float
     largest: float
-    default: float | None = None  # None: it must be given
+    default: float | None = None  # None: required
+
+
+def value_of_role(role, values):
+    """The value of the first parameter with `role` in `values` (name -> value); None where there is none."""
+    return next((values[name] for name, known in ROLES.items() if known == role and name in values), None)
 
 
 _MU = Parameter("1", "dry friction coefficient, tan of the bed friction angle", 0.0, 10.0)

@@ -1,4 +1,4 @@
-"""Symmetric tensors and their logarithms: what solids of the 3D solver are made of (design notes 4.3, kernels 6.8).
+"""Symmetric tensors and their logarithms, for solid materials of the 3D solver.
 
 A symmetric tensor is six numbers xx, yy, zz, xy, xz, yz; any other nine, row by row. Small strains take straight lines
 of + - * / that a compiler runs for several points at once: no tensor is taken apart into principal values, because

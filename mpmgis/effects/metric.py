@@ -1,4 +1,4 @@
-"""The metric in which lengths along the ground are measured (design notes 3.2).
+"""The metric in which lengths along the ground are measured.
 
 `slope` is for mass flows on steep ground: a body constrained to the bed is driven by g sin cos, and speed is the
 length along the ground. `swe` is the shallow-water form for water and lakes on gentle beds.

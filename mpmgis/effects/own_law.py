@@ -1,4 +1,4 @@
-"""Laws of friction out of a user's own Python file, made to fit the slot, and tried out before they are used.
+"""User-defined friction laws from a Python file: loading, completion and tests over the range of flows.
 
 Such a law is a NamedTuple of its parameters with either
 
@@ -53,7 +53,7 @@ def load_laws(path):
     """
     path = Path(path)
     if path.suffix != ".py":
-        raise InputError(f"--law {path}, wanted a Python file (.py) with a law of yours in it")
+        raise InputError(f"--law {path}, expected a Python file (.py) with a user-defined law in it")
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -65,7 +65,7 @@ def load_laws(path):
         if isinstance(kind, type) and kind.__module__ == module.__name__ and hasattr(kind, "_fields"):
             laws[f"{path.name}:{name}"] = _fitted(kind, f"{path.name}:{name}"), _parameters(kind)
     if not laws:
-        raise InputError(f"{path} holds no law; wanted a class such as MyLaw(NamedTuple) with a method {WHOLE}")
+        raise InputError(f"{path} contains no law; expected a class such as MyLaw(NamedTuple) with a method {WHOLE}")
     return OwnLaws(str(path), sha256, laws)
 
 
@@ -150,7 +150,7 @@ def _placed(kind):
 def _require_signatures(kind, name):
     """Refuse methods that take something else than the solver hands them, and laws without a parameter."""
     if not kind._fields:
-        raise InputError(f"{name} has no parameter, which the compiler cannot have; give it `null: float = 0.0`")
+        raise InputError(f"{name} has no parameter, but the compiler requires one; add `null: float = 0.0`")
     for method, arguments in ARGUMENTS.items():
         function = getattr(kind, method, None)
         if function is None:
@@ -158,7 +158,7 @@ def _require_signatures(kind, name):
         got = list(inspect.signature(function).parameters)
         if len(got) != len(arguments) + 1:
             wanted = ", ".join(["self", *arguments])
-            raise InputError(f"{name}.{method} takes ({', '.join(got)}), wanted ({wanted})")
+            raise InputError(f"{name}.{method} takes ({', '.join(got)}), expected ({wanted})")
 
 
 def tried_inputs():

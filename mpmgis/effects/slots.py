@@ -1,4 +1,4 @@
-"""The slots of each solver: every one holds a law, or the null form that costs nothing."""
+"""The slots of each solver: each holds a law, or a null law that adds no cost."""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Still water as a reference state: a lake at rest stays at rest to round-off (design notes 3.6)."""
+"""Still water as a reference state: a lake at rest stays at rest to round-off."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ class NoStillWater(NamedTuple):
 
 
 class StillWater(NamedTuple):
-    """Lakes at rest; form `swe` only. Each cell of the grid knows the still level of its lake."""
+    """Lakes at rest; form `swe` only. Each cell of the grid has the still level of its lake."""
 
     null: float = 0.0  # the compiler wants at least one field
 

@@ -1,6 +1,6 @@
-"""Friction by place: the parameters of the friction law at every node of the solver's grid.
+"""Spatially varying friction: the parameters of the friction law at every node of the solver's grid.
 
-mu(x, y), xi(x, y) and the like of design notes 3.5. A zone changes the parameters of the scene's law, never the law
+mu(x, y), xi(x, y) and the like. A zone changes the parameters of the scene's law, never the law
 itself.
 """
 

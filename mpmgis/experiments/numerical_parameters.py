@@ -6,7 +6,8 @@ from itertools import product
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..scene.tables import NumericsTable, Scene
+from ..scene.scene import Scene
+from ..scene.tables import NumericsTable
 from ..solvers.columns import CFL_ALONE, ColumnNumerics
 from ..solvers.points import PointNumerics
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..errors import InputError, SceneError
 from ..scene import scene_from_tables
-from ..scene.tables import LISTED, TABLES, meant
+from ..scene.table_values import meant
+from ..scene.tables import LISTED, TABLES
 
 FORMS = "LOW:HIGH, A,B,C, normal:MEAN:SD, lognormal:MEAN:SD (each also :LOW:HIGH to cut it), triangular:LOW:MODE:HIGH"
 COUNTS = {"uniform": (2,), "normal": (2, 4), "lognormal": (2, 4), "triangular": (3,)}  # numbers after the name

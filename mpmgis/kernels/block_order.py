@@ -1,4 +1,4 @@
-"""What a sort by blocks needs, of columns and of points: blocks ranked, work cut evenly, rows put in order."""
+"""Sorting of columns and points by blocks: ranks of blocks, even division of work, reordering of rows."""
 
 from .jit import jit, jit_parallel, prange
 

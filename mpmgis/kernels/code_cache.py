@@ -95,7 +95,7 @@ def _checksum(path, data):
 
 
 PACKAGE = Path(__file__).resolve().parent.parent
-CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # beside numba's own variable, so that a child knows that no user gave that one
+CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # a child process can tell it from a user's variable
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _private = []  # the temporary folder of this process, once it is made
 
@@ -136,7 +136,7 @@ def cache_folder(own_laws=()):
 
 
 def is_own(folder):
-    """Whether `folder`, which is no link, is this user's and writable by nobody else."""
+    """Whether `folder`, which is no link, is this user's and not writable by others."""
     found = os.lstat(folder)
     others = system.modes_count() and found.st_mode & _OTHERS_WRITE
     return stat.S_ISDIR(found.st_mode) and _is_ours(found) and not others

@@ -1,4 +1,4 @@
-"""Walls on the grid: the flow is held at their nodes, and what they take up is booked (design notes 3.9).
+"""Walls on the grid: velocities at their nodes, and the impulse and mass of each wall.
 
 The pass comes between the gathering of the tiles and the update of the nodes. It changes the momentum of a wall's own
 nodes and looks at nodes outside every wall, which it does not change, so that the order of nodes does not matter.

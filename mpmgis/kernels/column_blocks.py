@@ -1,4 +1,4 @@
-"""Columns sorted by blocks of 8 x 8 nodes: who works on what, always in the same order."""
+"""Columns sorted by blocks of 8 x 8 nodes, always in the same order."""
 
 from .block_order import CHUNKS, GONE, rank_blocks
 from .column_rows import BLOCK, X, Y

@@ -1,4 +1,4 @@
-"""The grid between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
+"""Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .jit import jit, jit_inline, jit_parallel, prange
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
-CHORDS = 5  # times that a viscous law is asked, each at the speed that the last answer left: Bingham within 0.2 %
+CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
 MOST_GAIN = 1.0  # of a node's mass by erosion in one step
 
 _slowed_speed = jit_inline(slowed_speed)
@@ -38,7 +38,7 @@ def clear_ghosts(nodes):
 
 @jit
 def fold_walls(nodes):
-    """Walls on all four edges: what the ghosts hold is mirrored inwards (design notes 3.9).
+    """Walls on all four edges: what the ghosts hold is mirrored inwards.
 
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
@@ -84,7 +84,7 @@ def update_nodes(
     thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, wall,
     friction, zones, cohesion, metric, curvature, entrainment,
 ):  # fmt: skip
-    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground (design notes 3.5).
+    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground.
 
     An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
     step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up

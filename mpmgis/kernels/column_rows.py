@@ -1,4 +1,4 @@
-"""What the loops over columns share: the layout of a column's row, its weights on the nodes, the bed under it.
+"""Layout of a column's row, its weights on the nodes, and the bed under it.
 
 Columns are rows of consecutive floats. Nodes lie on cell corners: array index k + 1 is the node at k * dx from the
 domain's south-west corner, so that there is one ghost node outside each edge. Weights are quadratic B-splines
@@ -18,7 +18,7 @@ NODE_KINETIC = NODE_GAIN
 
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a particle of the block reaches two nodes further
-INDEX_MASK = 0x3FFFFFFF  # tells the compiler that an index is not negative, which spares a test for each access
+INDEX_MASK = 0x3FFFFFFF  # shows the compiler that an index is not negative, which spares a test for each access
 
 
 @jit_inline

@@ -1,4 +1,4 @@
-"""The loop of the conversion: stacks of points, each from the bed up, in the order of the stacks."""
+"""Conversion loop: stacks of points, each from the bed upwards, in the order of the stacks."""
 
 from .jit import jit
 
@@ -8,7 +8,7 @@ def fill_stacks(
     count, printed, place, thickness, motion, divergence, shares, load, parent,
     position, velocity, mass, volume, point_parent, depth, stress,
 ):  # fmt: skip
-    """Fill the points of all stacks (MOX report 15/2025, Algorithm 2; design notes E1, E2, E5, E7).
+    """Fill the points of all stacks (MOX report 15/2025, Algorithm 2).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Distance of nodes from the ground where it folds: to the nearest of the triangles that it is made of (note 4.7).
+"""Distance of nodes from folded ground: to the nearest of its triangles.
 
 A cell of four nodes is a fan of four triangles around its middle, which is where the bilinear surface has its middle,
 too; on cells that are not twisted, straight cliffs among them, the two are the same.

@@ -1,4 +1,4 @@
-"""The door to the compiler: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
+"""Compiler interface: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
 
 Where compiled kernels are kept, `kernels.code_cache` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
 to run every kernel as plain Python.

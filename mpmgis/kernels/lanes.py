@@ -124,7 +124,7 @@ def _pointer(context, builder, kind, array, index):
 
 @intrinsic
 def load(typingctx, array, index):
-    """Lanes at flat position `index` of a C-contiguous array of floats; nobody checks the bounds."""
+    """Lanes at flat position `index` of a C-contiguous array of floats; without bounds checks."""
     kind = _lanes_of(array)
     if kind is None:
         return None
@@ -147,7 +147,7 @@ def _place(context, builder, kind, array, line, index, step=1):
 
 @intrinsic
 def get(typingctx, array, line, index):
-    """array.flat[line + index] of a C-contiguous array; nobody checks the bounds."""
+    """array.flat[line + index] of a C-contiguous array; without bounds checks."""
 
     def codegen(context, builder, signature, arguments):
         return builder.load(_place(context, builder, signature.args[0], *arguments), align=_bytes(array))
@@ -172,7 +172,7 @@ def get_of_four(typingctx, array, line, index, entry):
 
 @intrinsic
 def put(typingctx, array, line, index, value):
-    """array.flat[line + index] = value, for a C-contiguous array; nobody checks the bounds."""
+    """array.flat[line + index] = value, for a C-contiguous array; without bounds checks."""
 
     def codegen(context, builder, signature, arguments):
         place = _place(context, builder, signature.args[0], *arguments[:3])
@@ -222,7 +222,7 @@ def transposed(typingctx, a, b, c, d):
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """array.flat[index : index + 4] = value, for a C-contiguous array of floats; nobody checks the bounds."""
+    """array.flat[index : index + 4] = value, for a C-contiguous array of floats; without bounds checks."""
 
     def codegen(context, builder, signature, arguments):
         pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])

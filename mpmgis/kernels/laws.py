@@ -1,4 +1,4 @@
-"""The methods that kernels call on laws, and the check that a user's own law compiles and gives the same answer."""
+"""Methods that kernels call on laws, and the check that a compiled user law gives the same results."""
 
 import math
 
@@ -98,12 +98,12 @@ def use_own_laws(own_laws):
 
 
 def require_compiled(law, name):
-    """Refuse a law that does not compile, or that says something else when it is compiled.
+    """Refuse a law that does not compile, or that gives other results when it is compiled.
 
     Raises
     ------
     SceneError
-        With the line of the compiler that tells most.
+        With the most informative line of the compiler's message.
     """
     clash = sorted(set(law._fields) & set(METHODS))
     if clash:
@@ -116,12 +116,12 @@ def require_compiled(law, name):
         for inputs in tried_inputs():
             _require_same(_stresses(law, node, *inputs), compiled(law, node, *inputs), inputs, name)
     except numba.core.errors.NumbaError as error:
-        cure = "use arithmetic, math and if, no functions of your own"
+        cure = "use arithmetic, math and if only, and no other functions"
         raise SceneError(f"{name} does not compile: {_telling_line(error)}; {cure}") from error
 
 
 def _stresses(law, node, density, gravity, normal_stress, thickness_normal, speed):
-    """All that the solver asks of a law, of itself and as made from a node's values."""
+    """Everything that the solver computes with a law, directly and as made from a node's values."""
     placed = law.placed(node, 0, 0)
     return (
         law.dry_stress(density, gravity, normal_stress, thickness_normal, speed),

@@ -1,4 +1,4 @@
-"""Where mass left the terrain, by blocks of cells: over the edge of the domain, or into cells without elevation."""
+"""Mass that left the terrain, by blocks of cells: over the domain's edge, or into cells without elevation."""
 
 from .jit import jit
 

@@ -9,7 +9,8 @@ Places are in lattice units: `across` counts along the raster's columns, `down` 
 
 import numpy as np
 
-from .binning import MASS, ROUNDING, SUMS, VOLUME, add_motion, upward_part_of_normal
+from .binning import MASS, SUMS, VOLUME, add_motion
+from .cell_places import ROUNDING, upward_part_of_normal
 from .jit import jit, jit_inline
 
 LEVEL = 1e-9  # share of a node's value by which another of the same height may differ for rounding

@@ -1,4 +1,4 @@
-"""The rings around the marked cells of a mask: what outlines are made of.
+"""Rings around the marked cells of a mask, for outlines.
 
 Cells belong together where they share a side (not a corner), as GDAL polygonises. Every ring is simple: where cells
 touch at a corner, rings of one part run around the gap between them and rings of two parts run around the cells, so

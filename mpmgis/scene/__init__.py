@@ -1,10 +1,11 @@
-"""What is asked: the scene, its checks, its text, and the effects that it calls for."""
+"""The scene: tables, checks, text, and the effects that it requires."""
 
 from .catalogue import catalogue
 from .decisions import Decision, TerrainFacts
+from .reading import read_scene, scene_from_tables
 from .resistance import mu_least
 from .resolve import resolve
-from .tables import Scene, read_scene, scene_from_tables
+from .scene import Scene
 from .text import scene_text, template
 
 __all__ = [

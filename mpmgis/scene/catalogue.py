@@ -1,4 +1,4 @@
-"""The catalogue: every effect that a scene may name, what it is, what it takes, and in which units."""
+"""The catalogue: every effect of a scene, its description, its parameters and their units."""
 
 import re
 from dataclasses import fields
@@ -8,10 +8,10 @@ from ..terrain.inflow import COLUMNS
 from .materials import MATERIALS
 from .tables import TABLES
 
-NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they say where, what and how, and nothing else
+NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they define place, material and numerics only
 # table with a law by name -> {name: (law, {parameter: Parameter})}
 LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
-# what a table takes besides its own keys with a unit
+# what a table takes in addition to its own keys with a unit
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 
 
@@ -19,7 +19,7 @@ def catalogue():
     """Every effect that a scene may name: list of {table, law, what, parameters (name -> unit)}.
 
     In the order of the scene's tables. Parameters are those of the law, then the table's own keys that are quantities.
-    `law` is the word by which a scene picks one of several laws, None where the table alone says it.
+    `law` is the word by which a scene picks one of several laws, None where the table has one law only.
     """
     entries = [entry for name in TABLES if name not in NO_EFFECTS for entry in _entries(name)]
     return entries + [_entry("numerics", f"form = {form!r}", law, {}) for form, law in metric.FORMS.items()]

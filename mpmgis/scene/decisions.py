@@ -1,4 +1,4 @@
-"""What decides an effect: numbers of terrain and release, thresholds, and the record of the decision (design notes 8).
+"""Decisions on effects: numbers of terrain and release, thresholds, and the record of each decision.
 
 A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
 `TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
@@ -25,7 +25,7 @@ class Decision(NamedTuple):
 
     @property
     def called_for(self):
-        """Whether the scene has it or a number speaks about it; else there is nothing to tell."""
+        """Whether the scene has it or a number decides on it; otherwise it is not reported."""
         return self.state == "on" or self.decided_by != "scene"
 
     def line(self, cost=""):
@@ -73,14 +73,14 @@ def use_of(table):
 
 
 def by_number(effect, use, indicator, threshold, reason, runout_change=None):
-    """On where `indicator` is above `threshold`, unless `use` says on or off."""
+    """On where `indicator` is above `threshold`, unless `use` is on or off."""
     on = use == "on" or (use == "auto" and indicator > threshold)
     decided_by = "auto" if use == "auto" else "forced"
     return Decision(effect, "on" if on else "off", decided_by, float(indicator), threshold, reason, runout_change)
 
 
 def as_asked(effect, use, reason, indicator=None, runout_change=None):
-    """On because the scene has it, unless `use` says off; no number decides."""
+    """On because the scene has it, unless `use` is off; no number decides."""
     if use == "off":
         return Decision(effect, "off", "forced", indicator, None, "use = 'off'", runout_change)
     return Decision(effect, "on", "forced" if use == "on" else "scene", indicator, None, reason, runout_change)

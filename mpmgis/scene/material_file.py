@@ -1,10 +1,11 @@
-"""A material on its own: out of a scene, or of a file that has little else."""
+"""Material parameters from a scene, or from a file with little more than a material."""
 
 from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import SceneError
-from .tables import MaterialTable, read_toml, scene_from_tables
+from .reading import read_toml, scene_from_tables
+from .tables import MaterialTable
 
 TABLES = ("material", "softening", "friction", "output")
 # what a scene must have and a material has not; never looked at
@@ -16,7 +17,7 @@ EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_ang
 
 
 class GivenMaterial(NamedTuple):
-    """A MaterialTable; where the file says them tan of the friction angle on the bed [1], the law that it is of, when
+    """A MaterialTable; if present in the file, tan of the friction angle on the bed [1], the law that it is of, when
     to end [s]; `lost`, tables of the file that other solvers do not get."""
 
     table: MaterialTable
@@ -42,7 +43,8 @@ def read_material(path):
     alien = [name for name in tables if name not in (*TABLES, "solver")]
     if not whole and alien:
         raise SceneError(
-            f"{path}: [{alien[0]}] stands in a file without [terrain], which is no scene; wanted {', '.join(TABLES)}"
+            f"{path}: [{alien[0]}] is in a file without [terrain], which is not a scene; "
+            f"expected one of {', '.join(TABLES)}"
         )
     filled = tables if whole else _filled(tables)
     scene = scene_from_tables(filled, path.parent, path.name)

@@ -1,4 +1,4 @@
-"""Effects of the material, decided by how far a mass point would run with and without them.
+"""Effects of resistance, decided by the runout of a mass point with and without them.
 
 An estimate to judge effects by, never a result: no pressure, no spreading, the thickness of the release all the way.
 """
@@ -111,11 +111,11 @@ def decide_friction(scene, facts, slots):
 
 def decide_drag(scene, facts, slots):
     """Voellmy's turbulent part: left out where the flow cannot become fast enough for it to matter."""
-    law = slots.get("friction")
-    if not hasattr(law, "xi"):
+    law, xi = slots.get("friction"), scene.friction_value(friction.DRAG)
+    if law is None or xi is None:
         return not_called_for("turbulent_drag", NO_DRAG)
     if not isinstance(law, friction.Voellmy):
-        return as_asked("turbulent_drag", "auto", *_drag_felt(law, facts))
+        return as_asked("turbulent_drag", "auto", *_drag_felt(scene.dry_friction(), xi, facts))
     decision = _drag_by_number(scene, law, facts)
     if decision.state == "off":
         slots["friction"] = friction.Coulomb(law.mu)
@@ -135,23 +135,23 @@ def decide_point_drag(scene, facts, slots):
 
 def _drag_by_number(scene, law, facts):
     """The decision on the drag of Voellmy's `law`, with what it changes in the runout of a point."""
-    reason, ratio = _drag_felt(law, facts)
+    reason, ratio = _drag_felt(law.mu, law.xi, facts)
     decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, THRESHOLD, reason)
     return _with_change(decision, runout(facts, law), runout(facts, friction.Coulomb(law.mu)))
 
 
-def _drag_felt(law, facts):
-    """(reason, number) by which drag is felt."""
-    terminal = _terminal_speed(law, facts)
+def _drag_felt(mu, xi, facts):
+    """(reason, number) that decide on the drag of a law with coefficients `mu` [1] and `xi` [m s-2]."""
+    terminal = _terminal_speed(mu, xi, facts)
     reason = f"(U / U_t)^2, U = {facts.speed:.0f} m/s of the energy line, U_t = {terminal:.0f} m/s"
     return reason, (facts.speed / terminal) ** 2
 
 
-def _terminal_speed(law, facts):
+def _terminal_speed(mu, xi, facts):
     """U_t [m s-1] at which drag balances the drive: U_t^2 = xi h_n (sin - mu cos) on the median slope."""
     sine, cosine = _sine_cosine(facts)
-    drive = max(sine - law.mu * cosine, LEAST_DRIVE)
-    return sqrt(max(law.xi * facts.release_thickness * cosine * drive, 1e-6))
+    drive = max(sine - mu * cosine, LEAST_DRIVE)
+    return sqrt(max(xi * facts.release_thickness * cosine * drive, 1e-6))
 
 
 def decide_bingham(scene, facts, slots):
@@ -219,7 +219,7 @@ def decide_viscosity(scene, facts, slots):
 
 
 def decide_lateral_pressure(scene, facts, slots):
-    """The push of the flow's own weight is always computed; the number tells how much it matters."""
+    """The push of the flow's own weight is always computed; the number shows how much it matters."""
     ratio = _aspect(scene, facts)
     matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"
     reason = f"h0 / (L0 |T - mu|): {matters}"

@@ -1,4 +1,4 @@
-"""Which effects a scene calls for, decided by numbers, with the reason (design notes 8)."""
+"""Decisions on all effects of a scene, in the order of the report."""
 
 from ..effects.slots import ColumnEffects, PointEffects
 from .points import (

@@ -1,4 +1,4 @@
-"""Which tables and keys belong to which solver, and what each solver's scene needs."""
+"""Tables and keys that only one solver has, and what a scene of each solver requires."""
 
 from dataclasses import fields
 
@@ -37,8 +37,7 @@ def check_solver(tables, solvers, kinds, where):
         for key in given if isinstance(given, dict) else ():
             if own.get(key) not in (None, *solvers):
                 raise SceneError(
-                    f"{where} [{name}]: {key} belongs to solver = {own[key]!r}, this is {OTHER[own[key]]!r}; take it "
-                    "out"
+                    f"{where} [{name}]: {key} requires solver = {own[key]!r}, this is {OTHER[own[key]]!r}; take it out"
                 )
 
 
@@ -74,4 +73,4 @@ def check_points(scene, where):
     if softening.form == "linear" and softening.coefficient == 0.0:
         raise SceneError(f"{where} [softening]: the linear form wants a coefficient above 0")
     if softening.form != "linear" and softening.peak_strain != 0.0:
-        raise SceneError(f"{where} [softening]: peak_strain belongs to form = 'linear'")
+        raise SceneError(f"{where} [softening]: peak_strain requires form = 'linear'")

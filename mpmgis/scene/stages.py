@@ -1,4 +1,4 @@
-"""What the stages of a scene need together: their order, when they end, what two solvers cannot share."""
+"""Checks on the stages of a scene: order, end conditions, and what two solvers cannot share."""
 
 import math
 from itertools import pairwise
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import SceneError
 
-WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name besides a file of polygons
+WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name in addition to a file of polygons
 UNTIL = ("time", "reach", "calm")
 
 
@@ -24,7 +24,7 @@ def check_stages(scene, where):
             raise SceneError(f"{here}: until reach = 'barrier' needs a [[barrier]] in the scene; add it")
         if stage.solver != "points" and (stage.window or stage.outside):
             key = "window" if stage.window else "outside"
-            raise SceneError(f"{here}: {key} belongs to solver = 'points', this is {stage.solver!r}; take it out")
+            raise SceneError(f"{here}: {key} requires solver = 'points', this is {stage.solver!r}; take it out")
         if stage.outside and not stage.window:
             raise SceneError(f"{here}: outside is of a window, and there is none; give window, or take outside out")
         if stage.outside == "columns" and number == 1:
@@ -55,7 +55,7 @@ def _check_until(stage, here, last):
             continue
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not (math.isfinite(value) and value > 0.0):
-            raise SceneError(f"{here}: until {key} = {value!r}, wanted a finite number of seconds above 0")
+            raise SceneError(f"{here}: until {key} = {value!r}, expected a finite number of seconds above 0")
         stage.until[key] = float(value)
     if "calm" in stage.until and stage.solver != "points":
         raise SceneError(f"{here}: until calm is of points, which may become columns then; this is {stage.solver!r}")
@@ -64,7 +64,7 @@ def _check_until(stage, here, last):
 def _check_reach(value, here):
     if not isinstance(value, str) or (value not in (WALLS, CLIFF) and not Path(value.partition("|")[0]).suffix):
         raise SceneError(
-            f"{here}: until reach = {value!r}, wanted 'barrier', 'cliff' or a file of polygons such as 'area.gpkg'"
+            f"{here}: until reach = {value!r}, expected 'barrier', 'cliff' or a file of polygons such as 'area.gpkg'"
         )
 
 

@@ -1,4 +1,4 @@
-"""Effects that the shape of the ground, the inflow and spatial features call for."""
+"""Effects that depend on the ground, the inflow and spatial features."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ FLIGHT_THRESHOLD = 1.0  # U^2 curvature / (g cos): the bed falls away faster tha
 
 
 def decide_metric(scene, facts, slots):
-    """Lengths along the ground or on the map: as the scene says, with the number that speaks for the slope's."""
+    """Lengths along the ground or on the map: as given in the scene, with the number that decides for slope lengths."""
     form = scene.numerics.form
     slots["metric"] = metric.FORMS[form]()
     steep = facts.slope_steep**2  # 1 / c^2 - 1
@@ -38,18 +38,18 @@ def decide_curvature(scene, facts, slots):
 
 
 def decide_outflow(scene, facts, slots):
-    """The ledger of what leaves the terrain is always kept; the distance tells whether it will be needed."""
+    """Outflow is always accounted for; the distance shows whether any is likely."""
     if facts.edge_distance is None:
-        reason = "what leaves the terrain is booked"
+        reason = "outflow is reported"
     elif facts.edge_distance > 0:
         reason = f"the energy line ends {facts.edge_distance:.0f} m before the edge of the terrain"
     elif (facts.line_edge_distance or 0.0) > 0:
         reason = (
             f"the energy line ends {facts.line_edge_distance:.0f} m before the edge of the terrain, from there the "
-            f"ground falls to the edge ({scene.numerics.edges}); what leaves is booked"
+            f"ground falls to the edge ({scene.numerics.edges}); outflow is reported"
         )
     else:
-        reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); what leaves is booked"
+        reason = f"the energy line reaches the edge of the terrain ({scene.numerics.edges}); outflow is reported"
     if facts.hole_in_reach is not None:
         cells, east, north = facts.hole_in_reach
         reason += (

@@ -1,4 +1,4 @@
-"""A scene as text: TOML out, and the commented template that is made from the tables."""
+"""Scenes as TOML text, and the commented template."""
 
 import json
 from dataclasses import MISSING, fields
@@ -50,7 +50,7 @@ def template():
     lines = [
         "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
         "",
-        'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], which say theirs',
+        'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], where each stage has its own',
     ]
     for name, kind in TABLES.items():
         shown = name in _SHOWN_TABLES

@@ -1,4 +1,4 @@
-"""The piece of terrain under a release, and the vertical thickness that lies on it."""
+"""The part of the terrain under a release, and the vertical thickness of the release on it."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ..errors import InputError
-from ..kernels import sampling
+from ..kernels import polygon_cover
 from ..terrain.elevation import bilinear
 from ..terrain.release import NORMAL, ThicknessRaster
 from .cover import Lattice, Outline
@@ -23,7 +23,7 @@ def bed_under(parts, terrain):
     Raises
     ------
     InputError
-        A part lies over cells without an elevation; they are named (design note D12).
+        A part lies over cells without an elevation; they are named.
     """
     rows, columns = terrain.grid.window(shapely.total_bounds([part.polygon for part in parts]), _MARGIN)
     near = terrain.part(rows, columns)
@@ -108,12 +108,12 @@ def deposit_of(part, mode, terrain):
 
 
 def integral(polygon, raster):
-    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon (D13)."""
+    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon."""
     lattice = Lattice.of_grid(raster.grid)
     outline = Outline.of(polygon, lattice)
     cover = outline.cover()
     inside = _spans_within(cover.spans, outline.window, raster.values.shape)
-    total, square, area = sampling.integrate_cover(
+    total, square, area = polygon_cover.integrate_cover(
         raster.values, cover.rim_key, cover.rim, inside, cover.columns, outline.window.row, outline.window.column
     )
     return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area
@@ -151,7 +151,7 @@ def _cropped_raster(raster, bounds):
 
 
 def _valid_bilinear(values, row, column):
-    """Bilinear over valid neighbours with renormalised weights (D10); NaN where the pixel under the point is not
+    """Bilinear over valid neighbours with renormalised weights; NaN where the pixel under the point is not
     valid."""
     row = np.clip(row, 0, values.shape[0] - 1)
     column = np.clip(column, 0, values.shape[1] - 1)

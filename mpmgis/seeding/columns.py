@@ -1,4 +1,4 @@
-"""Algorithm 1 of MOX report 15/2025: columns of material on a terrain; its ambiguities resolved (notes D1 to D17)."""
+"""Seeding of columns on a terrain: Algorithm 1 of MOX report 15/2025."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..kernels import sampling
+from ..kernels import raster_values
 from ..messages import log
 from ..particles import Frame, Particles
 from ..terrain.grid import Grid
@@ -17,7 +17,7 @@ from .options import SeedOptions
 from .sources import column_sources
 
 THINNEST = 1e-9  # [m] mean thickness of a release
-_LARGEST_CLOSURE = 0.02  # design notes 1.3: beyond it the region is too coarse for its raster
+_LARGEST_CLOSURE = 0.02  # beyond it the region is too coarse for its raster
 _SLAB = 1 << 20  # [columns]
 
 
@@ -36,8 +36,7 @@ def seed_columns(terrain, release, **options):
     Returns
     -------
     Frame
-        Its origin is the terrain's south-west corner in whole metres at height 0, its `header` the record of
-        design notes 1.5.
+        Its origin is the terrain's south-west corner in whole metres at height 0; its `header` has the seed's record.
 
     Raises
     ------
@@ -99,23 +98,23 @@ def _require_thickness(deposits):
     mean = math.fsum(deposit.volume for deposit in deposits) / math.fsum(deposit.area for deposit in deposits)
     if not mean >= THINNEST:
         raise InputError(
-            f"release: its mean thickness is {mean:.3g} m, wanted at least {THINNEST:g} m; check the thickness's unit"
+            f"release: its mean thickness is {mean:.3g} m, expected at least {THINNEST:g} m; check the thickness's unit"
         )
 
 
 def _close(sources, scenes, deposits, options):
-    """The closure of design notes 1.3: one factor k for mode T, one mass for modes E and P."""
+    """Closure of the total mass: one factor k for mode T, one mass for modes E and P."""
     volume = math.fsum(deposit.volume for deposit in deposits)
     number = sum(source.count for source in sources)
     if options.mass != "thickness":
         each = volume / number
         return _Closure(np.array([1.0, options.density, each]), volume, each, each)
     pairs = zip(sources, scenes, strict=True)
-    sums = np.vstack([source.march(0, len(source.counts), scene, np.zeros(3)) for source, scene in pairs])
+    sums = np.vstack([source.fill(0, len(source.counts), scene, np.zeros(3)) for source, scene in pairs])
     factor = volume / math.fsum(sums[:, 0])
     if abs(factor - 1.0) > _LARGEST_CLOSURE:
         raise InputError(
-            f"release: the columns hold {100 / factor:.1f} % of its volume {volume:.6g} m3, wanted within "
+            f"release: the columns hold {100 / factor:.1f} % of its volume {volume:.6g} m3, expected within "
             f"{100 * _LARGEST_CLOSURE:g} %; the thickness raster is too coarse or too rough for this spacing: use "
             "more columns"
         )
@@ -124,7 +123,7 @@ def _close(sources, scenes, deposits, options):
 
 
 def _record(terrain, release, options, deposits, closure):
-    """The record of design notes 1.5, plain numbers and strings."""
+    """Record of the seed for the frame's header: plain numbers and strings."""
     area = math.fsum(deposit.area for deposit in deposits)
     mean = closure.volume / area
     mean_square = math.fsum(deposit.square for deposit in deposits) / area
@@ -228,7 +227,7 @@ class Seed:
         n = sum(sizes)
         position, columns, at = np.empty((n, 3)), np.empty((4, n)), 0
         for (source, scene, first, last), m in zip(group, sizes, strict=True):
-            source.march(first, last, scene, self._law, position, columns, at)
+            source.fill(first, last, scene, self._law, position, columns, at)
             at += m
         thickness, area, volume, mass = columns
         number = np.arange(start, start + n, dtype=np.uint64)
@@ -243,5 +242,5 @@ class Seed:
             velocity[:, :2] = self._velocity
             for axis in (0, 1):
                 slope = np.ascontiguousarray(self._terrain.gradient[..., axis])
-                velocity[:, 2] += self._velocity[axis] * sampling.valid_values(slope, row, column)
+                velocity[:, 2] += self._velocity[axis] * raster_values.valid_values(slope, row, column)
         return velocity

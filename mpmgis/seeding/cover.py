@@ -1,4 +1,4 @@
-"""Lattices, and what a polygon covers of them: exact areas and centroids, no supersampling (design note D13, 1.4)."""
+"""Lattices, and what a polygon covers of them: exact areas and centroids, no supersampling."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ..kernels import sampling
+from ..kernels import inside_polygon, polygon_cover
 
 _SNAP = 1e-9  # [cells] edges this close to a lattice line lie on it, or as close as map coordinates round
 _ULPS = 4.0  # units in the last place by which a map coordinate may be off
@@ -119,32 +119,32 @@ class Outline:
         columns, rows = self.window.columns * across, self.window.rows * down
         fine = np.array([across, down, across, down], dtype=float)
         edges = _snapped(self.edges * fine, self.snap * fine)
-        key, terms = sampling.cut_edges(edges, columns)
+        key, terms = polygon_cover.cut_edges(edges, columns)
         order = np.argsort(key, kind="stable")
-        rim_key, rim, spans = sampling.accumulate_cover(key, order, terms, columns, self.orientation)
+        rim_key, rim, spans = polygon_cover.accumulate_cover(key, order, terms, columns, self.orientation)
         return Cover(
             rows,
             columns,
             rim_key,
             rim,
-            sampling.row_starts(rim_key // columns, rows),
+            polygon_cover.row_starts(rim_key // columns, rows),
             spans,
-            sampling.row_starts(spans[:, 0], rows),
+            polygon_cover.row_starts(spans[:, 0], rows),
         )
 
     def contains(self, points):
         """bool[n]: which points float64[n, 2] in (u, v) of the window lie inside."""
-        return sampling.inside(np.ascontiguousarray(points), self.edges, *self.binned_edges)
+        return inside_polygon.inside(np.ascontiguousarray(points), self.edges, *self.binned_edges)
 
     def points_in_squares(self, corners, sizes):
         """float64[n, 2]: a point inside the polygon in each square of lower corner and size float64[n, 2], or NaN."""
         corners, sizes = np.ascontiguousarray(corners), np.ascontiguousarray(sizes)
-        return sampling.points_in_squares(corners, sizes, self.edges, *self.binned_edges)
+        return inside_polygon.points_in_squares(corners, sizes, self.edges, *self.binned_edges)
 
     @cached_property
     def binned_edges(self):
         """(starts, index) of the edges by row of cells."""
-        return sampling.edges_by_row(self.edges, self.window.rows)
+        return inside_polygon.edges_by_row(self.edges, self.window.rows)
 
 
 def _snapped(values, snap):
@@ -158,7 +158,7 @@ class Cover:
 
     `rim_key` int64[m] is row * columns + column, `rim` float64[m, 4] (covered share, its centroid (u, v) in the cell,
     edge pieces in the cell); `spans` int64[s, 3] (row, first column, column after the last). `rim_start` and
-    `span_start` int64[rows + 1] say where each row begins.
+    `span_start` int64[rows + 1] hold the start of each row.
     """
 
     rows: int

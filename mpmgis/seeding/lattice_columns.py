@@ -1,17 +1,17 @@
-"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon (design notes 1.4)."""
+"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon."""
 
 from functools import cached_property
 
 import numpy as np
 
-from ..kernels import sampling
+from ..kernels import cell_fill, inside_polygon, polygon_cover, rim_pieces
 from .cover import Outline
 
 KINDS = {
-    "lattice": sampling.CENTRED,
-    "staggered": sampling.STAGGERED,
-    "jittered": sampling.JITTERED,
-    "random": sampling.RANDOM,
+    "lattice": cell_fill.CENTRED,
+    "staggered": cell_fill.STAGGERED,
+    "jittered": cell_fill.JITTERED,
+    "random": cell_fill.RANDOM,
 }
 _REGULAR = 2.0  # longest side over shortest that a regular tiling may have
 
@@ -32,7 +32,7 @@ def tiling_rows(count, aspect):
 
 
 class Tiling:
-    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))`` (design note D14)."""
+    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))``."""
 
     def __init__(self, n0, beta, aspect):
         self.n0, self.beta, self.aspect = float(n0), float(beta), aspect
@@ -51,7 +51,7 @@ class Tiling:
 class LatticeColumns:
     """The columns of one polygon on a lattice, row of cells by row of cells.
 
-    `counts` int64[blocks] says how many columns each row holds; `mergeable` is the number of pieces at the rim,
+    `counts` int64[blocks] is the number of columns in each row; `mergeable` is the number of pieces at the rim,
     `joined` how many slivers went into them.
     """
 
@@ -63,13 +63,13 @@ class LatticeColumns:
         self._set_slope(slope)
         cover = self.outline.cover()
         share = np.ascontiguousarray(cover.rim[:, 0])
-        self.inner, self._near = sampling.split_cells(
+        self.inner, self._near = polygon_cover.split_cells(
             cover.rows, cover.columns, cover.rim_key, share, self._slivers(cover, forced), cover.rim_start, cover.spans,
             cover.span_start,
         )  # fmt: skip
-        self.inner_start = sampling.row_starts(self.inner[:, 0], cover.rows)
+        self.inner_start = polygon_cover.row_starts(self.inner[:, 0], cover.rows)
         self._set_pieces(forced)
-        inner_counts = sampling.count_rows(self.window.rows, self.inner, self.inner_start, *self._counting)
+        inner_counts = cell_fill.count_rows(self.window.rows, self.inner, self.inner_start, *self._counting)
         self.counts = inner_counts + np.diff(self.piece_start)
 
     def _set_slope(self, slope):
@@ -93,7 +93,7 @@ class LatticeColumns:
         across, down = self.tiling.cut(int(self.tiling.n0))
         fine = self._level(across, down)
         share = np.ascontiguousarray(fine.rim[:, 0])
-        return sampling.cells_with_slivers(cover.rim_key, cover.columns, fine.rim_key, share, across, down)
+        return rim_pieces.cells_with_slivers(cover.rim_key, cover.columns, fine.rim_key, share, across, down)
 
     def _level(self, across, down):
         """The Cover with every cell cut into `across` x `down` sub-squares, kept until the pieces are cut."""
@@ -104,15 +104,15 @@ class LatticeColumns:
     def _set_pieces(self, forced):
         """Cut the cells at and near the rim, and join slivers."""
         near = self._near
-        counts = sampling.cell_counts(near, *self._counting)
+        counts = cell_fill.cell_counts(near, *self._counting)
         owner, pieces, cut = self._cut(counts)
-        starts = sampling.row_starts(owner, len(near))
+        starts = polygon_cover.row_starts(owner, len(near))
         alone = pieces[:, :2].copy()
         order = np.argsort(pieces[:, 2], kind="stable")
-        alive = sampling.merge_slivers(pieces, starts, near, self.window.columns, order, forced)
+        alive = rim_pieces.merge_slivers(pieces, starts, near, self.window.columns, order, forced)
         self.mergeable, self.joined = int(alive.sum()), int((~alive).sum())
         self._pieces = owner[alive], pieces[alive], alone[alive], cut[alive]
-        self.piece_start = sampling.row_starts(near[owner[alive], 0], self.window.rows)
+        self.piece_start = polygon_cover.row_starts(near[owner[alive], 0], self.window.rows)
         self._levels.clear()
 
     def _cut(self, counts):
@@ -122,7 +122,7 @@ class LatticeColumns:
             across, down = self.tiling.cut(count)
             cells = np.flatnonzero(counts == count)
             cover = self._level(across, down)
-            owner, piece = sampling.gather_pieces(
+            owner, piece = rim_pieces.gather_pieces(
                 self._near[cells], across, down, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans,
                 cover.span_start,
             )  # fmt: skip
@@ -138,7 +138,7 @@ class LatticeColumns:
         """float64[n, 3]: (u, v, area [cells]) of the columns of all pieces, inside the polygon."""
         owner, pieces, alone, cut = self._pieces
         self._keep_inside(pieces, alone, cut)
-        if self.kind == sampling.RANDOM:
+        if self.kind == cell_fill.RANDOM:
             self._scatter(owner, pieces, cut)
         return np.ascontiguousarray(pieces[:, :3])
 
@@ -163,7 +163,7 @@ class LatticeColumns:
         number = np.arange(len(owner)) - np.searchsorted(owner, owner)
         cell = self._near[owner]
         keys = np.column_stack((cell[:, 1] + self.window.column, cell[:, 0] + self.window.row, number))
-        sampling.scatter_in_pieces(
+        inside_polygon.scatter_in_pieces(
             points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, self.outline.edges, *self.outline.binned_edges
         )
         pieces[:, :2] = points
@@ -173,7 +173,7 @@ class LatticeColumns:
         """How many columns in all."""
         return int(self.counts.sum())
 
-    def march(self, first, last, scene, law, position=None, columns=None, at=0):
+    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
         """Evaluate the rows first <= row < last; write them from `at` on if `position` is given.
 
         `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling.evaluate`. Returns
@@ -184,7 +184,7 @@ class LatticeColumns:
         if not write:
             position, columns = np.empty((0, 3)), np.empty((4, 0))
         tiling = self.tiling
-        return sampling.fill_rows(
+        return cell_fill.fill_rows(
             first, last, write, offsets, self.inner, self.inner_start, self.piece, self.piece_start, self.kind,
             tiling.n0, tiling.beta, tiling.rows, self._slope, self._slope_map, self.seed, self.window.row,
             self.window.column, self.lattice.cell_area, self.lattice.map_affine(self.window, scene.origin),

@@ -13,7 +13,7 @@ from .lattice_columns import KINDS
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
-REFINEMENT_LIMIT = 3.0  # design note D14
+REFINEMENT_LIMIT = 3.0  # largest beta
 _MOST = 4_000_000_000
 
 
@@ -25,9 +25,9 @@ class SeedOptions:
     ----------
     cell_size : float, optional [m]
     anchor : (float, float), optional [m]
-        Side of the square cells and (x, y) of a corner of theirs; default the DTM's own cells, of any shape.
+        Side of the square cells and (x, y) of one of their corners; default the DTM's own cells, of any shape.
     per_cell : int, optional
-        Columns a whole cell, 16 if nothing else is asked for; or instead
+        Columns a whole cell, 16 by default; or instead
     count : int, optional
         columns in all (met within 1 %), or
     spacing : float, optional [m]
@@ -67,14 +67,14 @@ class SeedOptions:
         for name in ("cell_size", "spacing", "density"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name.replace('_', ' ')} is {value:g}, wanted a finite number above 0")
+                raise InputError(f"{name.replace('_', ' ')} is {value:g}, expected a finite number above 0")
         self._require_refinement()
         if len(self.velocity) != 2 or not all(math.isfinite(v) for v in self.velocity):
-            raise InputError(f"velocity is {self.velocity}, wanted two finite numbers (east, north) in m s-1")
+            raise InputError(f"velocity is {self.velocity}, expected two finite numbers (east, north) in m s-1")
         if self.anchor is not None and not all(math.isfinite(v) for v in self.anchor):
-            raise InputError(f"anchor is {self.anchor}, wanted two finite numbers (x, y) in m")
+            raise InputError(f"anchor is {self.anchor}, expected two finite numbers (x, y) in m")
         if not 0 <= self.seed < 2**63:
-            raise InputError(f"seed is {self.seed}, wanted a whole number from 0 to 2^63 - 1")
+            raise InputError(f"seed is {self.seed}, expected a whole number from 0 to 2^63 - 1")
 
     def _require_one_resolution(self):
         asked = [name for name in ("per_cell", "count", "spacing") if getattr(self, name) is not None]
@@ -83,7 +83,7 @@ class SeedOptions:
         for name in ("per_cell", "count"):
             value = getattr(self, name)
             if value is not None and (value != int(value) or not 1 <= value <= _MOST):
-                raise InputError(f"{name} is {value:g}, wanted a whole number from 1 to {_MOST}")
+                raise InputError(f"{name} is {value:g}, expected a whole number from 1 to {_MOST}")
         if not asked:
             object.__setattr__(self, "per_cell", 16)
 
@@ -91,7 +91,7 @@ class SeedOptions:
         beta = self.refine_slope
         if not 0 <= beta <= REFINEMENT_LIMIT:
             raise InputError(
-                f"refine slope is {beta:g}, wanted 0 to {REFINEMENT_LIMIT:g} (keeps particle masses alike)"
+                f"refine slope is {beta:g}, expected 0 to {REFINEMENT_LIMIT:g} (keeps particle masses alike)"
             )
         if beta and self.mass != "thickness":
             raise InputError(
@@ -102,7 +102,7 @@ class SeedOptions:
             raise InputError("refine slope has no jittered points; use lattice, staggered, halton or random")
 
     def cells(self, grid):
-        """The Lattice of cells: those asked for, or the pixels of the DTM's `grid`."""
+        """The Lattice of cells: those requested, or the pixels of the DTM's `grid`."""
         if self.cell_size is None and self.anchor is None:
             return Lattice.of_grid(grid)
         corner = self.anchor if self.anchor is not None else (grid.transform.c, grid.transform.f)
@@ -115,21 +115,21 @@ class SeedOptions:
         return Lattice.squares(cells.origin, side, tuple(along.tolist()))
 
     def expected(self, grid, area):
-        """How many columns are asked for on `area` [m2] (a real number), refinement apart."""
+        """The requested number of columns on `area` [m2] (a real number), refinement apart."""
         if self.count is not None:
             return float(self.count)
         share = self.spacing**2 if self.spacing is not None else self.cells(grid).cell_area / self.per_cell
         number = area / share
         if number > _MOST:
             raise InputError(
-                f"{number:.3g} columns asked for, wanted at most {_MOST}; use a wider spacing or fewer a cell"
+                f"{number:.3g} columns requested, expected at most {_MOST}; use a wider spacing or fewer a cell"
             )
         return number
 
 
 def _require_choice(name, value, choices):
     if value not in choices:
-        raise InputError(f"{name} {value!r} is unknown, wanted {', '.join(choices)}")
+        raise InputError(f"{name} {value!r} is unknown, expected {', '.join(choices)}")
 
 
 DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore

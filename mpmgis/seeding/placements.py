@@ -8,17 +8,17 @@ total and centroid are kept; other point sets move it within its piece (stratifi
 import numpy as np
 
 from ..errors import InputError
-from ..kernels import sampling
+from ..kernels import cell_fill, equal_mass_fill, halton_fill, random_numbers
 from .cover import Outline
 
 _FINER = 0.71  # side of the cells that the mass is summed on, over the columns' mean spacing
 # Width of a column's displacement over its piece; jittered as far as the centroids of quads with displaced corners are.
 # Strips share no cells whose columns could be staggered: such a set lies at the centres of mass like the lattice.
-_SPREAD = {"lattice": 0.0, "staggered": 0.0, "jittered": 0.5 * sampling.JITTER, "halton": 1.0, "random": 1.0}
+_SPREAD = {"lattice": 0.0, "staggered": 0.0, "jittered": 0.5 * cell_fill.JITTER, "halton": 1.0, "random": 1.0}
 
 
 class EqualMassColumns:
-    """Exactly `count` columns of one polygon; `counts` int64[blocks] says how many each strip holds.
+    """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number in each strip.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class EqualMassColumns:
         self.window = self.outline.window
         self.cover = self.outline.cover()
         self._keep_centroids_inside()
-        self._shift = np.array([sampling.uniform(self.seed, 2, 0, 0), sampling.uniform(self.seed, 2, 0, 1)])
+        self._shift = np.array([random_numbers.uniform(self.seed, 2, 0, 0), random_numbers.uniform(self.seed, 2, 0, 1)])
         self._set_strips(scene)
         self.area = polygon.area
 
     def _keep_centroids_inside(self):
-        """Rim pieces whose centroid lies outside the polygon get a point of theirs inside instead."""
+        """Rim pieces whose centroid lies outside the polygon get one of their points inside instead."""
         rim, columns = self.cover.rim, self.cover.columns
         doubtful = np.flatnonzero(rim[:, 3] >= 2)
         corner = np.column_stack((self.cover.rim_key % columns, self.cover.rim_key // columns)).astype(float)
@@ -58,7 +58,7 @@ class EqualMassColumns:
     def _set_strips(self, scene):
         """Borders of the strips [rows of cells] and how many columns each holds."""
         cover = self.cover
-        sums = sampling.cover_row_sums(
+        sums = equal_mass_fill.cover_row_sums(
             cover.rows, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans, cover.span_start,
             scene.thickness, self.lattice.raster_affine(self.window, scene.thickness_grid),
         )  # fmt: skip
@@ -79,11 +79,11 @@ class EqualMassColumns:
         self.counts = np.diff(whole)
         self._start = whole[:-1].copy()
 
-    def march(self, first, last, scene, law, position, columns, at=0):
+    def fill(self, first, last, scene, law, position, columns, at=0):
         """Write the columns of the strips first <= strip < last from `at` on."""
         offsets = at + self._start[first:last] - self._start[first]
         cover = self.cover
-        sampling.fill_strips(
+        equal_mass_fill.fill_strips(
             first, last, True, self._borders, self.counts, offsets, self._start, _SPREAD[self.points],
             self.points == "halton", self.seed, self._shift, cover.columns, cover.rim_key, cover.rim, cover.rim_start,
             cover.spans, cover.span_start, self.outline.edges, *self.outline.binned_edges,
@@ -103,7 +103,7 @@ def _inverse(values, edges, wanted):
 
 
 def _strictly(values):
-    """`values` made strictly increasing by the least that np.interp can tell apart."""
+    """`values` made strictly increasing by the smallest difference that np.interp resolves."""
     return values + np.arange(len(values)) * (np.abs(values[-1]) * 1e-15)
 
 
@@ -113,7 +113,7 @@ _MOST_TRIES = 100_000  # indices a point: a region that fills less of its boundi
 
 
 class HaltonColumns:
-    """Exactly `count` columns of one polygon; `counts` int64[blocks] says how many each chunk of the sequence gives.
+    """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number from each chunk of the sequence.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class HaltonColumns:
         ends = self.outline.edges.reshape(-1, 2)
         low, size = ends.min(axis=0), np.ptp(ends, axis=0)
         self._box = np.concatenate((low, size))
-        self._shift = np.array([sampling.uniform(self.seed, 1, 0, 0), sampling.uniform(self.seed, 1, 0, 1)])
+        self._shift = np.array([random_numbers.uniform(self.seed, 1, 0, 0), random_numbers.uniform(self.seed, 1, 0, 1)])
         values, grid = slope if slope is not None else (np.zeros((2, 2)), None)
         self._slope = np.ascontiguousarray(values)
         self._slope_map = lattice.raster_affine(self.window, grid) if grid is not None else np.zeros(6)
@@ -179,13 +179,13 @@ class HaltonColumns:
         else:
             position, columns, law = np.empty((0, 3)), np.empty((4, 0)), np.zeros(3)
         cover = self.cover
-        return sampling.halton_chunks(
+        return halton_fill.halton_chunks(
             first, last, _CHUNK, np.asarray(quota), write, offsets, self._shift, self._box, cover.columns,
             cover.rim_key, cover.rim_start, cover.spans, cover.span_start, self.outline.edges,
             *self.outline.binned_edges, self.beta, self._slope, self._slope_map, self.seed, unit_area, place, bed,
             bed_map, thick, thick_map, law, position, columns,
         )  # fmt: skip
 
-    def march(self, first, last, scene, law, position=None, columns=None, at=0):
-        """As `LatticeColumns.march`, over chunks of the sequence."""
+    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
+        """As `LatticeColumns.fill`, over chunks of the sequence."""
         return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns, at)[:, :3]

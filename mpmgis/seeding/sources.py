@@ -1,4 +1,4 @@
-"""Which columns are made: sources of columns, one a release part, at the resolution that was asked for."""
+"""Sources of columns: one for each release part, at the requested resolution."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from .lattice_columns import LatticeColumns, Tiling, tiling_rows
 from .placements import EqualMassColumns, HaltonColumns
 
 _BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
-_TOLERANCE = 0.01  # of a count that was asked for
+_TOLERANCE = 0.01  # of a requested count
 _GOOD_ENOUGH = 0.004
 
 
 def column_sources(grid, release, deposits, scenes, slope, options):
-    """A source of columns per release part: `counts` int64[blocks], `count`, and `march` over a range of blocks.
+    """A source of columns per release part: `counts` int64[blocks], `count`, and `fill` over a range of blocks.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _mean_steepness(slope, polygons):
 
 
 def _lattice_sources(grid, polygons, slope, options, expected):
-    """Columns on the cells' own tiling, on a lattice of free spacing, or with the count that was asked for."""
+    """Columns on the cells' own tiling, on a lattice of free spacing, or with the requested count."""
     beta = options.refine_slope
 
     def make(cells, n0, forced=None):

@@ -1,53 +1,28 @@
-"""The depth-averaged solver: its state, one call to advance it, its frames and its balances (design notes 3)."""
+"""The depth-averaged solver: initial state, time integration, frames."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects.metric import SlopeMetric, WaterMetric, cosine_squared
-from ..errors import FormatError, SceneError
+from ..effects.metric import SlopeMetric, WaterMetric
+from ..errors import SceneError
 from ..fields import GRAVITY
+from ..kernels import column_clock, column_report
 from ..kernels import columns as kernel
 from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_rows import CXX
 from ..kernels.jit import ready_threads
 from ..particles import Particles
-from ..peaks import PEAK_STATE, fits, maxima_of, no_peaks, peaks_state, restore_peaks
+from ..peaks import no_peaks
 from ..spatial.features import Places
 from ..spatial.node_grid import ColumnGrid
-from ..spatial.outflow import left_places
-from .particle_store import EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
-from .restart import LEFT_STATE, require_column_state
+from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
 
-EDGE_NAMES = ("west", "south", "east", "north", "nodata")
-# of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
-LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
-# of what a barrier took up [N s, N s, N s, kg, N]; the force is the largest of a single step
-BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
-# what came in after the start: columns, and their energy when they did [J]
-INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks that hold columns where none does
 LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
 THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
-LOSSES = {  # what takes energy of a flow, and the clock's entry for it
-    "ground": kernel.FRICTION_TOTAL,
-    "eroded_mass": kernel.MERGING_TOTAL,
-    "barriers": kernel.BARRIER_TOTAL,
-    "speed_limit": kernel.LIMITED_TOTAL,
-}
-CLIPS = {  # what holds a column's state within bounds, and the clock's count of the column-steps that it acted on
-    "area_factor": kernel.STRETCH_TOTAL,
-    "thinnest_column": kernel.THIN_AREA_TOTAL,
-    "thickness_clamp": kernel.CLAMPED_TOTAL,
-    "speed_bound": kernel.SPEED_TOTAL,
-    "held_at_walls": kernel.WALL_TOTAL,
-    "viscosity_capped": kernel.STIFF_TOTAL,
-    "thinner_than_friction": kernel.THIN_TOTAL,
-    "erosion_of_a_step": kernel.GREEDY_TOTAL,
-    "weightless": kernel.AIRBORNE_TOTAL,
-}
 WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
 CFL_ALONE = 0.6  # Courant number of a flow that meets no wall, takes up no ground and has no inflow
 SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
@@ -55,10 +30,10 @@ SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all
 
 @dataclass(frozen=True)
 class ColumnNumerics:
-    """How the columns are marched; what is marched is in `ColumnEffects`.
+    """Numerical settings of the columns; the effects are in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's (design notes 3.3; 0: off, the default:
-    it made water heap in a corner and brought nothing on ISeeSnow). `time_step` fixes the step [s] (None: by CFL).
+    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step`
+    fixes the step [s] (None: by CFL).
     `reference_thickness` [m] is what thin is measured against (None: the mean over the columns at the start).
     """
 
@@ -76,8 +51,8 @@ class ColumnNumerics:
     reference_thickness: float | None = None
 
 
-class ColumnSolver(ParticleStore):
-    """Marches the columns of `frame` over `terrain`.
+class ColumnSolver(ColumnState):
+    """Advances the columns of `frame` over `terrain`.
 
     Parameters
     ----------
@@ -98,13 +73,13 @@ class ColumnSolver(ParticleStore):
 
     def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
         if frame.dimension != 2 or frame.particles.area is None:
-            raise SceneError("the depth-averaged solver wants columns (dimension 2), got points")
+            raise SceneError("the depth-averaged solver requires columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
         self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
         if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
-            raise SceneError("[curvature] belongs to form = 'slope'; take it out, or set use = 'off'")
+            raise SceneError("[curvature] requires form = 'slope'; remove it, or set use = 'off'")
         self._load(frame, gradient)
 
     def _load(self, frame, gradient):
@@ -118,27 +93,27 @@ class ColumnSolver(ParticleStore):
         self._nodes = np.zeros((*shape, 4))
         self._wet = np.zeros(shape, np.uint8)
         self._peaks = no_peaks(shape, numerics.maxima)
-        self._ledger = np.zeros((kernel.EDGES, kernel.OUT_ENTRIES))
+        self._ledger = np.zeros((column_report.EDGES, column_report.OUT_ENTRIES))
         self._left = self._no_mass_left(grid)
         self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
-        self._clock = np.zeros(kernel.CLOCK)
-        self._clock[kernel.TIME] = frame.time
-        self._clock[kernel.BOUND_BED] = grid.bed.min()
-        self._counts = np.zeros(kernel.COUNTS, np.int64)
-        self._counts[kernel.WEST : kernel.NORTH + 1] = NO_WINDOW
+        self._clock = np.zeros(column_clock.CLOCK)
+        self._clock[column_clock.TIME] = frame.time
+        self._clock[column_clock.BOUND_BED] = grid.bed.min()
+        self._counts = np.zeros(column_clock.COUNTS, np.int64)
+        self._counts[column_clock.WEST : column_clock.NORTH + 1] = NO_WINDOW
         self._inserted = np.zeros(INSERTED)
         ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
         self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
         self.bed_start = self._add(frame, ids)
         if gradient is not None:
             self._rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
-        self.mass_start = float(self._clock[kernel.TOTAL_MASS])
+        self.mass_start = float(self._clock[column_clock.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
         self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
-        """What does not change while the columns march."""
+        """Settings that are constant during the time integration."""
         grid, numerics = self.grid, self.numerics
         reference = numerics.reference_thickness
         if reference is None:
@@ -189,16 +164,16 @@ class ColumnSolver(ParticleStore):
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
         bed = self._add(frame, np.arange(first, first + n))
-        count = int(self._counts[kernel.ROWS])
+        count = int(self._counts[column_clock.ROWS])
         kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
         self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
 
     def _add(self, frame, ids):
-        """Append the columns of `frame` and tell the clock of them; answers the bed under them [m]."""
+        """Append the columns of `frame` and update the clock; returns the bed under them [m]."""
         particles, counts, clock = frame.particles, self._counts, self._clock
         x, y = self._from_corner(frame)
         bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
-        n, first = len(particles), int(counts[kernel.ROWS])
+        n, first = len(particles), int(counts[column_clock.ROWS])
         if n == 0:
             return bed
         self._require_room(first + n)
@@ -211,12 +186,12 @@ class ColumnSolver(ParticleStore):
         rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
         self._ids[new] = ids
         west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
-        seen = counts[kernel.WEST : kernel.NORTH + 1]
+        seen = counts[column_clock.WEST : column_clock.NORTH + 1]
         seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
-        counts[kernel.ROWS] += n
-        counts[kernel.ALIVE] += n
-        clock[kernel.TOTAL_MASS] += float(particles.mass.sum())
-        clock[kernel.BOUND_BED] = max(clock[kernel.BOUND_BED], bed.max())
+        counts[column_clock.ROWS] += n
+        counts[column_clock.ALIVE] += n
+        clock[column_clock.TOTAL_MASS] += float(particles.mass.sum())
+        clock[column_clock.BOUND_BED] = max(clock[column_clock.BOUND_BED], bed.max())
         thickness = particles.mass / (self.numerics.density * particles.area)
         speed2 = (particles.velocity**2).sum(axis=1)
         self._note_start(x, y, thickness, speed2)
@@ -228,13 +203,13 @@ class ColumnSolver(ParticleStore):
         """Note where columns that come in now at `x`, `y` [m] are thicker or faster than any before."""
         clock = self._clock
         for values, at, largest in (
-            (thickness, kernel.DEEPEST_X, clock[kernel.DEPTH_WORST]),
-            (np.sqrt(speed2), kernel.FASTEST_X, clock[kernel.FASTEST]),
+            (thickness, column_clock.DEEPEST_X, clock[column_clock.DEPTH_WORST]),
+            (np.sqrt(speed2), column_clock.FASTEST_X, clock[column_clock.FASTEST]),
         ):
             k = int(np.argmax(values))
             if values[k] > largest or not self.step:
                 clock[at : at + 3] = x[k], y[k], self.time
-        clock[kernel.FASTEST] = max(clock[kernel.FASTEST], np.sqrt(speed2.max()))
+        clock[column_clock.FASTEST] = max(clock[column_clock.FASTEST], np.sqrt(speed2.max()))
 
     def take_out(self, chosen):
         """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
@@ -253,12 +228,12 @@ class ColumnSolver(ParticleStore):
             self.fields.bed, rows[out, kernel.X].copy(), rows[out, kernel.Y].copy(), self.grid.cell_size
         )[0]
         lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
-        n, counts = self._counts[kernel.ROWS], self._counts
+        n, counts = self._counts[column_clock.ROWS], self._counts
         gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
         self._keys[gone] = kernel.GONE
-        counts[kernel.ALIVE] -= len(gone)
-        counts[kernel.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
-        self._clock[kernel.TOTAL_MASS] -= lost[0]
+        counts[column_clock.ALIVE] -= len(gone)
+        counts[column_clock.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
+        self._clock[column_clock.TOTAL_MASS] -= lost[0]
         self.mass_start -= lost[0]
         self.energy_start = tuple(a - b for a, b in zip(self.energy_start, lost[1], strict=True))
         return taken
@@ -269,43 +244,50 @@ class ColumnSolver(ParticleStore):
         wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
         deepest = np.max(thickness)
         for entry, value in (
-            (kernel.SPEED, np.max(speed)),
-            (kernel.SIGNAL, np.max(speed + wave)),
-            (kernel.BOUND_ENERGY, 4 * gravity * deepest + speed2),
-            (kernel.DEPTH_NOW, deepest),
-            (kernel.DEPTH_WORST, deepest),
+            (column_clock.SPEED, np.max(speed)),
+            (column_clock.SIGNAL, np.max(speed + wave)),
+            (column_clock.BOUND_ENERGY, 4 * gravity * deepest + speed2),
+            (column_clock.DEPTH_NOW, deepest),
+            (column_clock.DEPTH_WORST, deepest),
         ):
             clock[entry] = max(clock[entry], value)
 
     def _forget_peaks(self):
         """Stop rules compare with peaks of the past; what has just come in has none yet."""
         clock = self._clock
-        clock[kernel.KINETIC_PEAK] = clock[kernel.MOVING_PEAK] = 0.0
-        clock[kernel.KINETIC_LOW_SINCE] = -1.0
-        clock[kernel.FOOTPRINT_MARK_TIME], clock[kernel.FOOTPRINT_MARK] = self.time, float(self._counts[kernel.WET])
+        clock[column_clock.KINETIC_PEAK] = clock[column_clock.MOVING_PEAK] = 0.0
+        clock[column_clock.KINETIC_LOW_SINCE] = -1.0
+        clock[column_clock.FOOTPRINT_MARK_TIME], clock[column_clock.FOOTPRINT_MARK] = (
+            self.time,
+            float(self._counts[column_clock.WET]),
+        )
 
     def _settle(self, window, least):
         """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
         answers the potential energy that this adds [J]."""
-        n = self._counts[kernel.ROWS]
+        n = self._counts[column_clock.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
             self._rows[:n], self._keys[:n], kernel.GONE, window.marked, window.row, window.column, walls,
             self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
         )  # fmt: skip
-        if thickest > self._clock[kernel.DEPTH_WORST]:
+        if thickest > self._clock[column_clock.DEPTH_WORST]:
             rows, keys = self._rows[:n], self._keys[:n]
             thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
             k = int(np.argmax(thickness))
-            self._clock[kernel.DEEPEST_X : kernel.DEEPEST_TIME + 1] = rows[k, kernel.X], rows[k, kernel.Y], self.time
+            self._clock[column_clock.DEEPEST_X : column_clock.DEEPEST_TIME + 1] = (
+                rows[k, kernel.X],
+                rows[k, kernel.Y],
+                self.time,
+            )
         self._expect(thickest, fastest, 0.0)
         return 0.5 * self.numerics.gravity * lifted
 
     def arm(self, number, nodes, thickness):
         """Let `advance` come back with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
 
-        `number`, from 1, tells areas apart; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
+        `number`, from 1, identifies the area; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
         below what counts as flow, means any flow.
         """
         self._wet[nodes] |= np.uint8(kernel.ARMED * number)
@@ -321,20 +303,20 @@ class ColumnSolver(ParticleStore):
     @property
     def columns(self):
         """Number of columns on the terrain now."""
-        return int(self._counts[kernel.ALIVE])
+        return int(self._counts[column_clock.ALIVE])
 
     @property
     def speed_max(self):
         """Largest horizontal speed now [m s-1]."""
-        return float(self._clock[kernel.SPEED])
+        return float(self._clock[column_clock.SPEED])
 
     def advance(self, until, max_steps=1 << 62, may_stop=True):
-        """March to time `until` [s] or for `max_steps`; answers the kernel's reason to come back.
+        """Advance to time `until` [s] or by `max_steps`; returns the kernel's reason to stop.
 
         Without `may_stop` no stop rule ends it before (more is to come).
         """
         if not self.columns:
-            return kernel.ALL_LEFT
+            return column_clock.ALL_LEFT
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
         ready_threads()
         return kernel.advance(
@@ -387,214 +369,3 @@ class ColumnSolver(ParticleStore):
             self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids),
             time=self.time, step=self.step, solver="columns", header=header, maxima=self.maxima(), state=self.state(),
         )  # fmt: skip
-
-    def state(self):
-        """What a restart needs besides the frame's particles: the arrays that change, as they are."""
-        rows, _, _ = self._alive()
-        arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
-        if self.numerics.maxima:
-            arrays |= peaks_state(self._peaks)
-        arrays |= self._watch_state()
-        reached = np.packbits(self._wet & kernel.REACHED, axis=1)
-        return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
-
-    def _changing(self):
-        """Name -> array of all that changes besides rows and reached nodes, and that this scene has."""
-        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
-        if self.effects.barrier.barrier_active():
-            arrays["barriers"] = self._barrier_sums
-        if self.effects.entrainment.entrainment_active():
-            arrays["erodible"] = self.fields.erodible
-            if self.effects.entrainment.bed_lowering() > 0.0:
-                arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
-        return arrays
-
-    def restore(self, frame, known=False):
-        """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
-
-        The state is checked unless it is `known`: one that never left this process.
-
-        Raises
-        ------
-        FormatError
-            No state in it, or the state of another run.
-        """
-        self._restore_watch(frame)
-        state, ids = frame.state, frame.particles.id
-        changing = self._changing()
-        peaks = set(PEAK_STATE) if self.numerics.maxima else set()
-        if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
-            at = f"t = {frame.time:g} s"
-            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
-        rows = state["rows"]
-        shapes = {name: array.shape for name, array in changing.items()}
-        shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
-        if (peaks and not fits(self._peaks, state)) or any(
-            state[name].shape != shape for name, shape in shapes.items()
-        ):
-            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
-        if not known:
-            require_column_state(frame, self, changing)
-        self._require_room(len(rows))
-        self._wet &= np.uint8(255 - kernel.REACHED)
-        self._rows[: len(rows)], self._ids[: len(rows)] = rows, ids
-        self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
-        for name, array in changing.items():
-            array[:] = state[name]
-        self._restore_left(state)
-        if self.numerics.maxima:
-            restore_peaks(self._peaks, state)
-        self._counts[kernel.ROWS] = len(rows)
-        kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
-
-    def started(self):
-        """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
-        return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
-
-    def start_from(self, started):
-        """Count from the start that `started()` told of: this solver was made of a later frame of the same run."""
-        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
-        self._first_new_id = started["first_new_id"]
-
-    def flow(self):
-        """The Flow now."""
-        rows, _, _ = self._alive()
-        u, v = rows[:, kernel.U], rows[:, kernel.V]
-        speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
-        mass, x, y = rows[:, kernel.MASS], rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
-        return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
-
-    def maxima(self):
-        """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
-
-        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that
-        all but the thickness are of; empty where not asked for.
-        """
-        if not self.numerics.maxima:
-            return {}
-        grid, inner = self.grid, self._peaks[1:-1, 1:-1]
-        return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
-
-    def energy(self):
-        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.
-
-        The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
-        stands normal to the bed: that is the energy whose gradient the pressure force is.
-        """
-        rows, _, _ = self._alive()
-        x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
-        return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
-
-    def _energy_of(self, rows, bed):
-        mass, gravity = rows[:, kernel.MASS], self.numerics.gravity
-        u, v = rows[:, kernel.U], rows[:, kernel.V]
-        mx, my = self.effects.metric.metric_gradient(rows[:, kernel.GX], rows[:, kernel.GY])
-        w = u * mx + v * my
-        thickness = mass / (self.numerics.density * rows[:, kernel.AREA]) * cosine_squared(mx, my)
-        potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
-        return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
-
-    def balances(self):
-        """Mass, energy and outflow so far, in plain numbers [kg, J, kg m s-1], with the checks a reader wants first."""
-        rows, _, _ = self._alive()
-        mass_now = float(rows[:, kernel.MASS].sum())
-        mass_out = float(self._ledger[:, 0].sum())
-        clock = self._clock
-        released = float(clock[kernel.TOTAL_MASS] - clock[kernel.ENTRAINED_TOTAL])
-        over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
-        return {
-            "mass_start": self.mass_start,
-            "mass_now": mass_now,
-            "mass_out": mass_out,
-            "mass_released": released,
-            "mass_entrained": float(clock[kernel.ENTRAINED_TOTAL]),
-            "mass_error_relative": (mass_now + mass_out - clock[kernel.TOTAL_MASS]) / (clock[kernel.TOTAL_MASS] or 1.0),
-            "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
-            "left_places": left_places(self.grid, self._left),
-            **self._energy_balance(),
-            "speed_max_now": float(clock[kernel.SPEED]),
-            "speed_bound_ratio": float(np.sqrt(clock[kernel.BOUND_WORST])),
-            "thickness_max_now": float(clock[kernel.DEPTH_NOW]),
-            "thickness_max": float(clock[kernel.DEPTH_WORST]),
-            "thickness_max_at": self._place_of(kernel.DEEPEST_X),
-            "thickness_max_time": float(clock[kernel.DEEPEST_TIME]),
-            "speed_max": float(clock[kernel.FASTEST]),
-            "speed_max_at": self._place_of(kernel.FASTEST_X),
-            "speed_max_time": float(clock[kernel.FASTEST_TIME]),
-            "moving_share": float(clock[kernel.MOVING_SHARE]),
-            "speed_limited_share_max": float(clock[kernel.LIMITED_WORST]),
-            "airborne_share_max": float(clock[kernel.AIRBORNE_WORST]),
-            "particle_steps": int(clock[kernel.COLUMN_STEPS]),
-            "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
-            "thickness_clamps": int(clock[kernel.CLAMPED_TOTAL]),
-            "viscosity_capped_share_max": float(clock[kernel.STIFF_WORST]),
-            "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
-            "footprint_area": float(self._counts[kernel.WET]) * self.grid.cell_size**2,
-        }
-
-    def energy_look(self):
-        """The EnergyLook now, of kinetic energy and of what weight and pressure did: heights need no guard, see
-        `_energy_balance`."""
-        clock, kinetic = self._clock, self.energy()[0]
-        work, taken = clock[kernel.WORK_TOTAL], sum(clock[entry] for entry in LOSSES.values())
-        put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
-        made = kinetic + self._ledger[:, 3].sum() - work - put_in
-        gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
-        least = least_kinetic(clock[kernel.KINETIC_PEAK], clock[kernel.TOTAL_MASS], gravity, cell_size)
-        work = float(work), float(taken), float(put_in)
-        return EnergyLook(float(made), kinetic, float(least), work, self.time)
-
-    def _energy_balance(self):
-        """Energy that came in, that is there and that left [J], and what took the rest.
-
-        What the velocities lose to the transfers between columns and grid, to shocks and to internal friction is the
-        kinetic energy that the work of weight and pressure leaves unexplained (`mixing`). Changes of c^2 h / 2, the
-        height of a column's middle, go to `bends`, with a negative sign where slopes ease: a thin layer has no force
-        for them. The error is what is left then: the potential energy that came in and is gone, less that work, over
-        all energy that came in.
-        """
-        clock, ledger, gravity = self._clock, self._ledger, self.numerics.gravity
-        (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
-        datum = gravity * float(self.grid.bed.min())
-        kinetic_out, potential_out = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
-        kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
-        taken = float(clock[kernel.ENTRAINED_POTENTIAL_TOTAL] - clock[kernel.ENTRAINED_TOTAL] * datum)
-        lost_to = {name: float(clock[entry]) for name, entry in LOSSES.items()}
-        work = float(clock[kernel.WORK_TOTAL])
-        lost_to["mixing"] = work + kinetic_start + kinetic_later - kinetic - kinetic_out - sum(lost_to.values())
-        lost_to["bends"] = -float(clock[kernel.BENT_TOTAL])
-        put_in = kinetic_start + potential_start + kinetic_later + potential_later + taken
-        lost = put_in - kinetic - potential - kinetic_out - potential_out
-        return {
-            "energy_start": kinetic_start + potential_start,
-            "energy_released_later": kinetic_later + potential_later,
-            "energy_entrained": taken,
-            "energy_out": kinetic_out + potential_out,
-            "kinetic_energy": kinetic,
-            "kinetic_energy_peak": max(kinetic, float(clock[kernel.KINETIC_PEAK])),
-            "potential_energy": potential,
-            "energy_lost": lost,
-            **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
-            "energy_error_relative": (lost - sum(lost_to.values())) / (put_in or 1.0),
-        }
-
-    def _place_of(self, entry):
-        """[E, N] [m] of the place that the clock keeps from `entry` on."""
-        return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
-
-    def fastest(self):
-        """Map E, N [m] and speed [m s-1] of the fastest column."""
-        flow = self.flow()
-        k = int(np.argmax(flow.speed))
-        return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
-
-    def trouble(self):
-        """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""
-        clock = self._clock
-        return (
-            float(clock[kernel.BOUND_NOW_X]) + self.grid.x0,
-            float(clock[kernel.BOUND_NOW_Y]) + self.grid.y0,
-            int(self._counts[kernel.BAD]),
-            float(np.sqrt(clock[kernel.BOUND_NOW])),
-            float(clock[kernel.WILD_NOW]),
-        )

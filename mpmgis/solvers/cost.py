@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..fields import GRAVITY
-from ..kernels.columns import ROW
+from ..kernels.column_rows import ROW
 from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
 from ..machine import memory_lack
 from ..scene.points import FEWEST_CELLS
@@ -76,7 +76,7 @@ BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and
 BYTES_PER_GRID_NODE = 110  # of a grid on the map while it is made (measured 105 with 1.1e8 nodes, 2026-11-22)
 BYTES_PER_START = 320  # of a point while columns become points
 BYTES_PER_SWITCHED = 640  # of a point while columns become points amid a run, or points columns (measured 2026-11-22)
-MEMORY_SHARE = 0.8  # of what is free, above which a run is asked about
+MEMORY_SHARE = 0.8  # of what is free, above which a run needs confirmation
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
 NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
@@ -149,7 +149,7 @@ def seconds_of_looks(particles, looks, conditions):
 
 
 def require_memory_for_points(count, cell_size):
-    """Refuse, before they are made, points that this machine cannot hold (H25).
+    """Refuse, before they are made, points that this machine cannot hold.
 
     Raises
     ------

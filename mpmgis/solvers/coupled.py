@@ -1,4 +1,4 @@
-"""Points in a window and columns around it, marched in step; columns that come into the window become points."""
+"""Points in a window and columns around it, advanced together; columns that enter the window become points."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import FormatError
-from ..kernels import columns as column_kernel
+from ..kernels import column_clock
 from ..kernels import points as point_kernel
 from ..particles import Particles
 from ..peaks import together
@@ -96,7 +96,7 @@ class CoupledSolver:
     # -------------------------------------------------------------------------------------------------------- marching
 
     def advance(self, until, after, max_steps):
-        """March both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
+        """Advance both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
 
         Answers RUNNING, REACHED_TIME, ALL_LEFT, the points' trouble, or the columns' reason and OF_COLUMNS.
         """
@@ -131,10 +131,10 @@ class CoupledSolver:
     def _march_columns(self, target):
         solver = self.columns_solver
         code = solver.advance(target, may_stop=False)
-        if code == column_kernel.ALL_LEFT:
+        if code == column_clock.ALL_LEFT:
             solver.wait(target)
             return REACHED_TIME
-        return code if code == column_kernel.REACHED_TIME else OF_COLUMNS + code
+        return code if code == column_clock.REACHED_TIME else OF_COLUMNS + code
 
     def _exchange(self):
         """Columns that have come into the window become points."""
@@ -169,7 +169,7 @@ class CoupledSolver:
         return (self.points_solver, self.points_solver.points), (self.columns_solver, self.columns_solver.columns)
 
     def frame(self):
-        """Points, and the columns outside as points of the same mass and momentum; the columns' state beside theirs."""
+        """Points, and columns outside as points of the same mass and momentum, with the columns' state in addition."""
         points, columns = self.points_solver.frame(), self.columns_solver.frame()
         state = points.state | {f"{PREFIX}{name}": values for name, values in columns.state.items()}
         state |= {f"{PREFIX}ids": columns.particles.id, f"{PREFIX}origin": np.asarray(columns.origin)}
@@ -253,7 +253,7 @@ def parts_of(frame):
     particles, n = frame.particles, len(own["rows"])
     points = replace(frame, particles=particles.take(slice(0, n)), state=own)
     ids, origin = np.asarray(state["ids"]), tuple(np.asarray(state["origin"]).tolist())
-    first = np.zeros(len(ids), int)  # where they stand, rows tell
+    first = np.zeros(len(ids), int)  # positions are in rows
     columns = replace(particles.take(first), id=ids, thickness=np.ones(len(ids)), area=np.ones(len(ids)))
     return points, replace(frame, particles=columns, dimension=2, origin=origin, state=state)
 
@@ -262,7 +262,9 @@ def _states(frame):
     """(state of the points, state of the columns with `ids`, `origin` and `started` in it) of a coupled `frame`."""
     names = [name for name in frame.state if name.startswith(PREFIX)]
     if f"{PREFIX}started" not in names or "rows" not in frame.state:
-        raise FormatError(f"the frame at t = {frame.time:g} s tells no columns outside; start with --overwrite")
+        raise FormatError(
+            f"the frame at t = {frame.time:g} s has no state of the columns outside the window; start with --overwrite"
+        )
     own = {name: values for name, values in frame.state.items() if name not in names}
     return own, {name.removeprefix(PREFIX): frame.state[name] for name in names}
 

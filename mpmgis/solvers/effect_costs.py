@@ -1,7 +1,7 @@
-"""What effects cost: how much of a step is saved where one of them gives way to its null form (design notes 8).
+"""Computing cost of effects: the time of a step with and without each of them.
 
-Both steps are timed from the same state in turns, a flow under way, so that neither the machine's moods nor the flow's
-own change are taken for the effect. What is left of that is told: the whole scene against itself.
+Both steps are timed from the same state in turns, a flow under way, so that neither the machine's load nor the flow's
+own change is taken for the effect. The remaining error is reported: the whole scene against itself.
 """
 
 from time import perf_counter
@@ -46,7 +46,7 @@ def without_each(effects):
 
 
 def under_way(solver, events, end_time, clock=perf_counter):
-    """March `solver` a little, with what flows in, to where its effects are at work; the Frame there, with its state.
+    """Advance `solver` a little, with inflow, to where its effects are at work; the Frame there, with its state.
 
     Raises
     ------

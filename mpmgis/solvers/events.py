@@ -1,4 +1,4 @@
-"""What happens between steps: columns that flow in over time, and areas that the flow releases when it gets there."""
+"""Events between steps: inflow over time, and secondary releases that the flow triggers."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from ..spatial.features import MAX_AREAS
 from ..terrain.inflow import BATCH_SHARE, batch_times, clearing_time
 from .restart import StateCheck
 
-LARGEST_REASON = 100  # for which a march ends (`marched.STOPPED_AT_REST`)
+LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
 
 # Columns of an inlet take turns by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
 # dither): batches of one layer each are as even as they can be, and eight of them fill the lattice once.
@@ -166,7 +166,7 @@ def secondary_releases(named_frames, grid):
         Too many, or one that lies within the cells of others.
     """
     if len(named_frames) > MAX_AREAS:
-        raise SceneError(f"{len(named_frames)} [[secondary_release]], wanted at most {MAX_AREAS}; unite some of them")
+        raise SceneError(f"{len(named_frames)} [[secondary_release]], expected at most {MAX_AREAS}; unite some of them")
     taken = np.zeros(grid.bed.shape, bool)
     releases = []
     for name, frame, thickness in named_frames:

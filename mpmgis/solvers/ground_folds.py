@@ -1,4 +1,4 @@
-"""Where the ground folds within a cell, and how far the nodes there are from it (design notes 4.7).
+"""Folds of the ground within a cell, and the distance of the nodes there from the ground.
 
 At a cliff's edge the plane under a node column leaves the ground by up to the cliff's height. Such columns, and those
 beside them, keep the exact distance and direction of the nearest ground for each node that the flow can reach; all
@@ -49,7 +49,7 @@ def folded_ground(nodes, height, dx, clearance):
         share = 100.0 * len(rows) / folded.size
         raise SceneError(
             f"the DTM folds within a cell of {dx:g} m on {share:.0f} % of the terrain, {levels.sum():.3g} nodes to "
-            f"keep the nearest ground of, wanted at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
+            f"keep the nearest ground of, expected at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
             "take larger cells"
         )
     firsts = np.cumsum(levels) - levels

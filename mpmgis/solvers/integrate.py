@@ -13,13 +13,13 @@ from types import SimpleNamespace
 from ..errors import UnphysicalError
 from .events import Events
 from .stage_end import StageEnd
-from .stepping import marched
+from .stepping import stepper_of
 
-HALVINGS = 5  # of the time step, before a run gives up (design notes H32)
+HALVINGS = 5  # of the time step, before a run gives up
 
 
 class Guard:
-    """Keeps the last good state of a march.
+    """Keeps the last valid state of a time integration.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Guard:
         if self._halvings:
             self._solver.share_step(1.0)
             self.told.append(
-                f"{self._first}: got over from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
+                f"{self._first}: continued from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
@@ -63,7 +63,9 @@ class Guard:
         solver = self._solver
         self._first = self._first or f"step {solver.step}, t = {solver.time:.3f} s, {trouble}"
         if self._kept is None:
-            raise UnphysicalError(f"the run became unphysical at {self._first}, before there was a frame to go back to")
+            raise UnphysicalError(
+                f"the run became unphysical at {self._first}, before the first frame that it could restart from"
+            )
         if self._halvings == HALVINGS:
             raise UnphysicalError(
                 f"the run became unphysical at {self._first}; steps of down to 1/{2**HALVINGS} from "
@@ -87,10 +89,10 @@ class March:
 
     Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
     in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
-    and events were restored from. After the last frame `reason` says why it ended. `observe(solver)` is called a few
-    times a second. With `stage_end`, a StageEnd, the march may end before: then `switch` says why, there is no frame of
-    that time, and the next stage of the run goes on. Where the flow comes to a feature that the solver watches
-    (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
+    and events were restored from. After the last frame `reason` is the reason for the end.
+    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it may end earlier: then `switch`
+    is the reason, there is no frame of that time, and the next stage of the run goes on. Where the flow comes to a
+    feature that the solver watches (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
 
     Attributes
     ----------
@@ -119,7 +121,7 @@ class March:
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
         self.tell_taken_in = tell_taken_in or (lambda taken: None)
-        self._side, self._observed = marched(solver), 0.0
+        self._side, self._observed = stepper_of(solver), 0.0
         self._guard = Guard(solver, self._side, self.events, self.stage_end)
 
     @property
@@ -174,7 +176,7 @@ class March:
         return replace(frame, state=frame.state | self.events.state())
 
     def _advance(self, until, after):
-        """March to `until`, from event to event, in slices of a quarter second of wall time.
+        """Advance to `until`, from event to event, in slices of a quarter second of wall time.
 
         `after` is the time of the frame that comes next.
         """
@@ -221,7 +223,7 @@ class March:
         return due if due < until - 1e-9 * self.interval else until
 
     def _look(self, always):
-        """Call `observe`, not more often than anybody can look unless `always`."""
+        """Call `observe`, a few times a second at most unless `always`."""
         now = wall_clock.perf_counter()
         if always or now - self._observed > 0.2 * SLICE_SECONDS:
             self._observed = now

@@ -1,4 +1,4 @@
-"""What both solvers keep of their particles and read in the same way: arrays, energies, the flow at one time."""
+"""Particle arrays, energies and sums that both solvers have in common."""
 
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class EnergyLook(NamedTuple):
     least : float
         Kinetic energy that a flow at rest counts as, see `least_kinetic`.
     work : tuple of float
-        Done since the start: by the weight, by stress, on what was booked as lost; and kinetic energy put in.
+        Done since the start: by the weight, by stress, on what was counted as lost; and kinetic energy put in.
     time : float [s]
     """
 
@@ -78,7 +78,7 @@ class ParticleStore:
     Attributes
     ----------
     kernel : module
-        Of the compiled loop, whose constants say where in rows, clock and counts what stands.
+        Of the compiled loop, whose constants are the indices in rows, clock and counts.
     """
 
     kernel = None
@@ -143,7 +143,7 @@ class ParticleStore:
         return {} if self._watch is None else {STATE: self._watch.state.copy()}
 
     def _restore_watch(self, frame):
-        """March with what was taken in up to `frame`."""
+        """Continue with the effects that were on at `frame`."""
         if self._watch is None:
             return
         state = np.asarray(frame.state.get(STATE, np.zeros(0)))

@@ -1,7 +1,7 @@
-"""Restarts: the digest of what a run starts from, and the checks of a saved state before it is used.
+"""Restarts: the digest of a run's input, and the checks of a saved state.
 
-A file's digest tells that nothing was changed by accident. A kernel that is compiled trusts the numbers it is given: an
-index out of range writes somewhere in memory. So each of them is looked at, whoever wrote the file.
+A file's digest shows that it was not changed by accident. Compiled kernels do not check indices: an index out of range
+writes somewhere in memory. So all numbers of a state are checked before use.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ from ..peaks import PEAK_STATE
 
 
 def start_digest(terrain, frame, events, *places, shapes=()):
-    """Hex digest of all that the files of a scene tell its run.
+    """Hex digest of all input that a run reads from the files of its scene.
 
     It is made of what was read and not of files: a note in a table or statistics beside a raster change nothing, while
     a height in a virtual raster's second file, or a layer of a database that is a folder, do.
@@ -28,7 +28,7 @@ def start_digest(terrain, frame, events, *places, shapes=()):
     places : Places
         Of each stage.
     shapes : sequence of shapely.Geometry
-        What stages know besides: windows, and what ends them.
+        Further input of stages: windows and end conditions.
     """
     digest = hashlib.sha256()
     crs = terrain.grid.crs
@@ -83,15 +83,14 @@ class StateCheck:
         """Raise FormatError with `what` is wrong unless it `holds`."""
         if not holds:
             raise FormatError(
-                f"the frame at t = {self._time:g} s holds no state that a run goes on from: {what}; start with "
-                "--overwrite"
+                f"the frame at t = {self._time:g} s has no valid state for a restart: {what}; start with --overwrite"
             )
 
     def array(self, name, dtype, shape, finite=True):
-        """The array `name`, which must have that type and shape, and finite values unless told otherwise."""
+        """The array `name`, which must have that type and shape, and finite values by default."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray), f"{name} is missing")
-        got = f"{name} is {values.dtype}{list(values.shape)}, wanted {np.dtype(dtype)}{list(shape)}"
+        got = f"{name} is {values.dtype}{list(values.shape)}, expected {np.dtype(dtype)}{list(shape)}"
         self.require(values.dtype == dtype and values.shape == tuple(shape), got)
         if finite and values.dtype.kind == "f":
             self.require(np.isfinite(values).all(), f"{name} holds values that are NaN or infinite")
@@ -102,7 +101,7 @@ class StateCheck:
         values = np.asarray(values)
         if values.size:
             least, most = values.min(), values.max()
-            self.require(low <= least and most <= high, f"{name} is {least} to {most}, wanted {low} to {high}")
+            self.require(low <= least and most <= high, f"{name} is {least} to {most}, expected {low} to {high}")
 
     def like(self, arrays):
         """Require the state to hold each of `arrays` (name -> array) in its type and shape, finite where that is."""
@@ -116,7 +115,7 @@ class StateCheck:
         """The array `name` of flat indices into `size` entries, which ascend."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is no list of places")
-        self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, wanted whole numbers")
+        self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, expected whole numbers")
         self.within(name, values, 0, size - 1)
         self.require((np.diff(values.astype(np.int64)) > 0).all(), f"{name} is not in order")
         return values
@@ -126,7 +125,7 @@ class StateCheck:
         counts = self._state["counts"]
         names = {kernel.ROWS: "the number of rows", kernel.ALIVE: "of particles"}
         for place, name in names.items():
-            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, wanted {alive}")
+            self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, expected {alive}")
         self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
         self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
         self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)

@@ -1,4 +1,4 @@
-"""When a stage of a run is over: at a time, when the flow comes near to something, or when it is calm again."""
+"""End conditions of a stage: a time, a distance to a feature, or a calm flow."""
 
 import math
 from typing import NamedTuple
@@ -9,11 +9,11 @@ import shapely
 from ..terrain.reach import takes_off
 
 LOOK_SECONDS = 0.25  # simulated time between two looks at the flow: a restart sees the same
-DEPTHS, SECONDS = 3.0, 2.0  # near is within 3 flow depths, or what the flow covers in 2 s (design note 2.4)
+DEPTHS, SECONDS = 3.0, 2.0  # near is within 3 flow depths, or what the flow covers in 2 s
 MOST_LOOKED_AT = 2000  # columns or points whose way is followed to a cliff
 FLYING_SHARE = 0.01  # of the mass that takes off, at which the flow has come to a cliff
 CALM_SHARE = 0.01  # of the mass that may still be near to something or off the bed in a calm flow
-CALM_NORMAL = 0.1  # of the speed along the slope that the speed across it may be in a calm flow (design note 2.4)
+CALM_NORMAL = 0.1  # of the speed along the slope that the speed across it may be in a calm flow
 _TIME = 1e-9  # [s], and in looks, by which a time may be missed for rounding
 
 
@@ -54,7 +54,7 @@ class Cliff(NamedTuple):
 
 
 class StageEnd:
-    """What a march looks at to know whether its stage is over.
+    """The checks that decide whether a stage is over.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from time import perf_counter
 
-from ..kernels import columns as column_kernel
+from ..kernels import column_clock
 from ..kernels import points as point_kernel
 from .coupled import OF_COLUMNS, CoupledSolver
 from .particle_store import GAIN_STOP
@@ -13,13 +13,13 @@ STOPPED_AT_REST = 100  # beside the kernel's own reasons
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
-    column_kernel.REACHED_TIME: END_TIME,
-    column_kernel.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
-    column_kernel.STOPPED_ENERGY: NEARLY_AT_REST,
-    column_kernel.STOPPED_FOOTPRINT: (
+    column_clock.REACHED_TIME: END_TIME,
+    column_clock.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_clock.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_clock.STOPPED_FOOTPRINT: (
         "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
     ),
-    column_kernel.ALL_LEFT: ALL_LEFT,
+    column_clock.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {
     point_kernel.REACHED_TIME: END_TIME,
@@ -28,8 +28,8 @@ POINT_REASONS = {
 }
 
 
-def marched(solver):
-    """The side that a march talks to."""
+def stepper_of(solver):
+    """The interface of `solver` for the time integration."""
     if isinstance(solver, CoupledSolver):
         return MarchedCoupled(solver)
     return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
@@ -38,9 +38,9 @@ def marched(solver):
 class MarchedColumns:
     """The depth-averaged solver's side."""
 
-    RUNNING, REACHED_TIME = column_kernel.RUNNING, column_kernel.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = column_kernel.ALL_LEFT, column_kernel.TRIGGER_REACHED
-    WATCHED_REACHED = column_kernel.WATCHED_REACHED
+    RUNNING, REACHED_TIME = column_clock.RUNNING, column_clock.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_clock.ALL_LEFT, column_clock.TRIGGER_REACHED
+    WATCHED_REACHED = column_clock.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
     def __init__(self, solver):
@@ -52,7 +52,7 @@ class MarchedColumns:
         return self.solver.columns
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s] or for `max_steps`; the kernel's reason to come back."""
+        """Advance to `until` [s] or by `max_steps`; returns the kernel's reason to stop."""
         return self.solver.advance(until, max_steps, may_stop)
 
     def take_in(self, code):
@@ -65,10 +65,10 @@ class MarchedColumns:
 
     def trouble(self, code):
         """What went wrong, in words with E and N; '' where nothing."""
-        if code not in (column_kernel.NOT_FINITE_STATE, column_kernel.TOO_FAST):
+        if code not in (column_clock.NOT_FINITE_STATE, column_clock.TOO_FAST):
             return ""
         east, north, bad, ratio, share = self.solver.trouble()
-        if code == column_kernel.NOT_FINITE_STATE:
+        if code == column_clock.NOT_FINITE_STATE:
             what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
         else:
             what = (
@@ -103,7 +103,7 @@ class MarchedPoints:
         return self.solver.points
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps`; the kernel's reason."""
+        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps`; the kernel's reason."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
@@ -167,7 +167,7 @@ class MarchedCoupled:
     """Both solvers' side, of points with columns around them."""
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_kernel.TRIGGER_REACHED
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_clock.TRIGGER_REACHED
     END_REASONS = POINT_REASONS
 
     def __init__(self, solver):
@@ -180,7 +180,7 @@ class MarchedCoupled:
         return self.solver.particles
 
     def advance(self, until, after, max_steps, may_stop):
-        """March to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points; the reason."""
+        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps` of the points; the reason."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
@@ -210,11 +210,11 @@ COMPILING_STEPS, FIRST_STEPS = 2, 4
 
 
 def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
-    """Wall time [s] of one step of one particle of `solver`, marched for `seconds`; None where nothing moves in it.
+    """Wall time [s] of one step of one particle of `solver`, advanced for `seconds`; None where nothing moves in it.
 
     Compiling is apart. The solver is worth nothing afterwards.
     """
-    side = marched(solver)
+    side = stepper_of(solver)
     solver.advance(float("inf"), max_steps=COMPILING_STEPS)
     done, steps, began = 0, FIRST_STEPS, clock()
     while clock() - began < seconds:

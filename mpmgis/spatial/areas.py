@@ -1,4 +1,4 @@
-"""Values by polygon or raster cell on any points, and lakes that the release fills to a still level."""
+"""Values of polygons or raster cells at any points, and lakes that the release fills to a still level."""
 
 import numpy as np
 import shapely

@@ -1,4 +1,4 @@
-"""Barriers on the map: which nodes of a grid stand in a wall, and which way the wall looks there (design notes 3.9)."""
+"""Barriers on the map: the grid nodes inside a wall, and the normal of its nearest side."""
 
 from dataclasses import dataclass
 from math import cos, radians
@@ -94,7 +94,7 @@ def margin_of(footprint, cell_size):
     """How far [m] beyond `footprint` nodes belong to the wall.
 
     A cell at least, so that the flow comes to rest near the footprint's edge and not a cell behind it; more where the
-    wall is thinner than three cells in all, which is what holds a flow on this grid whatever way the wall runs.
+    wall is thinner than three cells in all, the least that stops a flow on this grid whatever way the wall runs.
     """
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
 

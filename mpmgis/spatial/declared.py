@@ -1,4 +1,4 @@
-"""What a scene knows by place, on the solver's grid, before its effects are decided: the facts that decide them."""
+"""Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class KnownByPlace:
     grid : ColumnGrid
     scene : Scene
     zones : dict
-        Parameter of friction -> float64 at the nodes, NaN where nothing says it.
+        Parameter of friction -> float64 at the nodes, NaN where it is not given.
     erodible : float64 at the nodes [kg m-2]
     walls : tuple of Wall
     wall_nodes : WallNodes
@@ -50,7 +50,7 @@ class KnownByPlace:
         return min(mu_least(_with_friction(self.scene, dict(corner))) for corner in corners)
 
     def facts(self, terrain, reach, frame, depth):
-        """What `TerrainFacts` tells of places; `depth` [m] is the release's, `frame` its columns.
+        """The entries of `TerrainFacts` on spatial features; `depth` [m] is the release's, `frame` its columns.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class KnownByPlace:
                 at = tuple(np.argwhere(gap)[0])
                 area = gap.sum() * self.grid.cell_size**2
                 raise SceneError(
-                    f"[[zones]]: {name} is not known on {area:.4g} m2 that the flow can reach, for example at "
+                    f"[[zones]]: {name} has no value on {area:.4g} m2 that the flow can reach, for example at "
                     f"E {x[at]:.1f} N {y[at]:.1f}; extend the zones or fill the raster there, or give [friction] {name}"
                 )
 
@@ -183,7 +183,7 @@ def _why_off(decision):
     if decision.indicator is None:
         return decision.reason.partition(";")[0]
     if decision.indicator == 0.0:
-        return "nothing of the kind in reach of the energy line"
+        return "none in reach of the energy line"
     return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
 
 
@@ -196,7 +196,7 @@ def _with_friction(scene, values):
 
 
 def _filled(values):
-    """`values` with what is not known taken from the nearest node that knows."""
+    """`values` with missing values taken from the nearest node that has one."""
     known = np.isfinite(values)
     return values if known.all() else values[tuple(ndimage.distance_transform_edt(~known, return_distances=False,
                                                                                   return_indices=True))]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is known by place: friction zones, erodible ground, barriers and lakes on the solver's grid."""
+"""Spatial features as node arrays: friction zones, erodible ground, barriers and lakes on the solver's grid."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,8 @@ import numpy as np
 
 from ..effects.barrier import CORE, CORNER, FACE
 from ..kernels import column_barriers as entries
-from ..kernels.columns import BARRIER_ENTRIES, NodeFields
+from ..kernels.column_barriers import BARRIER_ENTRIES
+from ..kernels.columns import NodeFields
 from .node_grid import spared
 
 NO_LAKE = -1e30  # [m] a still level below all ground

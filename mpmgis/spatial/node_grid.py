@@ -7,14 +7,14 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import SceneError
-from ..kernels.columns import beds_at, node_gradients
+from ..kernels.column_rows import beds_at, node_gradients
 from ..terrain.elevation import Terrain, bilinear, continued
 
 MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
 
 
 RIM = 3  # [cells] beyond the known ground over which its slope goes on
-LEVEL = 1e-6  # tangent of a slope below which nothing says where down is
+LEVEL = 1e-6  # tangent of a slope below which there is no downhill direction
 
 
 class CellWindow(NamedTuple):
@@ -66,11 +66,11 @@ class ColumnGrid:
         if min(nx, ny) < 3:
             raise SceneError(
                 f"[numerics] cell_size = {cell_size:g} m leaves {nx} x {ny} cells on a terrain of "
-                f"{length:g} x {-depth:g} m, wanted 3 x 3 at least; take a smaller cell_size"
+                f"{length:g} x {-depth:g} m, expected 3 x 3 at least; take a smaller cell_size"
             )
         if max(nx, ny) > MAX_NODES_PER_SIDE:
             raise SceneError(
-                f"[numerics] cell_size = {cell_size:g} m makes {nx} x {ny} cells, wanted at most "
+                f"[numerics] cell_size = {cell_size:g} m makes {nx} x {ny} cells, expected at most "
                 f"{MAX_NODES_PER_SIDE} along a side; take a larger cell_size or clip the DTM"
             )
         x0, y0 = west, north - ny * cell_size
@@ -78,7 +78,7 @@ class ColumnGrid:
         known = np.isfinite(bed)
         core = known[1:-1, 1:-1] & _on_raster(near.grid, 0.0, -ny * cell_size, cell_size, nx, ny, off)
         inside = core[:-1, :-1] & core[:-1, 1:] & core[1:, :-1] & core[1:, 1:]
-        if not known.all():  # ghosts and rims need a bed on which a plane stays one; nobody flows there
+        if not known.all():  # ghosts and rims need a bed on which a plane stays one; there is no flow there
             bed = continued(bed, most=RIM)
         gradient = node_gradients(bed, cell_size)
         gradient[0], gradient[-1] = gradient[1], gradient[-2]

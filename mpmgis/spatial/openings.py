@@ -1,4 +1,4 @@
-"""Openings in barriers: which share of a node's spline is open, and which way the flow passes there.
+"""Openings in barriers: the open share of a node's spline, and the direction of flow through the opening.
 
 A wall that is thinner than three cells is held by nodes up to a cell and a half from its middle. Beyond its end, and in
 an opening narrower than that, the same nodes also serve the flow that passes. Such a node gets the share of its

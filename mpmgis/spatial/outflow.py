@@ -1,4 +1,4 @@
-"""Where mass left the terrain, as places on the map: over an edge of the DTM, into a nodata collar, into a hole."""
+"""Places on the map where mass left the terrain: over an edge of the DTM, into a nodata collar, into a hole."""
 
 import numpy as np
 from scipy import ndimage

@@ -1,4 +1,4 @@
-"""What files tell by place, put on the solver's grid: zones painted, walls named and checked, bed laid out, lakes."""
+"""Features from files on the solver's grid: friction zones, walls, erodible ground and lakes, with their checks."""
 
 import itertools
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ class PlacedFiles:
 def painted_zones(scene, zones, grid):
     """Parameter of friction -> float64 at the nodes: [friction] underneath, then every zone in its order.
 
-    `zones` are (number in the scene, ZoneTable, PlacedFiles). NaN where nothing tells a value.
+    `zones` are (number in the scene, ZoneTable, PlacedFiles). NaN where there is no value.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _painting(zone, files, x, y):
     if files.features is None:
         if columns:
             name, column = next(iter(columns.items()))
-            raise SceneError(f"[[zones]]: {name} = {column!r} is no file, and without polygons there are no columns")
+            raise SceneError(f"[[zones]]: {name} = {column!r} is not a file, and without polygons there are no columns")
         mask = np.ones(x.shape, bool)
         if files.raster is not None:
             mask = np.nan_to_num(cell_values(*files.raster, x, y)) != 0
@@ -95,7 +95,7 @@ def _require_in_range(values, name, parameter, where):
     _, _, low, high, _ = parameter
     if values.size and (values.min() < low or values.max() > high):
         worst = values.min() if values.min() < low else values.max()
-        raise SceneError(f"{where}: {name} reaches {worst:g}, wanted {low:g} to {high:g}")
+        raise SceneError(f"{where}: {name} reaches {worst:g}, expected {low:g} to {high:g}")
 
 
 # ---------------------------------------------------------------------------------------------------------- barriers
@@ -116,7 +116,7 @@ def standing_walls(barriers, grid, everything):
                 feature.number(value) if isinstance(value, str) else value for value in (table.height, table.crest)
             )
             if height is not None and height <= 0:
-                raise InputError(f"{feature.path}: '{feature.name}' has height {height:g}, wanted metres above 0")
+                raise InputError(f"{feature.path}: '{feature.name}' has height {height:g}, expected metres above 0")
             name = _unlike(_wall_name(table, feature.name, k, len(files.features)), walls)
             walls.append(Wall(name, feature.shape, height, crest, table.mu))
     if not walls:
@@ -157,17 +157,17 @@ def _require_standing(walls, nodes, grid, frame):
                 f"{grid.bed[mine].min():.1f} to {grid.bed[mine].max():.1f} m there; give a higher crest, or height"
             )
         if wall.crest is not None and (buried := np.mean(above <= 0)) > 0.01:
-            log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it holds nothing")
+            log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
         if (under == number).any():
             raise InputError(
                 f"barrier '{wall.name}' stands on the release ({int((under == number).sum())} columns start inside it, "
-                f"with the cell on each side that it takes); move it, or take a smaller [numerics] cell_size"
+                f"including one cell on each side); move it, or take a smaller [numerics] cell_size"
             )
         thin, least = 2.0 * half_thickness(wall.footprint), 2.0 * (FACE_CELLS + CORE_CELLS) * grid.cell_size
         if thin < least - 2.0 * grid.cell_size:
             log.info(
                 f"barrier '{wall.name}' is {thin:.3g} m thick, thinner than a cell; it is computed {least:g} m thick "
-                "(3 cells), which is what holds a flow on this grid"
+                "(3 cells), the least that stops a flow on this grid"
             )
     for east, north, width in narrow_openings([wall.footprint for wall in walls], grid.cell_size)[:MOST_NAMED]:
         log.info(
@@ -201,10 +201,10 @@ def erodible_mass(table, files, path, grid, flow_density):
 
 def _raster_thickness(table, files, path, x, y):
     if table.thickness is not None:
-        raise SceneError("[entrainment]: a raster brings its own thickness; take thickness out, or give polygons")
+        raise SceneError("[entrainment]: a raster contains its own thickness; remove thickness, or give polygons")
     thickness = np.nan_to_num(cell_values(*files.raster, x, y))
     if thickness.min() < 0:
-        raise InputError(f"{path}: thickness reaches {thickness.min():g}, wanted metres from 0 up")
+        raise InputError(f"{path}: thickness reaches {thickness.min():g}, expected metres from 0 up")
     return thickness
 
 
@@ -216,7 +216,7 @@ def _polygon_thickness(table, files, path, x, y):
         given = table.thickness
         metres = feature.number(given) if isinstance(given, str) else given
         if metres < 0:
-            raise InputError(f"{path}: '{feature.name}' has thickness {metres:g}, wanted metres from 0 up")
+            raise InputError(f"{path}: '{feature.name}' has thickness {metres:g}, expected metres from 0 up")
         thickness = np.where(within(feature.shape, x, y), metres, thickness)
     return thickness
 

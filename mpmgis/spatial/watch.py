@@ -1,8 +1,8 @@
-"""Features placed on the map whose effect is off: watched while a flow moves, and turned on before it touches them.
+"""Inactive features on the map: an effect is switched on before the flow reaches its feature.
 
-The kernels come back before a step in which a particle would give mass to a block of nodes that holds such a feature.
-An effect changes nothing but its own nodes, so that turning it on at that moment is as good as having had it on from
-the start: there is no need to go back, and no flow is ever on a feature whose effect is off.
+The kernels stop before a step in which a particle would give mass to a block of nodes that holds such a feature.
+An effect changes nothing but its own nodes, so switching it on at that moment gives the same result as from
+the start: no step is repeated, and no flow is ever on a feature whose effect is off.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 
 STATE = "taken_in"  # of a frame: float64[features, 4], TAKEN, TIME, EAST, NORTH of each
 TAKEN, TIME, EAST, NORTH, ENTRIES = range(5)
-MOST_FEATURES = 8  # bits of what a block of nodes tells
+MOST_FEATURES = 8  # bits of the mark of a block of nodes
 
 
 class Feature(NamedTuple):
@@ -73,7 +73,7 @@ class Watch:
 
 
 def block_marks(marks, block):
-    """uint8[block rows, block columns]: what `marks` [rows, columns] tell in each block of `block` x `block` nodes."""
+    """uint8[block rows, block columns]: `marks` [rows, columns] combined over each block of `block` x `block` nodes."""
     rows, columns = (-(-n // block) for n in marks.shape)
     padded = np.pad(marks, ((0, rows * block - marks.shape[0]), (0, columns * block - marks.shape[1])))
     return np.bitwise_or.reduce(padded.reshape(rows, block, columns, block), axis=(1, 3))

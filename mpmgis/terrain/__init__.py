@@ -1,1 +1,1 @@
-"""Where: grids, terrain, release areas."""
+"""Grids, terrain, release areas."""

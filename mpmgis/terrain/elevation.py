@@ -8,7 +8,7 @@ import scipy  # its parts are loaded when they are first used
 
 from .grid import Grid
 
-BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge (design note X3)
+BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class Terrain:
     def gradient(self):
         """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
 
-        One-sided to second order at the rim and first order beside nodata; both components NaN where one axis has
-        no valid neighbour (design note X4); 0 across a raster of a single row or column. Mapped by the inverse
-        transpose of the pixel matrix (D6), so that it holds for any affine.
+        One-sided to second order at the rim and first order next to nodata; both components NaN where one axis has
+        no valid neighbour; 0 across a raster of a single row or column. Mapped by the inverse
+        transpose of the pixel matrix, so that it holds for any affine.
         """
         return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))
 
     @cached_property
     def limited_gradient(self):
-        """As `gradient`, but with the smaller one-sided slope where the two differ by more than 1 in tan (X3)."""
+        """As `gradient`, but with the smaller one-sided slope where the two differ by more than 1 in tan."""
         pixel = [np.hypot(*self.grid.matrix[:, k]) for k in (0, 1)]
         return self._map_gradient(
             *(_difference(self.elevation, axis, BREAK_TANGENT * pixel[1 - axis]) for axis in (1, 0))
@@ -54,7 +54,7 @@ class Terrain:
 
     @cached_property
     def breaks(self):
-        """bool[rows, columns]: pixels at a terrain break, where the one-sided slopes differ by more than 1 (X3)."""
+        """bool[rows, columns]: pixels at a terrain break, where the one-sided slopes differ by more than 1."""
         different = self.gradient != self.limited_gradient
         return np.any(different & np.isfinite(self.gradient), axis=-1)
 
@@ -63,7 +63,7 @@ class Terrain:
         return np.stack([d_column, d_row], axis=-1) @ inverse_transpose.T
 
     def sample(self, x, y):
-        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or beside nodata.
+        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or next to nodata.
 
         Within the outermost half pixel the outer two pixels are extended linearly, so that a plane stays a plane.
         """
@@ -71,7 +71,7 @@ class Terrain:
         return bilinear(self.elevation, row, column)
 
     def rows_on(self, grid, first, last):
-        """Elevation [m] at the centres of some rows of `grid`: between pixels, or beside nodata the pixel's own."""
+        """Elevation [m] at the centres of some rows of `grid`: between pixels, or next to nodata the pixel's own."""
         if (grid.transform, grid.shape) == (self.grid.transform, self.grid.shape):
             return self.elevation[first:last]
         row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
@@ -141,7 +141,7 @@ def bilinear(values, row, column):
 
 
 def _difference(elevation, axis, limit=np.inf):
-    """Difference per pixel step along `axis`: central inside, one-sided at the rim and beside nodata.
+    """Difference per pixel step along `axis`: central inside, one-sided at the rim and next to nodata.
 
     Where the forward and backward differences differ by more than `limit` the smaller one is taken (min-mod: zero
     where they have opposite signs would hide a ridge, so the smaller in size is kept).
@@ -157,7 +157,7 @@ def _difference(elevation, axis, limit=np.inf):
         result = 0.5 * (forward + backward)
         smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
         result = np.where(np.abs(forward - backward) > limit, smaller, result)
-        if n > 2:  # second-order one-sided at the rim (X4), unless a cliff stands one pixel further in
+        if n > 2:  # second-order one-sided at the rim, unless a cliff stands one pixel further in
             for rim, inner in ((0, 1), (-1, -2)):
                 smooth = np.abs(step[rim] - step[inner]) <= limit
                 result[rim] = np.where(smooth, 1.5 * step[rim] - 0.5 * step[inner], step[rim])

@@ -1,4 +1,4 @@
-"""Is this CRS, with these coordinates, a map in metres? Refusals (design note D7), each with its cure."""
+"""Coordinate reference systems: checks that coordinates are metres on a map, with the command that corrects them."""
 
 import math
 import warnings
@@ -14,7 +14,7 @@ LOCAL = "local"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
 _SAME_NUMBERS = 1e-3  # [m] that the same place may differ by in two projections that are one
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
-_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] design note D7
+_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1]
 
 
 def parse_crs(text):
@@ -30,11 +30,11 @@ def parse_crs(text):
         return None
     authority, _, code = word.partition(":")
     if authority.upper() != "EPSG" or not code.isdigit():
-        raise InputError(f"--crs got {word!r}, wanted EPSG:n, for example EPSG:32632, or local")
+        raise InputError(f"--crs got {word!r}, expected EPSG:n, for example EPSG:32632, or local")
     try:
         return pyproj.CRS.from_epsg(int(code))
     except pyproj.exceptions.CRSError as error:
-        raise InputError(f"--crs got {word!r}, but PROJ knows no such EPSG code; look it up at epsg.io") from error
+        raise InputError(f"--crs got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
 
 
 def crs_of_text(text):
@@ -56,7 +56,7 @@ def crs_of_text(text):
         return pyproj.CRS.from_wkt(word)
     except (InputError, pyproj.exceptions.CRSError) as error:
         raise InputError(
-            f"crs is {one_line(word)[:40]!r}, wanted EPSG:n, WKT or a PROJ string ({one_line(error)[:60]})"
+            f"crs is {one_line(word)[:40]!r}, expected EPSG:n, WKT or a PROJ string ({one_line(error)[:60]})"
         ) from error
 
 
@@ -137,7 +137,7 @@ def _same_but_for_the_datum(first, second):
 
 
 def require_metric(crs, bounds, where):
-    """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean (design note D7).
+    """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean.
 
     Parameters
     ----------
@@ -157,8 +157,8 @@ def require_metric(crs, bounds, where):
     centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
     if plane.is_geographic and (max(abs(v) for v in bounds[::2]) > 400 or max(abs(v) for v in bounds[1::2]) > 100):
         raise GeoreferenceError(
-            f"{where} is said to be in {name} (degrees), but its coordinates {_pair(centre)} are none; name the "
-            f"projection that they are in: --crs EPSG:n, or for a false tag rio edit-info FILE --crs EPSG:n"
+            f"{where} is tagged {name} (degrees), but its coordinates {_pair(centre)} are not degrees; give the "
+            f"projection of the coordinates: --crs EPSG:n, or for a false tag rio edit-info FILE --crs EPSG:n"
         )
     if plane.is_geographic or plane.is_geocentric:
         cure = _reprojection(where, *_longitude_latitude(plane, centre))
@@ -166,7 +166,7 @@ def require_metric(crs, bounds, where):
         raise GeoreferenceError(f"{where} is in {name} ({unit}); mpmgis needs metres. {cure}")
     if not plane.is_projected:
         raise GeoreferenceError(
-            f"{where} is in {name}, which is no map projection; if its coordinates are metres, remove the CRS "
+            f"{where} is in {name}, which is not a map projection; if its coordinates are metres, remove the CRS "
             f"(rio edit-info FILE --unset-crs) and give --crs local or --crs EPSG:n"
         )
     _require_metres(plane, crs, where, centre)
@@ -215,12 +215,12 @@ def _require_metres(plane, crs, where, centre):
         if abs(axis.unit_conversion_factor - 1.0) > 1e-12:
             cure = _reprojection(where, *_longitude_latitude(plane, centre))
             raise GeoreferenceError(
-                f"{where} is in {name_of(crs)}, whose unit is {axis.unit_name}, wanted metre. {cure}"
+                f"{where} is in {name_of(crs)}, whose unit is {axis.unit_name}, expected metre. {cure}"
             )
     for axis in crs.axis_info:
         if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > 1e-12:
             raise GeoreferenceError(
-                f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), wanted metre; "
+                f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), expected metre; "
                 f"convert them ({scale_command(where, axis.unit_conversion_factor)}) and give the result a CRS in "
                 "metres"
             )

@@ -1,4 +1,4 @@
-"""The one place where rows and columns meet eastings and northings."""
+"""Raster grids: the conversion between rows and columns and eastings and northings."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +46,7 @@ class Grid:
     def axes(self):
         """float64[2, 3]: the inverse of `matrix`, so written that nothing is rounded twice where nothing is rotated.
 
-        Row 0 tells columns, row 1 rows: (first * east + second * north) / third, counted in cells from `corner`, of a
+        Row 0 gives columns, row 1 rows: (first * east + second * north) / third, counted in cells from `corner`, of a
         place [m] from there.
         """
         t = self.transform

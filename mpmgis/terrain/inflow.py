@@ -1,4 +1,4 @@
-"""What flows in over time: a hydrograph, its exact volume between two times, and how often it is let in."""
+"""Hydrographs: inflow over time, its exact volume between two times, and the number of batches."""
 
 from dataclasses import dataclass
 
@@ -51,11 +51,11 @@ class Hydrograph:
         return float((0.5 * (discharge[1:] + discharge[:-1]) * np.diff(times)).sum())
 
     def speed_at(self, time):
-        """Speed [m s-1] at `time` [s], linear between the table's; 0 where it tells none."""
+        """Speed [m s-1] at `time` [s], linear between the table's; 0 where it has none."""
         return 0.0 if self.speed is None else float(np.interp(time, self.time, self.speed))
 
     def velocity_at(self, time):
-        """(east, north) [m s-1] at `time` [s], linear between the table's; (0, 0) where it tells none."""
+        """(east, north) [m s-1] at `time` [s], linear between the table's; (0, 0) where it has none."""
         if self.velocity is None:
             return (0.0, 0.0)
         return tuple(float(np.interp(time, self.time, part)) for part in self.velocity.T)

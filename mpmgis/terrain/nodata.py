@@ -1,4 +1,4 @@
-"""Cells without elevation: holes amid the DTM, and the collar that reaches its edge."""
+"""Cells without elevation: holes inside the DTM, and the nodata collar that extends to its edge."""
 
 from typing import NamedTuple
 
@@ -43,7 +43,7 @@ class NodataInReach(NamedTuple):
         return {"holes": [hole._asdict() for hole in self.holes], "collar": collar}
 
     def lines(self):
-        """What to tell of it before a run."""
+        """Messages before a run."""
         lines = []
         if self.holes:
             cells, east, north = self.hole

@@ -1,4 +1,4 @@
-"""What a flow can reach: the energy line, the steepest way down, and free flight off an edge."""
+"""Ground that a flow can reach: energy line, path of steepest descent, and free flight from an edge."""
 
 import heapq
 import itertools
@@ -22,7 +22,7 @@ def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
     """bool[n]: would what moves on like this be clear of the ground by more than its depth somewhere ahead?
 
     From each place on its way it flies freely for half a second, along the slope that it has come down: over ground of
-    the curvature k it is then clear by (U^2 k / g - 1) g s^2 / 2, which is the detachment indicator of design notes 8
+    the curvature k it is then clear by (U^2 k / g - 1) g s^2 / 2, which is the detachment indicator
     in metres. A kink in the terrain counts by how far one falls from it, so that rough ground is no cliff.
 
     Parameters
@@ -101,7 +101,7 @@ def reach_of(terrain, release_xy, release_bed, mu, head=0.0):
         Some points of the release, and of all that comes in or is released later.
     release_bed : float[n] [m]
     mu : float
-        Smallest friction coefficient (design notes 8).
+        Smallest friction coefficient.
     head : float or float[n] [m]
         v^2 / 2g of what starts there with the speed v.
     """
@@ -186,7 +186,7 @@ def _downhill(elevation, start, fall):
 
 
 def reach_facts(terrain, reach):
-    """Numbers about reachable ground for `scene.TerrainFacts` (design notes 8).
+    """Numbers about reachable ground for `scene.TerrainFacts`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Release areas: where mass starts, and how thick it is."""
+"""Release areas: location and thickness of the initial mass."""
 
 from dataclasses import dataclass, field, replace
 
@@ -11,7 +11,7 @@ from .grid import Grid
 
 NORMAL, VERTICAL = "normal", "vertical"
 _TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
-CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees (design note V24)
+CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees
 CLIFF_SHARE = 0.01  # of the mass
 _COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 
@@ -43,7 +43,7 @@ class ReleasePart:
 class ReleaseArea:
     """All features of a release, which do not overlap, in the terrain's CRS.
 
-    `thickness_mode` says how every thickness is meant: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
+    `thickness_mode` is the direction of every thickness: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
     where it came from; `record` holds what was noted while reading (numbers and strings).
     """
 
@@ -56,9 +56,9 @@ class ReleaseArea:
 
     def __post_init__(self):
         if self.thickness_mode not in (NORMAL, VERTICAL):
-            raise InputError(f"thickness mode {self.thickness_mode!r}, wanted {NORMAL!r} or {VERTICAL!r}")
+            raise InputError(f"thickness mode {self.thickness_mode!r}, expected {NORMAL!r} or {VERTICAL!r}")
         if not self.parts:
-            raise InputError(f"release {self.name!r} has no area at all")
+            raise InputError(f"release {self.name!r} has no area")
 
     @property
     def area(self):
@@ -72,7 +72,7 @@ class ReleaseArea:
 
 
 def without_overlaps(parts):
-    """`parts` with those of one thickness united into one, so that no ground is counted twice (design note H19).
+    """`parts` with those of one thickness united into one, so that no ground is counted twice.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def without_overlaps(parts):
 
 
 def _unite(group):
-    """One part from features of one thickness; a true overlap is said."""
+    """One part from features of one thickness; a true overlap is reported."""
     if len(group) == 1:
         return group[0]
     names = [part.name for part in group]
@@ -154,7 +154,7 @@ def require_on_terrain(part, grid):
 
 
 def tell_of_cliffs(gradient, frame):
-    """Refuse a release that starts on a cliff, and say how much of one starts on very steep ground.
+    """Refuse a release that starts on a cliff, and report the share on very steep ground.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def tell_of_cliffs(gradient, frame):
     if share[STEEP_DEGREES] > CLIFF_SHARE:
         log.info(
             f"{100 * share[STEEP_DEGREES]:.0f} % of the release starts on ground steeper than {STEEP_DEGREES:g} "
-            "degrees, where a depth-averaged flow is a rough picture"
+            "degrees, where a depth-averaged flow is a rough approximation"
         )
 
 

@@ -1,4 +1,4 @@
-"""Terrain whose height and gradient are known exactly: what tests, benchmarks and examples measure against.
+"""Terrain with exactly known height and gradient, for tests, benchmarks and examples.
 
 Every function here returns a `Surface`; ``surface.terrain(grid)`` puts it on any grid (north-up, south-up, rotated,
 non-square), and ``+`` adds surfaces: ``plane(30) + bumps(1.0, 50.0)``. Angles are in degrees; an azimuth is the
@@ -175,11 +175,11 @@ def _distance(x, y, point, direction):
 
 def _positive(name, value):
     if not (np.isfinite(value) and value > 0):
-        raise InputError(f"synthetic terrain: {name} is {value}, wanted a finite number above 0")
+        raise InputError(f"synthetic terrain: {name} is {value}, expected a finite number above 0")
     return float(value)
 
 
 def _within(name, value, low, high):
     if not low <= value < high:
-        raise InputError(f"synthetic terrain: {name} is {value} degrees, wanted {low:g} to below {high:g}")
+        raise InputError(f"synthetic terrain: {name} is {value} degrees, expected {low:g} to below {high:g}")
     return float(value)

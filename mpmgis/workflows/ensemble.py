@@ -21,7 +21,8 @@ from ..kernels.jit import set_threads
 from ..machine import available_memory
 from ..messages import log
 from ..reports.ensemble_maps import EnsembleMaps, write_maps
-from ..scene.tables import meant, read_toml
+from ..scene.reading import read_toml
+from ..scene.table_values import meant
 from ..solvers.cost import MEMORY_SHARE
 from . import parallel
 from .ensemble_member import FIGURES, MemberTask, run_member, warm_worker, warmed

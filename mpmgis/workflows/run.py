@@ -18,8 +18,8 @@ from ..messages import details, log
 from ..peaks import largest_peaks
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
-from ..scene.tables import read_toml
-from ..solvers.columns import BARRIER_SUMS as COLUMN_BARRIER_SUMS
+from ..scene.reading import read_toml
+from ..solvers.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE
 from ..solvers.effect_costs import effect_costs, under_way
 from ..solvers.points import BARRIER_SUMS as POINT_BARRIER_SUMS

@@ -464,8 +464,8 @@ def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
 
 @pytest.mark.parametrize(
     ("maxima", "value", "words"),
-    [("true", "0", "wanted above 0"), ("true", "-0.1", "wanted above 0"), ("true", '"thin"', "wanted a number"),
-     ("true", "2000", "wanted at most 1000"), ("false", "0.2", "kept only with maxima = true")],
+    [("true", "0", "expected above 0"), ("true", "-0.1", "expected above 0"), ("true", '"thin"', "expected a number"),
+     ("true", "2000", "expected at most 1000"), ("false", "0.2", "kept only with maxima = true")],
 )  # fmt: skip
 def test_an_invalid_arrival_thickness_is_rejected(tmp_path, maxima, value, words):
     (tmp_path / "scene.toml").write_text(

@@ -21,7 +21,7 @@ from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import write_frame
 from mpmgis.io.raster_output import SparseBands, write_geotiff, write_rows
-from mpmgis.kernels import binning
+from mpmgis.kernels import binning, cell_places
 from mpmgis.particles import Frame, Particles
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
@@ -93,7 +93,7 @@ def binning_rows():
     particles, placed = frame.particles, place(frame, bed)
     row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
     origin = np.asarray(frame.origin)
-    binning.cells_of_points(
+    cell_places.cells_of_points(
         particles.position, placed.pixel, origin, grid.corner, grid.axes, grid.shape, False, row, column, bounds
     )
     records = np.empty((min(n, binning.SLAB), binning.RECORD))

@@ -47,7 +47,7 @@ from mpmgis.experiments.measures import errors_against_exact, errors_of
 from mpmgis.io.frames import read_frame
 from mpmgis.io.run_folder import RunFolder
 from mpmgis.kernels.jit import set_threads
-from mpmgis.scene.tables import read_toml
+from mpmgis.scene.reading import read_toml
 from mpmgis.workflows.compare import CompareRequest, compare
 from mpmgis.workflows.export import ExportRequest, export_raster
 from mpmgis.workflows.run import march_into

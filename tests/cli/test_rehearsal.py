@@ -8,7 +8,7 @@ from slope_site import slide, write_block_site
 
 from mpmgis.errors import InputError
 from mpmgis.messages import collected
-from mpmgis.scene.tables import read_toml
+from mpmgis.scene.reading import read_toml
 from mpmgis.workflows import ensemble_member
 from mpmgis.workflows.ensemble_member import MemberTask, warmed
 from mpmgis.workflows.run_setup import warmup

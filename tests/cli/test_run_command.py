@@ -243,7 +243,7 @@ BAD_SCENES = {
     "thickness zero": (swap("density = 2000", "thickness = 0"), "above 0"),
     "velocity of three": (swap("density = 2000", "velocity = [1, 2, 3]"), "two numbers"),
     "velocity of words": (swap("density = 2000", 'velocity = ["a", "b"]'), "two numbers"),
-    "unknown point set": (swap("density = 2000", 'points = "hexagon"'), "wanted staggered, lattice"),
+    "unknown point set": (swap("density = 2000", 'points = "hexagon"'), "expected staggered, lattice"),
     "points solver": (lambda t: 'solver = "points"\n' + t, "needs [material]"),
     "unknown solver": (lambda t: 'solver = "dem"\n' + t, "this version has columns, points"),
     "unknown form": (lambda t: t + '[numerics]\nform = "steep"\n', "slope, swe"),
@@ -263,7 +263,7 @@ BAD_SCENES = {
     "mountains of release": (swap("density = 2000", "thickness = 1e9"), "at most 10000"),
     "faster than a rifle": (swap("density = 2000", "velocity = [0, -1e6]"), "at most 1000 m/s"),
     "speed of light": (swap("density = 2000", "speed = 3e8"), "at most 1000"),
-    "clamp below one": (lambda t: t + "[numerics]\nclamp = 0.5\n", "1 or more, or 0"),
+    "clamp below one": (lambda t: t + "[numerics]\nclamp = 0.5\n", "at least 1, or 0"),
     "key twice": (swap("mu = 0.25", "mu = 0.25\nmu = 0.3"), "TOML"),
 }  # fmt: skip
 
@@ -283,7 +283,7 @@ def test_bad_arguments_are_refused(site, capsys, tmp_path):
     scene = str(site / "scene.toml")
     assert refused(["run", "-q"], capsys, "which scene")
     assert refused(["run", str(tmp_path / "none.toml"), "-q"], capsys, "no such file")
-    assert refused(["run", str(site), "-q"], capsys, "no readable text")
+    assert refused(["run", str(site), "-q"], capsys, "not a readable text")
     assert refused(["run", scene, "--threads", "0", "-q"], capsys, "1 or more")
     assert refused(["run", scene, "--resume", "--overwrite", "-q"], capsys, "contradict")
     assert refused(["run", scene, "-o", str(site / "README.md"), "-q"], capsys, "is a file")

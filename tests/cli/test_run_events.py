@@ -249,7 +249,7 @@ TABLES = {
 }
 SCENES = {
     "no such table": (INFLOW.replace("inflow.csv", "nowhere.csv"), "nowhere.csv: no such file"),
-    "a picture for a table": (INFLOW.replace("inflow.csv", "dtm.tif"), "no readable text"),
+    "a picture for a table": (INFLOW.replace("inflow.csv", "dtm.tif"), "not a readable text"),
     "no such inlet": (INFLOW.replace("inlet.geojson", "nowhere.geojson"), "no such file"),
     "file missing": (INFLOW.replace('file = "inflow.csv"\n', ""), "file is missing"),
     "another density": (INFLOW + "density = 1200\n", "one density"),
@@ -265,7 +265,7 @@ SCENES = {
 def test_what_is_wrong_is_told_in_one_line_and_leaves_nothing_behind(name, tmp_path, site, capsys):
     folder = tmp_path / "site"
     shutil.copytree(site, folder, ignore=shutil.ignore_patterns("whole", "results"))
-    text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "no readable text"))[1]))
+    text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "not a readable text"))[1]))
     if name == "nothing at all":
         text, words = None, "[release] is missing"
     (folder / "inflow.csv").write_bytes(b"\xff\xfe\x00\xd8\x01" if name == "not text" else

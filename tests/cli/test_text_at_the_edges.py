@@ -11,7 +11,7 @@ from mpmgis.cli.main import main
 from mpmgis.errors import InputError, OutputError, SceneError
 from mpmgis.io.atomic import whole_folder
 from mpmgis.io.ensemble_folder import read_ensemble_record
-from mpmgis.scene.tables import read_toml
+from mpmgis.scene.reading import read_toml
 
 
 def lines(capsys):

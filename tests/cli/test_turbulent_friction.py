@@ -71,10 +71,10 @@ def test_k_by_place_is_xi_by_place(site, zones, friction):
     [
         (K.replace("mu = 0.2", "mu = 0.2\nxi = 1000"), "k = g / xi, and both are given"),
         (SCENE + AREA + "k = 0.01\nxi = 1000\n", "k = g / xi, and both are given"),
-        (SCENE.replace("xi = 1000", "k = 0"), "k = 0, wanted at least"),
-        (SCENE.replace("xi = 1000", "k = 20"), "k = 20, wanted at most 9.8"),
-        (SCENE.replace("xi = 1000", 'k = "k.tif"'), "k = 'k.tif', wanted a number"),
-        (SCENE + '[[zones]]\nk = "k0.tif"\n', "k reaches 0, wanted"),
+        (SCENE.replace("xi = 1000", "k = 0"), "k = 0, expected at least"),
+        (SCENE.replace("xi = 1000", "k = 20"), "k = 20, expected at most 9.8"),
+        (SCENE.replace("xi = 1000", 'k = "k.tif"'), "k = 'k.tif', expected a number"),
+        (SCENE + '[[zones]]\nk = "k0.tif"\n', "k reaches 0, expected"),
         (SCENE.replace('"Voellmy"', '"Coulomb"').replace("xi = 1000", "k = 0.01"), "Coulomb has no parameter 'k'"),
     ],
 )

@@ -13,7 +13,7 @@ from slope_site import FOOT, SOUTH, WEST, contents, distances, record, write_ras
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
-from mpmgis.kernels.columns import RUNNING
+from mpmgis.kernels.column_clock import RUNNING
 from mpmgis.solvers.columns import ColumnSolver
 from mpmgis.solvers.points import PointSolver
 from mpmgis.workflows.run_setup import prepare as preparing

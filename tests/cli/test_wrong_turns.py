@@ -58,7 +58,7 @@ def test_a_window_in_the_order_of_qgis(site, capsys):
 
 def test_the_wrong_file_is_told_what_the_right_one_is(site, capsys):
     assert main(["run", str(site)]) == 2
-    assert "a folder; name the file in it" in capsys.readouterr().err
+    assert "is a folder, expected a text file; name the file in it" in capsys.readouterr().err
     assert main(["runout", str(site / "dtm.tif")]) == 2
     assert "give the folder of a run, its frame_*.h5" in capsys.readouterr().err
 
@@ -160,7 +160,7 @@ def test_metres_that_are_called_degrees_are_not_to_be_warped(site, capsys):
     words = ["seed", "--dem", str(site / "bare.tif"), "--crs", "EPSG:4326", "--release", str(site / "release.geojson")]
     assert main([*words, "--thickness", "1", "-o", str(site / "a.h5")]) == 2
     err = capsys.readouterr().err
-    assert "are none; name the projection that they are in: --crs EPSG:n" in err and "warp" not in err
+    assert "are not degrees; give the projection of the coordinates: --crs EPSG:n" in err and "warp" not in err
 
 
 def test_frames_on_a_map_and_a_dtm_that_is_said_to_have_no_place(site, capsys):

@@ -258,11 +258,11 @@ def broken(name, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (broken("thickness", -1.0), "thickness of column 1003 is -1.0, wanted 0 or more"),
-        (broken("mass", 0.0), "mass of column 1003 is 0.0, wanted above 0"),
+        (broken("thickness", -1.0), "thickness of column 1003 is -1.0, expected 0 or more"),
+        (broken("mass", 0.0), "mass of column 1003 is 0.0, expected above 0"),
         (broken("area", np.nan), "area of column 1003"),
         (broken("velocity", np.inf), "velocity of column 1003"),
-        (lambda frame: dataclasses.replace(frame, dimension=3), "wanted columns"),
+        (lambda frame: dataclasses.replace(frame, dimension=3), "expected columns"),
         (lambda frame: dataclasses.replace(frame, particles=frame.particles.take(slice(0))), "no column"),
     ],
 )
@@ -288,7 +288,7 @@ def test_bad_options(options, message):
 
 def test_too_many_points():
     ground = terrain_of(slope())
-    with pytest.raises(InputError, match="wanted at most 2000000000"):
+    with pytest.raises(InputError, match="expected at most 2000000000"):
         columns_to_points(columns_on(ground), ground, PointOptions(spacing=1e-7))
 
 

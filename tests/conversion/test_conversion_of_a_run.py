@@ -50,7 +50,7 @@ def test_a_run_keeps_what_a_conversion_wants(tmp_path):
 
 @pytest.mark.parametrize("rows", [np.float64(3.0), np.zeros((4, 12)), np.zeros((3, 2)), np.zeros(3), np.array("rows")])
 @pytest.mark.parametrize("name", ["rows", "velocity_gradient"])
-def test_a_state_of_another_shape_tells_nothing(name, rows):
+def test_a_state_of_another_shape_is_ignored(name, rows):
     """As a damaged file has it: the columns are converted as if there were no state."""
     ground = terrain_of(slope(0.3, 0.0))
     still = columns_on(ground, 2.0, (0.0, 0.0))

@@ -186,12 +186,12 @@ def test_bad_points():
     ground = terrain_of(slope())
     frame = columns_on(ground, 2.0)
     points = columns_to_points(frame, ground, PointOptions(cell=1.0)).frame
-    with pytest.raises(InputError, match="wanted points"):
+    with pytest.raises(InputError, match="expected points"):
         points_to_columns(frame, ground)
     with pytest.raises(InputError, match="none of the"):
         points_to_columns(dataclasses.replace(points, origin=(0.0, 0.0, 0.0)), ground)
     orphans = dataclasses.replace(points, particles=dataclasses.replace(points.particles, parent=None))
-    with pytest.raises(InputError, match="know no parents"):
+    with pytest.raises(InputError, match="have no parent identities"):
         points_to_columns(orphans, ground, ColumnOptions(by="parent"))
     assert points_to_columns(orphans, ground).report.by == "cell"
     sunk, _ = lifted(points, -5.0, east=-1.0)

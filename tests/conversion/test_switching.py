@@ -106,7 +106,7 @@ def test_there_and_back_keeps_mass_momentum_and_thickness(cell):
     assert back.account.laid == 0.0
 
 
-def test_points_in_the_air_are_laid_onto_the_bed_and_that_is_told():
+def test_points_in_the_air_are_laid_onto_the_bed_and_that_is_reported():
     points = switch_to_points(moving(), TERRAIN, OPTIONS, everywhere).frame
     high = points.map_xy()[0] < ORIGIN[0] + 24.0
     points.particles.position[high, 2] += 12.0

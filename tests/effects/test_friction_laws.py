@@ -104,7 +104,7 @@ def test_pouliquen_goes_from_mu1_to_mu2():
     assert basal_stress(law, 1500.0, G, load, depth, speed) == pytest.approx(mu * load)
 
 
-def test_parameters_that_contradict_are_told():
+def test_parameters_that_contradict_are_reported():
     assert "below mu1" in contradiction("Pouliquen", {"mu1": 0.5, "mu2": 0.4, "beta": 0.1, "length": 1e-3})
     assert contradiction("Pouliquen", {"mu1": 0.4, "mu2": 0.5, "beta": 0.1, "length": 1e-3}) == ""
     assert contradiction("Coulomb", {"mu": 0.4}) == ""

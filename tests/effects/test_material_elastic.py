@@ -78,7 +78,7 @@ def test_far_stress_is_that_of_the_logarithm_at_any_size():
 
 @pytest.mark.parametrize("law", SOLIDS, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("gradient", [1e6 * np.eye(3), -np.eye(3), -2.5 * np.eye(3), np.diag([1e9, -1.0, 0.0])])
-def test_stretches_are_held_and_that_is_told(law, gradient):
+def test_stretches_are_held_and_that_is_reported(law, gradient):
     state, stress, code = step(law, FRESH, gradient, method="stress_step_far")
     assert code == FAR
     assert np.all(np.isfinite(state)) and np.all(np.isfinite(stress))

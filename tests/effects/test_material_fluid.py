@@ -45,7 +45,7 @@ def test_no_tension_and_no_gap_is_remembered():
 
 
 @pytest.mark.parametrize("method", ["stress_step", "stress_step_far"])
-def test_crushed_fluid_is_held_and_that_is_told(method):
+def test_crushed_fluid_is_held_and_that_is_reported(method):
     state, stress, code = step(TAIT, FRESH, -0.2 * np.eye(3), method=method)
     assert code == FAR and state[0] == SMALLEST_VOLUME
     assert pressure(stress) == pytest.approx(0.6 * TAIT.pressure(0.6), rel=1e-12)

@@ -12,7 +12,7 @@ from mpmgis.effects.friction import Voellmy, basal_stress
 from mpmgis.effects.own_law import NO_OWN_LAWS, load_laws, require_sound, tried_inputs
 from mpmgis.errors import InputError, SceneError
 from mpmgis.kernels.laws import require_compiled
-from mpmgis.scene import scene_from_tables
+from mpmgis.scene import TerrainFacts, resolve, scene_from_tables
 from mpmgis.workflows.demo import sample_folder
 
 HEAD = "from typing import NamedTuple\nimport math\n"
@@ -73,12 +73,12 @@ def test_a_parameter_cannot_have_the_name_of_a_method(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x = 1\n", "holds no law"),
+        ("x = 1\n", "contains no law"),
         ("1 / 0\n", "line 1: ZeroDivisionError"),
         ("def f(:\n", "line 1: SyntaxError"),
         (HEAD + "class Mine(NamedTuple):\n    mu: float\n", "has neither basal_stress"),
         (HEAD + "class Mine(NamedTuple):\n    mu: float\n    def basal_stress(self, speed):\n        return 1.0\n",
-         r"takes (self, speed), wanted (self, density"),
+         r"takes (self, speed), expected (self, density"),
         (HEAD + "class Mine(NamedTuple):\n" + SIGNATURE + "return 1.0\n", "has no parameter"),
     ],
 )  # fmt: skip
@@ -94,7 +94,7 @@ def test_a_file_without_a_law_that_fits_is_refused(tmp_path, text, words):
 def test_a_missing_file_or_another_kind_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_laws(tmp_path / "none.py")
-    with pytest.raises(InputError, match="wanted a Python file"):
+    with pytest.raises(InputError, match="expected a Python file"):
         load_laws(tmp_path / "law.toml")
 
 
@@ -152,6 +152,29 @@ def test_a_scene_runs_no_file_that_was_not_named(tmp_path):
         with pytest.raises(SceneError) as error:
             scene_from_tables({**TABLES, "friction": wrong}, own_laws=own)
         assert words in str(error.value)
+
+
+FIELDS = {"neither": "k: float", "mu": "mu: float", "xi": "xi: float", "both": "mu: float; xi: float"}
+
+
+@pytest.mark.parametrize("named", FIELDS)
+def test_effects_of_a_user_law_are_decided_whatever_its_parameters_are(tmp_path, named):
+    """A law with xi has turbulent drag, with or without mu; no law ends in an internal error."""
+    fields = FIELDS[named]
+    own = one_law(tmp_path, "return 0.3 * normal_stress", fields=f"    {fields}\n")
+    values = {name: 0.25 if name != "xi" else 1000.0 for name in own.laws["my_law.py:Mine"][1]}
+    friction = {"law": "my_law.py:Mine", **values}
+    scene = scene_from_tables({**TABLES, "friction": friction}, own_laws=own)
+    facts = TerrainFacts(0.0, 0.5, 100.0, 20.0, release_thickness=1.0, release_length=50.0)
+    effects, decisions = resolve(scene, facts)
+    drag = next(decision for decision in decisions if decision.effect == "turbulent_drag")
+    assert scene.dry_friction() == values.get("mu", 0.0)
+    assert type(effects.friction).__name__ == "Mine"
+    assert drag.state == ("on" if "xi" in values else "off")
+    if "xi" in values:  # (U / U_t)^2 with U_t^2 = xi h_n (sin - mu cos)
+        cosine = 1.25**-0.5
+        expected = 20.0**2 / (1000.0 * cosine * (0.5 * cosine - values.get("mu", 0.0) * cosine))
+        assert drag.indicator == pytest.approx(expected)
 
 
 def test_the_digest_of_a_scene_includes_the_law(tmp_path):

@@ -204,7 +204,7 @@ BROKEN = {
     "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', expected a number"),
     "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "expected three finite numbers"),
     "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "expected three finite numbers"),
-    "crs junk": (lambda f: f.attrs.update(crs="somewhere"), "wanted EPSG:n, WKT or a PROJ string"),
+    "crs junk": (lambda f: f.attrs.update(crs="somewhere"), "expected EPSG:n, WKT or a PROJ string"),
     "no particles": (lambda f: f.__delitem__("particles"), "no group 'particles'"),
     "no position": (lambda f: f["particles"].__delitem__("position"), "no particles/position"),
     "no velocity": (lambda f: f["particles"].__delitem__("velocity"), "no particles/velocity"),

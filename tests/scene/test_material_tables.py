@@ -61,10 +61,10 @@ def test_a_default_is_taken_where_a_law_has_one():
         ({"friction": {"law": "Bingam", "yield_stress": 1, "viscosity": 1}}, "did you mean 'Bingham'"),
         ({"friction": {"law": "Bingham", "yield_stress": 1}}, "needs viscosity [Pa s]"),
         ({"friction": {"law": "Pouliquen", "mu1": 0.5, "mu2": 0.4, "length": 1e-3}}, "below mu1"),
-        ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "wanted auto, on, off"),
+        ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "expected auto, on, off"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(tables, words):
+def test_invalid_scenes_are_refused_in_one_line(tables, words):
     with pytest.raises(SceneError) as error:
         scene(**tables)
     assert words in str(error.value) and "\n" not in str(error.value)
@@ -150,7 +150,7 @@ def test_the_mass_point_of_coulomb_runs_drop_over_mu():
     assert runout(FACTS._replace(profile=()), Coulomb(0.25)) is None
 
 
-def test_a_decision_tells_what_the_runout_would_be_without_it():
+def test_a_decision_has_the_runout_without_the_effect():
     load = 1000.0 * 9.81 * 2.0
     friction = {"law": "Coulomb", "mu": 0.25}
     _, decisions = decided(scene(friction=friction, cohesion={"yield_stress": 0.05 * load}))

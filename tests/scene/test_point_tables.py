@@ -70,8 +70,8 @@ REFUSED = {
     "no cell size": ({"numerics": {}}, "needs cell_size"),
     "unknown material": ({"material": {**ICE, "law": "DrukerPrager"}}, "did you mean 'DruckerPrager'"),
     "unknown key": ({"material": {**ICE, "frictionangle": 3}}, "did you mean 'friction_angle'"),
-    "negative bulk modulus": ({"material": {**ICE, "bulk_modulus": -1e6}}, "bulk_modulus = -1e+06, wanted at least 1"),
-    "shear modulus 0": ({"material": {**ICE, "shear_modulus": 0}}, "shear_modulus = 0, wanted at least 1"),
+    "negative bulk modulus": ({"material": {**ICE, "bulk_modulus": -1e6}}, "= -1e+06, expected at least 1"),
+    "shear modulus 0": ({"material": {**ICE, "shear_modulus": 0}}, "shear_modulus = 0, expected at least 1"),
     "infinite modulus": ({"material": {**ICE, "bulk_modulus": float("inf")}}, "finite"),
     "negative Poisson's ratio": ({"material": {**ICE, "shear_modulus": 2e7}}, "negative Poisson's ratio"),
     "modulus missing": ({"material": {"law": "Elastic", "bulk_modulus": 1e6}}, "Elastic needs shear_modulus [Pa]"),
@@ -83,7 +83,7 @@ REFUSED = {
     "friction that falls": ({"material": {**GROWING, "rate_friction": -0.1}}, "wanted at least 0"),
     "no grains": ({"material": {**ICE, "law": "CohesiveMuI", "rate_friction": 0.2}}, "needs grain_diameter [m]"),
     "pressure of ice": ({"material": {**ICE, "pressure": "tait"}}, "pressure belongs to Fluid"),
-    "unknown match": ({"material": {**ICE, "match": "plane"}}, "wanted triaxial, plane_strain"),
+    "unknown match": ({"material": {**ICE, "match": "plane"}}, "expected triaxial, plane_strain"),
     "softening of a fluid": ({"material": WATER, "softening": {"residual_friction_angle": 20}}, "material is Fluid"),
     "softening of beads": ({"material": GRAINS, "softening": {"residual_friction_angle": 20}}, "CohesiveMuI soften"),
     "softening that hardens": ({"softening": {"residual_friction_angle": 45}}, "softening takes away"),
@@ -92,7 +92,7 @@ REFUSED = {
         {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}}, "coefficient above 0"),
     "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
     "mud on the bed": (
-        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}}, "wanted Coulomb, Voellmy, Sticking"),
+        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}}, "expected Coulomb, Voellmy, Sticking"),
     "drag without its number": ({"friction": {"law": "Voellmy", "mu": 0.2}}, "xi"),
     "a law of one's own": ({"friction": {"law": "my_law.py:Mine", "mu": 0.2}}, "no my_law.py:Mine on the bed"),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
@@ -103,21 +103,21 @@ REFUSED = {
     "earth pressure": ({"earth_pressure": {"friction_angle": 30}}, "[material] friction_angle says it"),
     "cohesion of columns": ({"cohesion": {"yield_stress": 50}}, "give [material] cohesion"),
     "curvature": ({"curvature": {}}, "follows the ground by itself"),
-    "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form belongs to solver = 'columns'"),
-    "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell belongs to"),
-    "clearance of two cells": ({"numerics": {"cell_size": 2, "clearance": 2}}, "wanted at most 1"),
+    "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form requires solver = 'columns'"),
+    "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell requires solver"),
+    "clearance of two cells": ({"numerics": {"cell_size": 2, "clearance": 2}}, "expected at most 1"),
     "clearance of columns": (
-        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance belongs to"),
-    "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "wanted 8, 27, 64"),
-    "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "wanted float64, float32"),
+        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance requires solver"),
+    "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "expected 8, 27, 64"),
+    "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "expected float64, float32"),
     "float32 of columns": (
-        {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "belongs to solver = 'points'"),
+        {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "requires solver = 'points'"),
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
-        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness belongs to"),
+        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness requires solver"),
     "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "a source has its own outline"),
     "window of columns": (
-        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "belongs to"),
+        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "requires"),
     "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
     "window of words": ({"terrain": {"dem": "d.tif", "window": ["a", 2, 3, 4]}}, "four numbers"),
     "window inside out": ({"terrain": {"dem": "d.tif", "window": [5, 2, 3, 4]}}, "west below east"),
@@ -125,7 +125,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_in_one_line(name):
+def test_invalid_scenes_are_refused_in_one_line(name):
     tables, words = REFUSED[name]
     with pytest.raises(SceneError) as error:
         scene(**tables)

@@ -63,7 +63,7 @@ def test_a_stage_alone_is_a_scene_of_its_solver():
     assert scene(solver="columns").solver == "columns" and scene().solvers == {"columns", "points"}
 
 
-def test_files_of_stages_are_moved_and_told():
+def test_files_of_stages_are_moved_and_reported():
     given = scene(stage=[{**COLUMNS, "until": {"reach": "area.gpkg"}}, {**POINTS, "window": "box.gpkg"}])
     assert {"area.gpkg", "box.gpkg"} <= set(given.files())
     moved = given.with_files(lambda name: "far/" + name)
@@ -77,20 +77,20 @@ REFUSED = {
     "until of the last": ({"material": None, "stage": [{**COLUMNS, "until": {"time": 3}}]}, "lasts to [output]"),
     "no until": ({"stage": [COLUMNS, POINTS]}, "until is missing"),
     "an empty until": ({"stage": [{**COLUMNS, "until": {}}, POINTS]}, "until is missing"),
-    "until of a number": ({"stage": [{**COLUMNS, "until": 30}, POINTS]}, "wanted a table like {time = 30}"),
+    "until of a number": ({"stage": [{**COLUMNS, "until": 30}, POINTS]}, "expected a table like {time = 30}"),
     "until misspelt": ({"stage": [{**COLUMNS, "until": {"tme": 3}}, POINTS]}, "until has no 'tme'; it takes time"),
-    "a time of words": ({"stage": [{**COLUMNS, "until": {"time": "3"}}, POINTS]}, "time = '3', wanted a finite"),
+    "a time of words": ({"stage": [{**COLUMNS, "until": {"time": "3"}}, POINTS]}, "time = '3', expected a finite"),
     "time 0": ({"stage": [{**COLUMNS, "until": {"time": 0}}, POINTS]}, "above 0"),
-    "infinite calm": ({"stage": stages({**POINTS, "until": {"calm": float("inf")}}, COLUMNS)}, "wanted a finite"),
+    "infinite calm": ({"stage": stages({**POINTS, "until": {"calm": float("inf")}}, COLUMNS)}, "expected a finite"),
     "calm of columns": ({"stage": stages({**COLUMNS, "until": {"calm": 1}}, POINTS)}, "calm is of points"),
-    "reach of nothing": ({"stage": stages({**COLUMNS, "until": {"reach": "dam"}}, POINTS)}, "wanted 'barrier', '"),
-    "reach of a number": ({"stage": stages({**COLUMNS, "until": {"reach": 3}}, POINTS)}, "wanted 'barrier', 'cliff'"),
+    "reach of nothing": ({"stage": stages({**COLUMNS, "until": {"reach": "dam"}}, POINTS)}, "expected 'barrier', '"),
+    "reach of a number": ({"stage": stages({**COLUMNS, "until": {"reach": 3}}, POINTS)}, "expected 'barrier', 'cliff'"),
     "no barrier": ({"stage": stages({**COLUMNS, "until": {"reach": "barrier"}}, POINTS)}, "needs a [[barrier]]"),
     "a barrier that is off": (
         {"barrier": [{**DAM, "use": "off"}], "stage": stages({**COLUMNS, "until": {"reach": "barrier"}}, POINTS)},
         "needs a [[barrier]]"),
-    "window of columns": ({"stage": stages({**COLUMNS, "window": "b.gpkg"}, POINTS)}, "window belongs to solver ="),
-    "outside of columns": ({"stage": stages({**COLUMNS, "outside": "ledger"}, POINTS)}, "outside belongs to solver ="),
+    "window of columns": ({"stage": stages({**COLUMNS, "window": "b.gpkg"}, POINTS)}, "window requires solver ="),
+    "outside of columns": ({"stage": stages({**COLUMNS, "outside": "ledger"}, POINTS)}, "outside requires solver ="),
     "outside of nothing": ({"stage": stages(COLUMNS, {**POINTS, "outside": "ledger"})}, "there is none; give window"),
     "outside unknown": (
         {"stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "gone"})}, "outside = 'gone'"),
@@ -99,7 +99,7 @@ REFUSED = {
     "the same solver twice": ({"stage": stages(COLUMNS, COLUMNS, POINTS)}, "has the solver of the one before"),
     "unknown solver": ({"stage": stages({"solver": "colums"}, POINTS)}, "did you mean 'columns'"),
     "no solver": ({"stage": [{"until": {"time": 3}}, POINTS]}, "solver is missing"),
-    "another solver on top": ({"solver": "points"}, "take the line out"),
+    "another solver on top": ({"solver": "points"}, "remove this line"),
     "unknown key": ({"stage": stages(COLUMNS, {**POINTS, "windw": "b.gpkg"})}, "did you mean 'window'"),
     "one stage as a table": ({"stage": COLUMNS}, "write [[stage]]"),
     "times back": ({"stage": stages(COLUMNS, {**POINTS, "until": {"time": 9}}, COLUMNS)}, "is not after the 10 s"),
@@ -108,7 +108,7 @@ REFUSED = {
     "no cell size": ({"numerics": {}, "stage": stages(COLUMNS, POINTS)}, "needs cell_size"),
     "material without points": ({"stage": [COLUMNS], "numerics": {}}, "the depth-averaged solver has no [material]"),
     "curvature without columns": ({"stage": [POINTS]}, "the 3D solver has no [curvature]"),
-    "friction that one has not": ({"friction": {"law": "Sticking"}}, "wanted Coulomb"),
+    "friction that one has not": ({"friction": {"law": "Sticking"}}, "expected Coulomb"),
     "inflow after points": (
         {"hydrograph": {"source": "i.shp", "file": "h.csv"}, "stage": stages(POINTS, COLUMNS)}, "first [[stage]]"),
     "window of the release": (
@@ -126,7 +126,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_in_one_line(name):
+def test_invalid_scenes_are_refused_in_one_line(name):
     tables, words = REFUSED[name]
     with pytest.raises(SceneError) as error:
         scene(**tables)

@@ -133,7 +133,7 @@ def crs_unknown(k):
     k.options = ["--crs", "EPSG:99999"]
 
 
-@recipe("wanted EPSG:n")
+@recipe("expected EPSG:n")
 def crs_is_words(k):
     k.options = ["--crs", "utm32"]
 

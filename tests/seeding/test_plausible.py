@@ -44,7 +44,7 @@ frame_interval = 1
         (1, 2e4, 500.0, ["density", "mean thickness", "only 1 column carries the release"]),
     ],
 )
-def test_what_is_told(count, density, thickness, words):
+def test_what_is_reported(count, density, thickness, words):
     with collected() as said:
         tell_if_implausible(count, density, thickness, CURES)
     assert len(said) == len(words)
@@ -59,7 +59,7 @@ def seeded(tmp_path, capsys, *options):
     return capsys.readouterr().err.splitlines(), read_frame(out)
 
 
-def test_seed_tells_and_seeds_as_asked(tmp_path, capsys):
+def test_seed_warns_and_seeds(tmp_path, capsys):
     said, frame = seeded(tmp_path, capsys, "--density", "25", "--thickness", "150", "--count", "40")
     assert any("25 kg m-3, usual is 100 to 3500; check --density and its unit" in line for line in said)
     assert any("mean thickness" in line and "check --thickness" in line for line in said)
@@ -68,7 +68,7 @@ def test_seed_tells_and_seeds_as_asked(tmp_path, capsys):
     assert frame.header["density"] == 25.0
 
 
-def test_seed_of_something_usual_tells_nothing_of_it(tmp_path, capsys):
+def test_seed_of_usual_input_has_no_warning(tmp_path, capsys):
     said, _ = seeded(tmp_path, capsys, "--density", "2000")
     assert not any(word in line for line in said for word in ("usual", "only"))
 
@@ -85,7 +85,7 @@ def test_seed_of_something_usual_tells_nothing_of_it(tmp_path, capsys):
         ),
     ],
 )
-def test_run_tells_before_its_first_step(tmp_path, values, words):
+def test_run_warns_before_its_first_step(tmp_path, values, words):
     for file in sample_folder().iterdir():
         shutil.copy(file, tmp_path)
     usual = {"thickness": 5.0, "density": 2000.0, "cell_size": 10.0, "per_cell": 4}

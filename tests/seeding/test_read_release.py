@@ -53,7 +53,7 @@ def test_vector_formats(tmp_path, terrain, name):
     assert any("thickness" in line for line in said) or thickness
 
 
-def test_another_crs_is_reprojected_and_said(tmp_path, terrain):
+def test_another_crs_is_reprojected_and_reported(tmp_path, terrain):
     features(ring(), thickness=[2.0]).to_crs(2056).to_file(tmp_path / "a.gpkg")
     with collected() as said:
         release = read_release(tmp_path / "a.gpkg", terrain)
@@ -121,7 +121,7 @@ def test_neighbours_share_a_border_without_overlap(tmp_path, terrain):
     assert volume == pytest.approx(a.area + 2 * b.area, rel=1e-9)
 
 
-def test_invalid_polygons_are_repaired_and_said(tmp_path, terrain):
+def test_invalid_polygons_are_repaired_and_reported(tmp_path, terrain):
     """H18: a bow-tie keeps both its wings, overlapping islands are united."""
     bow = shapely.Polygon([(X, Y), (X + 20, Y + 20), (X + 20, Y), (X, Y + 20)])
     islands = shapely.MultiPolygon(
@@ -287,7 +287,7 @@ def test_missing_parts_of_a_shapefile(tmp_path, terrain):
         read_release(tmp_path / "a.shp", terrain)
 
 
-def test_z_coordinates_are_dropped_and_empty_features_said(tmp_path, terrain):
+def test_z_coordinates_are_dropped_and_empty_features_reported(tmp_path, terrain):
     solid = shapely.force_3d(ring(), 5.0)
     features(solid, shapely.Polygon(), d0=[1.0, 1.0]).to_file(tmp_path / "a.gpkg")
     with collected() as said:

@@ -54,7 +54,7 @@ def test_nodata_scale_and_integers(tmp_path):
     assert terrain.elevation[0, 1] == pytest.approx(15.1)
 
 
-def test_undeclared_nodata_is_said_and_masked(tmp_path):
+def test_undeclared_nodata_is_reported_and_masked(tmp_path):
     heights = np.full((6, 6), 500.0)
     heights[2, 3] = -9999
     heights[4, 4] = np.inf
@@ -107,7 +107,7 @@ def test_geographic_is_refused_with_the_zone_to_use(tmp_path, longitude, latitud
         read_terrain(path)
 
 
-def test_the_cure_can_be_pasted_whatever_the_file_is_called(tmp_path, monkeypatch):
+def test_the_suggested_command_can_be_pasted_for_any_file_name(tmp_path, monkeypatch):
     path = write_raster(
         tmp_path / "my dtm.tif", np.full((20, 20), 100.0), Affine(1e-4, 0, 9, 0, -1e-4, 46), "EPSG:4326"
     )
@@ -122,7 +122,7 @@ def test_the_cure_can_be_pasted_whatever_the_file_is_called(tmp_path, monkeypatc
     assert name_of(warped.grid.crs) == "EPSG:32632" and np.nanmax(warped.elevation) == pytest.approx(100.0)
 
 
-def test_another_crs_than_the_files_own_is_refused_with_both_cures(tmp_path):
+def test_another_crs_than_the_files_own_is_refused_with_both_fixes(tmp_path):
     path = write_dtm(tmp_path / "d.tif")
     with pytest.raises(
         GeoreferenceError,
@@ -158,7 +158,7 @@ def test_heights_in_feet_by_vertical_crs_are_refused(tmp_path):
     assert metres.grid.crs.to_epsg() == 26910
 
 
-def test_unknown_unit_is_said(tmp_path):
+def test_unknown_unit_is_reported(tmp_path):
     with collected() as said:
         read_terrain(write_dtm(tmp_path / "d.tif", unit="masl"))
     assert any("masl" in line for line in said)
@@ -178,7 +178,7 @@ def test_coordinates_of_another_crs_are_refused(tmp_path, x, y):
         read_terrain(path)
 
 
-def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_said(tmp_path):
+def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_reported(tmp_path):
     """A whole country in one zone is usual; D7 warns of the area bias beyond 1e-3."""
     path = write_raster(tmp_path / "d.tif", np.full((9, 9), 1.0), Affine(10, 0, 80_000, 0, -10, 5.2e6), "EPSG:32633")
     with collected() as said:
@@ -190,7 +190,7 @@ def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_said(tmp_path):
     assert not said
 
 
-def test_cliffs_everywhere_are_said(tmp_path):
+def test_cliffs_everywhere_are_reported(tmp_path):
     """D7: more than 1 % of the cells above 85 degrees is a mix-up of units."""
     rng = np.random.default_rng(1)
     with collected() as said:
@@ -238,7 +238,7 @@ def test_one_scene_on_all_pixels_is_one_mass(tmp_path):
     assert CENTRE == (EAST + 150.0, NORTH + 150.0)
 
 
-def test_a_vertical_datum_is_told_and_left_out(tmp_path):
+def test_a_vertical_datum_is_reported_and_left_out(tmp_path):
     """Heights relate to what the DTM says; results carry the place on the map alone."""
     heights = np.arange(12.0).reshape(3, 4)
     write_raster(tmp_path / "d.tif", heights, Affine(10, 0, EAST, 0, -10, NORTH), crs="EPSG:25832+5783")

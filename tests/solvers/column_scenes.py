@@ -9,7 +9,7 @@ from exact_solutions import G, mangeney, stoker  # noqa: F401  (G for the tests 
 from mpmgis.effects.friction import Coulomb, Frictionless
 from mpmgis.effects.metric import SlopeMetric
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.kernels.columns import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
+from mpmgis.kernels.column_clock import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.particles import Frame, Particles
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
 from mpmgis.terrain.elevation import Terrain

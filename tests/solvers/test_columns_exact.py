@@ -23,7 +23,7 @@ from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Voellmy
 from mpmgis.effects.metric import WaterMetric
 from mpmgis.effects.still_water import StillWater
-from mpmgis.kernels.columns import beds_at
+from mpmgis.kernels.column_rows import beds_at
 from mpmgis.spatial.features import Places
 
 

@@ -16,7 +16,7 @@ from mpmgis.effects.metric import WaterMetric
 from mpmgis.effects.still_water import StillWater
 from mpmgis.effects.zones import FrictionZones
 from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.kernels.columns import beds_at
+from mpmgis.kernels.column_rows import beds_at
 from mpmgis.kernels.jit import set_threads
 from mpmgis.spatial.areas import lake_cells, water_depth
 from mpmgis.spatial.barriers import Wall, wall_nodes

@@ -207,7 +207,7 @@ def test_v22_far_from_the_origin_nothing_changes():
         assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
 
 
-def test_outflow_is_booked_by_edge_and_the_rest_runs_on():
+def test_outflow_is_summed_by_edge_and_the_run_continues():
     terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
     frame = columns_of(1.0, 100, 160, 20, 80, 1.25, velocity=(10.0, 0.0))
     solver = solver_on(terrain, frame, 5.0, Coulomb(0.2))
@@ -426,7 +426,8 @@ def test_ground_beside_a_turned_raster_is_outside():
 
 def test_every_particle_is_in_the_tile_of_its_block():
     """Stencil base and block key round alike, also where 1/dx is not a binary number."""
-    from mpmgis.kernels.columns import block_key, weights
+    from mpmgis.kernels.column_blocks import block_key
+    from mpmgis.kernels.column_rows import weights
 
     for dx in (0.3, 1 / 3, 0.6, 0.7, 3.3):
         for cell in (7, 15, 31, 63, 127, 255, 511, 1023):

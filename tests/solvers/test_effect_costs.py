@@ -81,7 +81,7 @@ def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
     assert [line for line in said if "compiled" in line] == said and len(said) == 2
 
 
-def test_a_machine_that_slows_down_is_told_as_noise():
+def test_a_machine_that_slows_down_is_reported_as_noise():
     effects = ColumnEffects(Coulomb(0.3))
     solver = Timed(effects, friction=0.0, cohesion=0.0, rest=0.1)
     slower = SimpleNamespace(looks=0)

@@ -14,7 +14,7 @@ from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
 from mpmgis.effects.zones import FrictionZones
-from mpmgis.kernels.columns import BARRIER_ENTRIES
+from mpmgis.kernels.column_barriers import BARRIER_ENTRIES
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
 from mpmgis.solvers.integrate import March
 from mpmgis.spatial.barriers import Wall, wall_nodes

@@ -89,7 +89,7 @@ def test_a_wall_thinner_than_three_cells_holds_all_the_same():
 
 
 @pytest.mark.thorough
-def test_a_scene_without_a_barrier_knows_nothing_of_barriers():
+def test_a_scene_without_a_barrier_has_no_barrier_records():
     frame = block_of((2.0, 2.0, 1.0), DX / 2, (20.0, 5.0, 0.0))
     solver = points_on(FLAT, frame, DX, water(20.0))
     assert "barriers" not in solver.state() and solver.balances()["barriers"] == {}

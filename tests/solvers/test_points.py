@@ -12,7 +12,7 @@ from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
 from mpmgis.kernels.point_rows import S7
-from mpmgis.solvers.stepping import marched
+from mpmgis.solvers.stepping import stepper_of
 
 ICE = Elastic(6.7e6, 4e6)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -57,7 +57,7 @@ def test_mass_and_momentum_close_to_round_off():
     assert balances["mass_lifted_onto_ground"] == 0.0
 
 
-def test_what_leaves_is_booked():
+def test_outflow_of_points_is_summed():
     solver = flying(velocity=(40.0, 0.0, 30.0))
     assert solver.advance(10.0) == kernel.ALL_LEFT
     balances = solver.balances()
@@ -217,5 +217,5 @@ def test_points_too_far_apart_end_the_run_in_words():
     frame.particles.position[-1] = 41.0, 43.0, 8e6
     solver = points_on(FLAT, frame, 1.0, ICE)
     assert solver.advance(0.1, 0.2) == kernel.SCATTERED
-    trouble = marched(solver).trouble(kernel.SCATTERED)
+    trouble = stepper_of(solver).trouble(kernel.SCATTERED)
     assert trouble.startswith("E 41.0 N 43.0: points fly up to 8000000 m") and "larger cells" in trouble

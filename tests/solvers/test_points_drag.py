@@ -62,7 +62,7 @@ def test_v19_the_steady_speed_converges_with_the_cells():
 
 
 @pytest.mark.thorough
-def test_what_drag_takes_is_booked():
+def test_energy_lost_to_drag_is_counted():
     """Friction and drag are all that takes energy from a slab in steady sliding, within 3 %; momentum closes."""
     solver = speed_error(1.0, 0.7)[1]
     balances = solver.balances()

@@ -11,7 +11,7 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
 from mpmgis.kernels import column_rows
 from mpmgis.kernels import points as kernel
-from mpmgis.solvers import columns, points
+from mpmgis.solvers import column_state, points
 
 
 def flat(length=40.0, width=20.0):
@@ -28,7 +28,7 @@ def test_a_usual_flow_is_held_nowhere_and_its_steps_are_counted():
     solver.advance(1.0)
     balances = solver.balances()
     assert balances["particle_steps"] == solver.step * 400
-    assert set(balances["clips"]) == set(columns.CLIPS)
+    assert set(balances["clips"]) == set(column_state.CLIPS)
     assert max(balances["clips"].values()) <= CLIP_SHARE * balances["particle_steps"]
 
 
@@ -55,7 +55,7 @@ def test_what_is_done_to_one_column_is_counted(name, column, value):
 def test_walls_hold_columns_and_points_and_count_them():
     solver = heap((30.0, 0.0), edges="wall", cfl=0.9)
     solver.advance(1.0)
-    assert set(solver.balances()["clips"]) == set(columns.CLIPS)
+    assert set(solver.balances()["clips"]) == set(column_state.CLIPS)
     block = block_of((4.0, 4.0, 4.0), 0.5, (30.0, 8.0, 0.0), velocity=(20.0, 0.0, 0.0))
     walled = points_on(flat(), block, 1.0, SOIL, CoulombContact(0.3), edges="wall")
     march_to(walled, 0.5)
@@ -78,9 +78,9 @@ def test_the_account_names_clips_above_their_share_and_no_others():
     solver.advance(0.5)
     balances = solver.balances()
     steps = balances["particle_steps"]
-    for name in columns.CLIPS:
+    for name in column_state.CLIPS:
         for share, told in ((0.5 * CLIP_SHARE, False), (2.0 * CLIP_SHARE, True)):
-            clips = dict.fromkeys(columns.CLIPS, 0.0) | {name: share * steps}
+            clips = dict.fromkeys(column_state.CLIPS, 0.0) | {name: share * steps}
             lines = [line for line in account(balances | {"clips": clips}, "columns") if line.startswith("clipped: ")]
             assert [CLIPPED[name] in line for line in lines] == [True] * told
-    assert set(CLIPPED) == set(columns.CLIPS) | set(points.CLIPS)
+    assert set(CLIPPED) == set(column_state.CLIPS) | set(points.CLIPS)

@@ -48,7 +48,7 @@ def test_a_run_gets_over_steps_that_are_too_long(name):
             watch.look()  # points in steps of this length show their energy half a step apart
     watch.look_at_sums()
     assert solver.time == end and 1 <= len(march.troubles) <= round(end / interval)
-    assert "got over from t = " in march.troubles[0] and "steps of 1/" in march.troubles[0]
+    assert "continued from t = " in march.troubles[0] and "steps of 1/" in march.troubles[0]
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -101,7 +101,7 @@ def test_the_command_tells_what_was_got_over_and_so_does_the_record(tmp_path, mo
     site, troubles = write_site(tmp_path), ["E 400100.0 N 5100200.0: made up"]
     monkeypatch.setattr(MarchedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
     assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
-    words = "E 400100.0 N 5100200.0: made up: got over from t = 0.000 s on with steps of 1/2"
+    words = "E 400100.0 N 5100200.0: made up: continued from t = 0.000 s on with steps of 1/2"
     assert words in capsys.readouterr().err
     told = record(site)["troubles"]
     assert len(told) == 1 and told[0].endswith(words) and told[0].startswith("step ")
@@ -136,4 +136,4 @@ def test_steps_are_whole_again_from_the_next_frame_on():
     assert solver.asked == [("back to", 0.0), 0.5, ("back to", 0.0), 0.25] and solver.calm_since == 0.25
     guard.keep(frame)
     assert solver.asked[-1] == 1.0
-    assert guard.told == ["step 7, t = 0.500 s, E 1.0 N 2.0: too fast: got over from t = 0.000 s on with steps of 1/4"]
+    assert guard.told == ["step 7, t = 0.500 s, E 1.0 N 2.0: too fast: continued from t = 0.000 s on with steps of 1/4"]

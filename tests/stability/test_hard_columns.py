@@ -12,7 +12,7 @@ from scene_strategies import Box, ColumnScene, Ground
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.kernels import columns as kernel
+from mpmgis.kernels import column_clock
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.integrate import March
 from mpmgis.terrain.elevation import Terrain
@@ -36,7 +36,7 @@ def by_id(solver):
     return particles.take(np.argsort(particles.id))
 
 
-def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_told():
+def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_reported():
     """H1: 60 m straight down in one cell: no abort; the share of the mass that was held to its speed is told."""
 
     def cliff(x, y):
@@ -180,7 +180,7 @@ def test_a_deep_pit_fills_up():
     p = solver.frame().particles
     within = np.hypot(p.position[:, 0] - 100, p.position[:, 1] - 50) < 20
     assert p.mass[within].sum() > 0.5 * p.mass.sum()
-    assert float(solver._clock[kernel.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0  # over the pit's bottom
+    assert float(solver._clock[column_clock.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0  # over the pit's bottom
 
 
 def test_a_flow_that_flies_apart_keeps_positive_areas():

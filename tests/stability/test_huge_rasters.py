@@ -161,7 +161,7 @@ def test_a_run_says_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, 
     assert prepared.terrain.elevation.shape == (200, 200)
 
 
-def test_a_run_that_has_the_memory_is_told_what_it_takes(tmp_path, monkeypatch):
+def test_a_run_that_has_the_memory_prints_its_need(tmp_path, monkeypatch):
     dem = written(tmp_path / "dtm.tif", (200, 200), Affine(5, 0, MIDDLE[0] - 500, 0, -5, MIDDLE[1] + 500))
     scene = scene_on(dem, tmp_path)
     monkeypatch.setattr(prepare, "READ_WHOLE", 10_000)

@@ -94,6 +94,6 @@ def test_channels_fall_along_their_beds():
     ],
 )
 def test_impossible_shapes_are_refused_in_one_line(wrong):
-    with pytest.raises(InputError, match=r"wanted") as caught:
+    with pytest.raises(InputError, match=r"expected") as caught:
         wrong()
     assert "\n" not in str(caught.value)

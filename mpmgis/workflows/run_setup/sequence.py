@@ -206,7 +206,7 @@ class Sequence:
             self.prepared.events.restore(frame)
         except (KeyError, ValueError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
             raise FormatError(
-                f"the frame at t = {frame.time:g} s holds no state that a run goes on from ({one_line(error)[:80]}); "
+                f"the frame at t = {frame.time:g} s has no valid state for a restart ({one_line(error)[:80]}); "
                 "start with --overwrite"
             ) from error
         self._resumed = True

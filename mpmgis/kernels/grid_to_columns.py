@@ -1,0 +1,260 @@
+"""Transfer of the depth-averaged MPM from grid to columns, in batches of a block's columns."""
+
+from math import sqrt
+
+import numpy as np
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS, GONE
+from .column_batch import (
+    BATCH,
+    L_GX0,
+    L_GX1,
+    L_GX2,
+    L_GY0,
+    L_GY1,
+    L_GY2,
+    L_MX,
+    L_MY,
+    L_SX,
+    L_SY,
+    L_WX0,
+    L_WX1,
+    L_WX2,
+    L_WY0,
+    L_WY1,
+    L_WY2,
+    L_X,
+    L_Y,
+    LINES,
+    Q_ALONG_X,
+    Q_ALONG_Y,
+    Q_BED,
+    Q_BED_SLOPE,
+    Q_MEAN,
+    Q_MOMENT_X,
+    Q_MOMENT_Y,
+    QUADS,
+    take_rows,
+)
+from .column_blocks import block_key
+from .column_motion import all_stay, book_out, clamp_areas, keep_in, move, survey, turn
+from .column_report import (
+    BLOCK_EAST,
+    BLOCK_NORTH,
+    BLOCK_SOUTH,
+    BLOCK_WEST,
+    BOUND_RATIO,
+    CLAMPED,
+    ENTRAINED,
+    HELD_STRETCH,
+    HELD_THIN,
+    HELD_WALL,
+    KINETIC,
+    NOT_FINITE,
+    SIGNAL_MAX,
+    SPEED_MAX,
+    STIFF,
+)
+from .column_rows import INDEX_MASK, ROW, weights
+from .jit import jit, jit_inline, jit_parallel, prange
+from .lanes import get, lanes, load, multiply_add, put, store, transposed
+
+
+@jit
+def _weigh(scratch, place, count, row_length, inverse_dx):
+    """Fill the lines of weights and offsets at each column, and where its nodes begin in the array of nodes."""
+    for k in range(count):
+        i0, fx, wx0, wx1, wx2 = weights(get(scratch, L_X, k), inverse_dx)
+        j0, fy, wy0, wy1, wy2 = weights(get(scratch, L_Y, k), inverse_dx)
+        put(place, 0, k, (j0 * row_length + i0) * 4)
+        put(scratch, L_WX0, k, wx0)
+        put(scratch, L_WX1, k, wx1)
+        put(scratch, L_WX2, k, wx2)
+        put(scratch, L_WY0, k, wy0)
+        put(scratch, L_WY1, k, wy1)
+        put(scratch, L_WY2, k, wy2)
+        sx, sy = fx - 1.0, fy - 1.0
+        put(scratch, L_SX, k, sx)
+        put(scratch, L_SY, k, sy)
+        put(scratch, L_MX, k, sx * (0.375 - 0.5 * sx * sx))
+        put(scratch, L_MY, k, sy * (0.375 - 0.5 * sy * sy))
+
+
+@jit_inline
+def _slope_and_moment(first, middle, last, offset, moment):
+    """Slope per cell, and moment about the column in cells, of three nodes' entries in a row.
+
+    With D = (n2 - n0) / 2, S = n0 - 2 n1 + n2 and s the offset from the middle node: sum N_i' n_i = D + s S and
+    sum N_i n_i (i - s) = D / 4 + s (3/8 - s^2 / 2) S.
+    """
+    nothing = lanes(0.0, 0.0, 0.0, 0.0)
+    half = multiply_add(0.5, last, multiply_add(-0.5, first, nothing))
+    bend = multiply_add(-2.0, middle, multiply_add(1.0, first, last))
+    return multiply_add(offset, bend, half), multiply_add(moment, bend, multiply_add(0.25, half, nothing))
+
+
+@jit
+def _read_nodes(scratch, quads, place, count, nodes):
+    """Mean, slopes and first moments of the nodes' four entries around each column."""
+    nothing = lanes(0.0, 0.0, 0.0, 0.0)
+    row_length = nodes.shape[1] * 4
+    for k in range(count):
+        t0 = place[k]
+        t1 = t0 + row_length
+        t2 = t1 + row_length
+        wx0, wx1, wx2 = get(scratch, L_WX0, k), get(scratch, L_WX1, k), get(scratch, L_WX2, k)
+        wy0, wy1, wy2 = get(scratch, L_WY0, k), get(scratch, L_WY1, k), get(scratch, L_WY2, k)
+        a0, a1, a2 = load(nodes, t0), load(nodes, t0 + 4), load(nodes, t0 + 8)
+        b0, b1, b2 = load(nodes, t1), load(nodes, t1 + 4), load(nodes, t1 + 8)
+        c0, c1, c2 = load(nodes, t2), load(nodes, t2 + 4), load(nodes, t2 + 8)
+        south = multiply_add(wx0, a0, multiply_add(wx1, a1, multiply_add(wx2, a2, nothing)))
+        here = multiply_add(wx0, b0, multiply_add(wx1, b1, multiply_add(wx2, b2, nothing)))
+        north = multiply_add(wx0, c0, multiply_add(wx1, c1, multiply_add(wx2, c2, nothing)))
+        west = multiply_add(wy0, a0, multiply_add(wy1, b0, multiply_add(wy2, c0, nothing)))
+        middle = multiply_add(wy0, a1, multiply_add(wy1, b1, multiply_add(wy2, c1, nothing)))
+        east = multiply_add(wy0, a2, multiply_add(wy1, b2, multiply_add(wy2, c2, nothing)))
+        slope_x, moment_x = _slope_and_moment(west, middle, east, get(scratch, L_SX, k), get(scratch, L_MX, k))
+        slope_y, moment_y = _slope_and_moment(south, here, north, get(scratch, L_SY, k), get(scratch, L_MY, k))
+        q = 4 * k
+        store(quads, Q_MEAN + q, multiply_add(wy0, south, multiply_add(wy1, here, multiply_add(wy2, north, nothing))))
+        store(quads, Q_ALONG_X + q, slope_x)
+        store(quads, Q_ALONG_Y + q, slope_y)
+        store(quads, Q_MOMENT_X + q, moment_x)
+        store(quads, Q_MOMENT_Y + q, moment_y)
+
+
+@jit
+def _weigh_bed(moved, place, count, row_length, inverse_dx):
+    """As `_weigh`, for the bed's value and slope at the new places."""
+    for k in range(count):
+        i0, fx, wx0, wx1, wx2 = weights(get(moved, L_X, k), inverse_dx)
+        j0, fy, wy0, wy1, wy2 = weights(get(moved, L_Y, k), inverse_dx)
+        put(place, 0, k, j0 * row_length + i0)
+        put(moved, L_WX0, k, wx0)
+        put(moved, L_WX1, k, wx1)
+        put(moved, L_WX2, k, wx2)
+        put(moved, L_WY0, k, wy0)
+        put(moved, L_WY1, k, wy1)
+        put(moved, L_WY2, k, wy2)
+        put(moved, L_GX0, k, fx - 1.5)
+        put(moved, L_GX1, k, 2.0 - 2.0 * fx)
+        put(moved, L_GX2, k, fx - 0.5)
+        put(moved, L_GY0, k, fy - 1.5)
+        put(moved, L_GY1, k, 2.0 - 2.0 * fy)
+        put(moved, L_GY2, k, fy - 0.5)
+
+
+@jit
+def _read_bed(moved, quads, place, count, bed):
+    """For each column its three bed rows summed over y: with the weights, and with their slopes."""
+    nothing = lanes(0.0, 0.0, 0.0, 0.0)
+    row_length = bed.shape[1]
+    for k in range(count):
+        t = place[k]
+        value = slope = nothing
+        for j in range(3):
+            line = load(bed, t)
+            t += row_length
+            value = multiply_add(get(moved, L_WY0 + j * BATCH, k), line, value)
+            slope = multiply_add(get(moved, L_GY0 + j * BATCH, k), line, slope)
+        store(quads, Q_BED + 4 * k, value)
+        store(quads, Q_BED_SLOPE + 4 * k, slope)
+
+
+@jit
+def _give_rows(rows, order, first, count, moved):
+    """Copy the lines of `moved` into the rows of columns order[first : first + count]."""
+    for k in range(0, count, 4):
+        for e in range(0, ROW, 4):
+            line = e * BATCH + k
+            quads = transposed(
+                load(moved, line), load(moved, line + BATCH), load(moved, line + 2 * BATCH),
+                load(moved, line + 3 * BATCH),
+            )  # fmt: skip
+            store(rows, (order[first + k] & INDEX_MASK) * ROW + e, quads[0])
+            if k + 1 < count:
+                store(rows, (order[first + k + 1] & INDEX_MASK) * ROW + e, quads[1])
+            if k + 2 < count:
+                store(rows, (order[first + k + 2] & INDEX_MASK) * ROW + e, quads[2])
+            if k + 3 < count:
+                store(rows, (order[first + k + 3] & INDEX_MASK) * ROW + e, quads[3])
+
+
+@jit
+def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine):
+    """Blocks of the next step, and the window of blocks that hold columns."""
+    for k in range(count):
+        put(place, 0, k, block_key(get(moved, L_X, k), get(moved, L_Y, k), inverse_dx))
+    last = GONE
+    for k in range(count):
+        key = place[k]
+        if stays[k] == 0:
+            keys[order[first + k]] = GONE
+            continue
+        keys[order[first + k] & INDEX_MASK] = key
+        if key != last:
+            last = key
+            column, line = float(key & 0xFFFF), float(key >> 16)
+            mine[BLOCK_WEST], mine[BLOCK_EAST] = min(mine[BLOCK_WEST], column), max(mine[BLOCK_EAST], column)
+            mine[BLOCK_SOUTH], mine[BLOCK_NORTH] = min(mine[BLOCK_SOUTH], line), max(mine[BLOCK_NORTH], line)
+
+
+@jit_parallel
+def grid_to_particles(
+    rows, keys, order, start, block, bounds, west, south, width, nodes, bed, inside, report,
+    dx, dt, behind, ahead, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
+    metric, curvature, entrainment,
+):  # fmt: skip
+    """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
+
+    APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `clamp` a column
+    stays below `clamp` times the grid's thickness where the flow spreads, and above 1/clamp of it where it converges.
+    No column is faster than its drop in height allows. Velocities are those of `ahead` [s] before the end of the step
+    (leapfrog). Columns that leave through an open edge or onto nodata (looked
+    for only if the terrain has `holes`) go to the ledger and get the key GONE.
+    """
+    inverse_dx = 1.0 / dx
+    ny, nx = inside.shape
+    for c in prange(CHUNKS):
+        mine = report[c]
+        mine[:STIFF] = 0.0
+        mine[ENTRAINED:] = 0.0
+        mine[BLOCK_WEST] = mine[BLOCK_SOUTH] = 1 << 16
+        mine[BLOCK_EAST] = mine[BLOCK_NORTH] = -1
+        scratch = np.empty(LINES)
+        moved = np.empty(LINES)
+        quads = np.empty(QUADS)
+        place = np.empty(BATCH, np.int64)
+        stays = np.empty(BATCH, np.int64)
+        end = start[bounds[c + 1]]
+        first = start[bounds[c]]
+        while first < end:
+            count = min(BATCH, end - first)
+            take_rows(rows, order, first, count, end, scratch, False)
+            _weigh(scratch, place, count, nodes.shape[1], inverse_dx)
+            _read_nodes(scratch, quads, place, count, nodes)
+            factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
+            mine[HELD_STRETCH] += factors
+            mine[HELD_THIN] += thin
+            if clamp > 0.0:
+                mine[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
+            if wall:
+                mine[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
+            if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
+                driven = 1.0 - ahead / dt
+                book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric)
+            _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
+            _read_bed(moved, quads, place, count, bed)
+            turn(
+                scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
+                pressure_factor, metric, curvature, entrainment,
+            )  # fmt: skip
+            survey(moved, stays, count, mine, dx, gravity, entrainment)
+            _give_rows(rows, order, first, count, moved)
+            _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
+            first += count
+        mine[SIGNAL_MAX], mine[SPEED_MAX] = sqrt(mine[SIGNAL_MAX]), sqrt(mine[SPEED_MAX])
+        mine[KINETIC] *= 0.5
+        if mine[NOT_FINITE] > 0.0:
+            mine[BOUND_RATIO] = 0.0

@@ -1,0 +1,183 @@
+"""A scene: all its tables, the files that they name, and its digest."""
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+from ..effects import friction
+from ..effects.own_law import NO_OWN_LAWS, OwnLaws
+from . import materials
+from .solver_tables import ONLY
+from .tables import (
+    LISTED,
+    TABLES,
+    CohesionTable,
+    CurvatureTable,
+    EarthPressureTable,
+    EntrainmentTable,
+    FrictionTable,
+    HydrographTable,
+    MaterialTable,
+    NumericsTable,
+    OutputTable,
+    ReleaseTable,
+    SofteningTable,
+    StageTable,
+    StillWaterTable,
+    TerrainTable,
+    ViscosityTable,
+    ZoneTable,
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A whole scene. Paths are as written, `folder` is what they are relative to."""
+
+    terrain: TerrainTable
+    output: OutputTable
+    release: ReleaseTable | None = None
+    hydrograph: HydrographTable | None = None
+    secondary_release: tuple = ()  # of SecondaryReleaseTable
+    numerics: NumericsTable = NumericsTable()  # noqa: RUF009  (a frozen dataclass)
+    friction: FrictionTable | None = None
+    material: MaterialTable | None = None
+    softening: SofteningTable | None = None
+    zones: tuple = ()  # of ZoneTable
+    cohesion: CohesionTable | None = None
+    earth_pressure: EarthPressureTable | None = None
+    viscosity: ViscosityTable | None = None
+    curvature: CurvatureTable | None = None
+    still_water: StillWaterTable | None = None
+    entrainment: EntrainmentTable | None = None
+    barrier: tuple = ()  # of BarrierTable
+    stage: tuple = ()  # of StageTable
+    solver: str = "columns"
+    folder: str = "."
+    own_laws: OwnLaws = NO_OWN_LAWS
+
+    @property
+    def laws(self):
+        """Name -> (law, parameters) of all laws of friction that this scene may name: those that its solvers have."""
+        return friction_laws(self.solvers, self.own_laws)
+
+    @property
+    def solvers(self):
+        """The solvers that the scene uses."""
+        return {stage.solver for stage in self.stage} or {self.solver}
+
+    def alone(self):
+        """A scene of one solver for each stage, as if that were all; of a scene without stages itself."""
+        return tuple(self._alone(stage) for stage in self.stage) or (self,)
+
+    def _alone(self, stage):
+        others = {name: () if name in LISTED else None for name, (only, _) in ONLY.items() if only != stage.solver}
+        numerics = replace(self.numerics, cell_size=stage.cell_size or self.numerics.cell_size)
+        return replace(self, **others, numerics=numerics, solver=stage.solver, stage=())
+
+    @property
+    def columns_per_cell(self):
+        """Columns a cell of the solver that a release is seeded with: of points those that stand side by side."""
+        return self.numerics.points_per_side**2 if self.solver == "points" else self.numerics.particles_per_cell
+
+    def densities(self):
+        """(table, density [kg m-3]) of every table that lets something in and gives its density."""
+        sources = [("[release]", self.release), ("[hydrograph]", self.hydrograph)]
+        sources += [("[[secondary_release]]", table) for table in self.secondary_release]
+        used = ((name, table) for name, table in sources if table is not None and getattr(table, "use", "") != "off")
+        return [(name, table.density) for name, table in used if table.density is not None]
+
+    def dry_friction(self):
+        """Coefficient of the friction law at rest [1]; 0 where the scene has none."""
+        return self.friction_value(friction.DRY) or 0.0
+
+    def friction_value(self, role):
+        """Value of the friction law's parameter with `role` (`effects.friction.ROLES`); None where there is none."""
+        if self.friction is None or self.friction.use == "off":
+            return None
+        return friction.value_of_role(role, self.friction.parameters)
+
+    def bed_friction_angle(self):
+        """Friction angle at the bed for the earth pressure [degrees]: as given, else atan of the dry friction."""
+        given = None if self.earth_pressure is None else self.earth_pressure.bed_friction_angle
+        return math.degrees(math.atan(self.dry_friction())) if given is None else given
+
+    def path(self, name):
+        """The path that `name` in this scene means."""
+        return Path(self.folder) / Path(name).expanduser()
+
+    def tables(self):
+        """(name, table) of every table that is there, several of one name for those in LISTED."""
+        for name in TABLES:
+            table = getattr(self, name)
+            yield from ((name, entry) for entry in (table if name in LISTED else [table]) if entry is not None)
+
+    def files(self):
+        """Names of all files in the scene, as written."""
+        return [value for _, table in self.tables() for value in self._named(table).values()]
+
+    def with_files(self, renamed):
+        """The same scene with every file's name passed through `renamed(name)`."""
+        made = {name: () if name in LISTED else None for name in TABLES}
+        for name, table in self.tables():
+            moved = self._renamed(table, renamed)
+            made[name] = (*made[name], moved) if name in LISTED else moved
+        return replace(self, **made)
+
+    def _renamed(self, table, renamed):
+        """`table` with the names of its files passed through `renamed(name)`."""
+        moved = {key: renamed(name) for key, name in self._named(table).items()}
+        if "reach" in moved:
+            moved["until"] = {**table.until, "reach": moved.pop("reach")}
+        own = {key: moved.pop(key) for key in getattr(table, "parameters", {}) if key in moved}
+        return replace(table, **moved, **({"parameters": {**table.parameters, **own}} if own else {}))
+
+    def _named(self, table):
+        """Key -> name of the files in `table`."""
+        values = {f.name: (getattr(table, f.name), f.metadata["kind"]) for f in fields(table) if f.metadata.get("file")}
+        if isinstance(table, ZoneTable):
+            values |= {key: (value, (float, str)) for key, value in table.parameters.items()}
+        if isinstance(table, StageTable):
+            values["reach"] = (table.reached_file, str)
+        return {
+            key: value for key, (value, kind) in values.items()
+            if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
+        }  # fmt: skip
+
+    def as_tables(self):
+        """The scene as the plain dictionary that TOML and JSON hold; absent tables and unset keys are left out."""
+        tables = {} if self.stage else {"solver": self.solver}
+        for name, table in self.tables():
+            if name in LISTED:
+                tables.setdefault(name, []).append(_plain(table, self.solvers))
+            else:
+                tables[name] = _plain(table, self.solvers)
+        return tables
+
+    def digest(self, *inputs):
+        """Hex digest of the scene and of what else decides its result (digests of the input files)."""
+        own = [self.own_laws.sha256] if self.own_laws.laws else []
+        text = json.dumps([self.as_tables(), list(inputs), *own], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def friction_laws(solvers, own_laws):
+    """Name -> (law, parameters) of the laws of friction that all of `solvers` have."""
+    columns = {**friction.LAWS, **own_laws.laws}
+    if "points" not in solvers:
+        return columns
+    return {name: law for name, law in materials.CONTACTS.items() if "columns" not in solvers or name in columns}
+
+
+def _plain(table, solvers):
+    """One table as a dictionary of what TOML holds; unset keys and those of no solver in use are left out."""
+    others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, *solvers)}
+    own = ("parameters", "written", *others)
+    values = {k: v for k, v in asdict(table).items() if v is not None and k not in own}
+    values.update(getattr(table, "parameters", {}))
+    for name, value in getattr(table, "written", {}).items():
+        del values[friction.IN_PLACE_OF[name][0]]
+        values[name] = value
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}

@@ -1,0 +1,151 @@
+"""One table of a scene from its dictionary: kinds, ranges and parameters of laws."""
+
+import difflib
+import math
+import sys
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+from ..effects import friction
+from ..effects.own_law import NO_OWN_LAWS
+from ..errors import SceneError
+from .tables import FrictionTable
+
+KIND_WORDS = {
+    float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers",
+    dict: "a table like {time = 30}",
+}  # fmt: skip
+
+
+def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None):
+    """One table from its dictionary; parameters of its law named in `by_place` may be missing.
+
+    `instead` are the laws in place of the table's own, where the solver has others.
+    """
+    known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    free = any("by_place" in f.metadata for f in fields(kind))
+    told = next((f.metadata for f in fields(kind) if "parameters_of" in f.metadata), {})
+    laws = instead or told.get("parameters_of")
+    made, extra = {}, {}
+    for name, value in values.items():
+        if name in known:
+            made[name] = checked_value(known[name].metadata, value, f"{where}: {name}")
+        elif laws is None and not free:
+            raise SceneError(f"{where}: unknown key {name!r}{meant(name, known)}; it takes {listed(known)}")
+        else:
+            extra[name] = value
+    for name, f in known.items():
+        if f.default is MISSING and name not in made:
+            raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
+    if laws is not None:
+        elsewhere = made["law"] in told["parameters_of"] or ":" in made["law"]
+        if instead is not None and made["law"] not in laws and elsewhere:
+            raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; expected {listed(laws)}")
+        made["law"] = _law_name(laws, made["law"], own_laws, where)
+        if kind is FrictionTable:
+            extra, made["written"] = _in_place_of(made["law"], extra, where)
+        made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
+        if "contradiction" in told and len(made["parameters"]) == len({**laws, **own_laws.laws}[made["law"]][1]):
+            _require_no_contradiction(told["contradiction"](made["law"], made["parameters"]), where)
+    elif free:
+        made["parameters"] = extra
+    return kind(**made)
+
+
+def _in_place_of(law, values, where):
+    """(parameters of `law` with what is given in place of some, the latter as they were given)."""
+    made, written = dict(values), {}
+    for name, (parameter, told) in friction.given_instead(law).items():
+        if name not in made:
+            continue
+        refuse_both(name, parameter, made, where)
+        written[name] = checked_value(range_of(told, float), made.pop(name), f"{where}: {name}")
+        made[parameter] = friction.turbulent_coefficient(written[name])
+    return made, written
+
+
+def refuse_both(name, parameter, values, where):
+    """Refuse `name` where `values` also has the `parameter` that it replaces; raises SceneError."""
+    if parameter in values:
+        raise SceneError(f"{where}: {name} = g / {parameter}, and both are given; take one of them out")
+
+
+def range_of(parameter, kind):
+    """The checks of a value of a law's Parameter."""
+    return {"kind": kind, "low": parameter.smallest, "high": parameter.largest, "choices": None, "above": False}
+
+
+def _require_no_contradiction(words, where):
+    if words:
+        raise SceneError(f"{where}: {words}")
+
+
+def _law_name(laws, law, own_laws, where):
+    """The name of `law` as its table of laws has it; a law of the user's own only out of the file that was named."""
+    if law in laws:
+        return law
+    file, _, name = law.rpartition(":")
+    if not file.endswith(".py"):
+        raise SceneError(f"{where}: law = {law!r}{meant(law, laws)}; expected {listed(laws)}, or 'my_law.py:MyLaw'")
+    if not own_laws.laws:
+        raise SceneError(f"{where}: law = {law!r} is in a Python file; allow it to be run with --law {file}")
+    own = f"{Path(file).name}:{name}"
+    if own not in own_laws.laws:
+        raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} holds {listed(own_laws.laws)}")
+    return own
+
+
+def _parameters(laws, law, values, where, by_place=()):
+    """The parameters of `law`, all present but those known by place, none unknown, each in its range."""
+    wanted = laws[law][1]
+    takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
+    for name in values:
+        if name not in wanted:
+            raise SceneError(f"{where}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {takes}")
+    made = {}
+    for name, (unit, doc, low, high, default) in wanted.items():
+        if name not in values and name in by_place:
+            continue
+        if name not in values and default is None:
+            raise SceneError(f"{where}: {law} needs {name} [{unit}] ({doc})")
+        checks = {"kind": float, "low": low, "high": high, "choices": None, "above": False}
+        made[name] = checked_value(checks, values.get(name, default), f"{where}: {name}")
+    return made
+
+
+def checked_value(checks, value, where):
+    """`value` after its checks."""
+    kinds = checks["kind"] if isinstance(checks["kind"], tuple) else (checks["kind"],)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise SceneError(f"{where} is a number of over 300 digits, expected one that can be computed with")
+    if float in kinds and is_number(value):
+        value = float(value)
+        if not math.isfinite(value):
+            raise SceneError(f"{where} = {value}, expected a finite number")
+    elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
+        raise SceneError(f"{where} = {value!r}, expected {' or '.join(KIND_WORDS[k] for k in kinds)}")
+    if checks["choices"] and value not in checks["choices"]:
+        raise SceneError(f"{where} = {value!r}{meant(value, checks['choices'])}; expected {listed(checks['choices'])}")
+    if is_number(value):
+        low, high = checks["low"], checks["high"]
+        if low is not None and (value < low or (checks["above"] and value <= low)):
+            raise SceneError(f"{where} = {value:g}, expected {'above' if checks['above'] else 'at least'} {low:g}")
+        if high is not None and value > high:
+            raise SceneError(f"{where} = {value:g}, expected at most {high:g}")
+    return tuple(value) if isinstance(value, list) else value
+
+
+def is_number(value):
+    """Whether `value` is an int or a float, and not a bool."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def listed(names):
+    """`names` as text, separated by commas."""
+    return ", ".join(map(str, names))
+
+
+def meant(name, known):
+    """What `name` was meant to be among the names `known`, as the end of a message; '' where nothing is near."""
+    close = difflib.get_close_matches(str(name), list(map(str, known)), 1)
+    return f"; did you mean {close[0]!r}?" if close else ""
