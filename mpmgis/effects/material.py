@@ -287,14 +287,15 @@ class CohesiveMuI(NamedTuple):
         q = sqrt(6.0) * self.shear_modulus * norm
         torn, sheared = pull >= tension, q > borne
         pressure = max(-pull, 0.0)
-        growth, excess = self.rate_friction * pressure, max(q - borne, 0.0) / sqrt(3.0)  # as |s| / sqrt(2)
-        crossover = self.inertial_number * sqrt(pressure / self.grain_density) / self.grain_diameter  # rate [s-1] of I0
-        slow_limit = self.shear_modulus * time_step * crossover  # G dt times it
-        linear, product = slow_limit + growth - excess, excess * slow_limit
-        root = sqrt(linear * linear + 4.0 * product)
-        # x = G dt rate: positive root of x^2 + linear x - product = 0; growth x / (x + slow_limit) is borne beside it
-        slowed = 2.0 * product / max(root + linear, TINY) if linear > 0.0 else 0.5 * (root - linear)
-        borne = borne + sqrt(3.0) * growth * (slowed / max(slowed + slow_limit, TINY))
+        growth, excess = self.rate_friction * pressure, sqrt(1.0 / 3.0) * max(q - borne, 0.0)  # as |s| / sqrt(2)
+        crossover = self.inertial_number / (self.grain_diameter * sqrt(self.grain_density)) * sqrt(pressure)  # [s-1]
+        slowing = self.shear_modulus * time_step * crossover
+        linear = slowing + growth - excess
+        half = 0.5 * (sqrt(linear * linear + 4.0 * excess * slowing) + abs(linear))
+        # x = G dt rate is the positive root of x^2 + linear x - excess slowing = 0; growth x / (x + slowing) is borne
+        over = excess if linear > 0.0 else half
+        share = over / max(over + (half if linear > 0.0 else slowing), TINY)
+        borne = borne + sqrt(3.0) * growth * share
         kept = 0.0 if torn else (borne / max(q, TINY) if sheared else 1.0)
         elastic = tension / self.bulk_modulus if torn else trace
         gained = self.volume_correction * (opening + trace - elastic) if torn else 0.0

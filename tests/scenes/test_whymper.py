@@ -3,11 +3,15 @@
 import os
 from itertools import pairwise
 
+import chain
 import numpy as np
 import pytest
 from chain import scene_module
 
+from mpmgis.scene import read_scene
+
 whymper = scene_module("whymper")
+LAWS = ("DruckerPrager", "CohesiveMuI")
 
 
 def check_jump(record, found):
@@ -38,6 +42,34 @@ def check_percentiles(folder, cell):
     kept = whymper.percentile_findings(found, step)
     assert kept["h at 20 % over h, detached"] >= 0.5 and kept["t at 20 % over t, detached"] <= 0.3
     assert max(kept["h at 20 % over h, attached"], kept["t at 20 % over t, attached"]) <= 0.5
+
+
+def test_the_scene_has_either_law_and_is_otherwise_the_same(tmp_path):
+    """Cells, precision, frames and end as asked; the cone and what softens are those of the paper's law."""
+    asked = {"cell": 4.0, "end": 26.0, "precision": "float32", "interval": 1.0}
+    plain, growing = (read_scene(whymper.write_all(tmp_path / law, law=law, **asked) / "scene.toml") for law in LAWS)
+    assert (plain.material.law, growing.material.law) == LAWS
+    assert growing.material.parameters == plain.material.parameters | whymper.GRAINS
+    tables = [{name: table for name, table in scene.as_tables().items() if name != "material"}
+              for scene in (plain, growing)]  # fmt: skip
+    assert tables[0] == tables[1] and growing.softening.residual_friction_angle == 20.0
+    assert (growing.numerics.precision, growing.numerics.cell_size) == ("float32", 4.0)
+    assert (growing.output.frame_interval, growing.output.end_time) == (1.0, 26.0)
+
+
+@pytest.mark.thorough
+def test_friction_that_grows_slows_what_is_fast(tmp_path):
+    """Cells of 4 m, 8 s: with CohesiveMuI the fastest hundredth of the ice is slower, the rest hardly."""
+    means, fast = [], []
+    for law in LAWS:
+        folder = whymper.write_all(tmp_path / law, 4.0, 8.0, law=law, interval=2.0)
+        chain.run_scene(folder)
+        _, _, mass, speed = whymper.frame_at(folder, 8.0)
+        means.append(np.average(speed, weights=mass))
+        fast.append(np.quantile(speed, 0.99))
+        assert mass.sum() == pytest.approx(whymper.MASS, rel=1e-9)
+    assert 0.95 < means[1] / means[0] < 1.0
+    assert 0.88 < fast[1] / fast[0] < 0.97
 
 
 @pytest.mark.thorough
