@@ -130,7 +130,8 @@ def volume_words(numbers):
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
         f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs off the bed at rest"
-        f", room is missing for {100 * numbers['missing_share']:.3g} % of the volume"
+        f", room is missing for {100 * numbers['missing_share']:.3g} % of the volume, what is at rest lies "
+        f"{100 * numbers.get('loose_share', 0.0):.3g} % looser than its mass"
     )
     if numbers["kept"]:
         return f"{found}: kept"
