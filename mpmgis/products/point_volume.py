@@ -70,8 +70,8 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     In a square of the map of PACKED_CELLS cells the points that lie no higher than a point fill a height; where that is
     more than PACKED times the height at which the point lies, the point is packed. So a point in the air above a packed
     layer hides nothing, and a thin layer counts as well as a deep one. What is
-    missing in a square is the largest excess of volume over room. What hangs is found in columns of single cells, and so
-    is what lies too loose, by the mean height of a column's points: half its thickness, where they fill it evenly.
+    missing in a square is the largest excess of volume over room. What hangs is found in columns of single cells, and
+    so is what lies too loose, by the mean height of a column's points: half its thickness, where they fill it evenly.
 
     Parameters
     ----------

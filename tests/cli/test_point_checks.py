@@ -59,7 +59,10 @@ def dropped(folder, cells, fall=3.0):
     with rasterio.open(folder / "flat.tif", "w", transform=Affine(1, 0, 0, 0, -1, 8), **profile) as target:
         target.write(np.zeros((8, 24)), 1)
     spacing = 0.5 * cell_size
-    across = [np.arange(start + 0.5 * spacing, stop, spacing) for start, stop in ((8.0, 16.0), (0.0, 8.0), (fall, fall + DEPTH))]
+    across = [
+        np.arange(start + 0.5 * spacing, stop, spacing)
+        for start, stop in ((8.0, 16.0), (0.0, 8.0), (fall, fall + DEPTH))
+    ]
     position = np.column_stack([part.ravel() for part in np.meshgrid(*across, indexing="ij")])
     volume = np.full(len(position), spacing**3)
     sand = Particles(position, np.zeros_like(position), DENSITY * volume, volume)

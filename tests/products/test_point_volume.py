@@ -146,7 +146,9 @@ def test_a_few_points_at_rest_make_no_result_unusable():
     assert found(frame, 1.4 * height).loose_share == 0.0
 
 
-@pytest.mark.parametrize("shares", [(0.06, 0.0, 0.0, 0.0), (0.0, 0.11, 0.0, 0.0), (0.0, 0.0, 0.11, 0.0), (0.0, 0.0, 0.0, 0.11)])
+@pytest.mark.parametrize(
+    "shares", [(0.06, 0.0, 0.0, 0.0), (0.0, 0.11, 0.0, 0.0), (0.0, 0.0, 0.11, 0.0), (0.0, 0.0, 0.0, 0.11)]
+)
 def test_each_loss_of_volume_makes_a_result_unusable_in_one_line(shares):
     numbers = PointVolume(2.0, 1.0, *shares[:3], 1.2, shares[3]).as_numbers()
     (line,) = unusable_lines({"volume": numbers})

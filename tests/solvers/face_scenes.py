@@ -112,7 +112,9 @@ def along_wall(degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, c
     start, n = np.column_stack([x, y, bed(x, y) + up]), len(x)
     volume, ids = np.full(n, spacing**3), np.arange(n, dtype=np.uint64)
     frame = Frame(Particles(start, np.zeros((n, 3)), 1500.0 * volume, volume, id=ids), dimension=3)
-    corners = [(middle + a * cos - b * sin, middle + a * sin + b * cos) for a, b in ((0, -60), (4, -60), (4, 60), (0, 60))]
+    corners = [
+        (middle + a * cos - b * sin, middle + a * sin + b * cos) for a, b in ((0, -60), (4, -60), (4, 60), (0, 60))
+    ]
     wall = Wall("dam", shapely.Polygon(corners), height=60.0, mu=mu)
     terrain = terrain_of(bed, extent, extent, cell)
     solver = points_on(terrain, frame, cell, material, CoulombContact(0.0), walls=(wall,), edges="wall")
