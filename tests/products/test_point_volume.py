@@ -106,7 +106,7 @@ def test_a_layer_crushed_evenly_by_a_quarter_has_no_room_for_its_volume(cells, c
 @settings(deadline=None, max_examples=60)
 @given(st.integers(1, 8), st.floats(0.01, 50.0), st.floats(1.15, 1.6), st.sampled_from([2, 3]), st.floats(0.0, 0.1))
 def test_a_layer_at_rest_that_is_looser_than_its_mass_is_found(cells, cell_size, looser, along, gap):
-    """At any depth, but for the gap under it, which is no loose volume; while it flies or slides it is loose by right."""
+    """At any depth, but for the gap under it, which is no loose volume; what flies or slides is loose by right."""
     frame, height = layer(cells, cell_size, along)
     volume = found(frame, looser * height + gap * cell_size, 0.0, cell_size)
     under = 1.0 / max(round(cells * along), 1)
