@@ -112,7 +112,9 @@ def point_volume(frame, height, slope, cell_size, density, gravity=GRAVITY):
     thickness = of_column / (density * cell_size**2)
     allowed = np.clip(HANGING_SHARE_OF_DEPTH * thickness, *(cells * cell_size for cells in HANGING_CELLS))
     hanging, whole = (lowest > allowed) & (typical < _falls(lowest, gravity)), mass.sum()
-    above = height - np.clip(lowest[column], 0.0, CLEARANCE * cell_size) * steep
+    bottom = np.full(len(of_column), np.inf)
+    np.minimum.at(bottom, column, height - half)
+    above = height - np.clip(bottom[column], 0.0, CLEARANCE * cell_size * steep)
     taken = 2.0 * np.bincount(column, mass * above) / of_column
     lies = (lowest <= allowed) & (typical < _falls(taken, gravity))
     lies &= _interior(x[known], y[known], cell_size, of_column)
