@@ -130,7 +130,8 @@ def volume_words(numbers: dict) -> str:
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
         f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs above the bed at "
-        f"rest, space is missing for {100 * numbers['missing_share']:.3g} % of the volume"
+        f"rest, space is missing for {100 * numbers['missing_share']:.3g} % of the volume, the material at rest is "
+        f"{100 * numbers.get('loose_share', 0.0):.3g} % looser than its mass"
     )
     if numbers["kept"]:
         return f"{found}: conserved"

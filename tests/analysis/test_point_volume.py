@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.analysis.point_volume import HANGING_SHARE, PACKED_SHARE, PointVolume, point_volume
+from mpmgis.analysis.point_volume import HANGING_SHARE, LOOSE_SHARE, PACKED_SHARE, PointVolume, point_volume
 from mpmgis.analysis.run_summary import unusable_lines, volume_words
 from mpmgis.particles import Frame, Particles
 
@@ -79,7 +79,7 @@ def test_a_point_in_the_air_does_not_hide_a_packed_layer():
 
 def test_points_without_ground_are_ignored():
     frame, height = layer(2.0)
-    height[::2] = np.nan
+    height[frame.particles.position[:, 0] < 0.5 * ALONG] = np.nan
     volume = found(frame, height)
     assert volume.mass == pytest.approx(0.5 * frame.particles.mass.sum()) and volume.kept
     nothing = found(frame, np.full(len(height), np.nan))
@@ -103,9 +103,54 @@ def test_a_layer_compressed_by_a_quarter_has_missing_volume(cells, cell_size):
     assert found(frame, height, 0.0, cell_size).missing_share == 0.0
 
 
-@pytest.mark.parametrize("shares", [(0.06, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)])
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 8), st.floats(0.01, 50.0), st.floats(1.15, 1.6), st.sampled_from([2, 3]), st.floats(0.0, 0.1))
+def test_a_layer_at_rest_that_is_looser_than_its_mass_is_found(cells, cell_size, looser, along, gap):
+    """At any depth, but for the gap under it, which is no loose volume; what flies or slides is loose by right."""
+    frame, height = layer(cells, cell_size, along)
+    volume = found(frame, looser * height + gap * cell_size, 0.0, cell_size)
+    under = 1.0 / max(round(cells * along), 1)
+    assert volume.loose_share == pytest.approx((looser - 1.0) * (1.0 - under), abs=0.03)
+    assert volume.kept == (volume.loose_share <= LOOSE_SHARE)
+    assert found(frame, height + gap * cell_size, 0.0, cell_size).loose_share <= 0.03
+    flying, _ = layer(cells, cell_size, along, speed=np.sqrt(9.81 * cells * cell_size))
+    assert found(flying, looser * height, 0.0, cell_size).loose_share == 0.0
+
+
+def heap(cell_size, slope, along=2):
+    """(frame, heights) of a heap 16 cells wide whose surface falls by `slope` to both sides, on level ground."""
+    spacing = cell_size / along
+    x = spacing * (np.arange(16 * along) + 0.5)
+    depth = slope * np.minimum(x, x.max() + 0.5 * spacing - x)
+    columns = [spacing * (np.arange(max(round(d / spacing), 1)) + 0.5) for d in depth]
+    places = [(a, b, z) for a, stack in zip(x, columns, strict=True) for b in x[: 6 * along] for z in stack]
+    position = np.array(places)
+    volume = np.full(len(position), spacing**3)
+    frame = Frame(Particles(position, np.zeros_like(position), DENSITY * volume, volume), dimension=3, time=0.0)
+    return frame, position[:, 2]
+
+
+@pytest.mark.parametrize("slope", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("cell_size", [0.1, 5.0])
+def test_a_heap_is_not_loose_because_its_surface_falls(slope, cell_size):
+    """Nor because its rim is cut by the cells: only columns within it are judged."""
+    volume = found(*heap(cell_size, slope), cell_size=cell_size)
+    assert volume.loose_share <= 0.05 and volume.kept
+
+
+def test_a_few_points_at_rest_make_no_result_unusable():
+    """A loose layer that flows, of which less than a tenth has stopped."""
+    frame, height = layer(4.0, speed=8.0)
+    stopped = frame.particles.position[:, 0] < 0.5
+    frame.particles.velocity[stopped] = 0.0
+    assert found(frame, 1.4 * height).loose_share == 0.0
+
+
+@pytest.mark.parametrize(
+    "shares", [(0.06, 0.0, 0.0, 0.0), (0.0, 0.11, 0.0, 0.0), (0.0, 0.0, 0.11, 0.0), (0.0, 0.0, 0.0, 0.11)]
+)
 def test_each_loss_of_volume_makes_a_result_unusable_in_one_line(shares):
-    numbers = PointVolume(2.0, 1.0, *shares, 1.2).as_numbers()
+    numbers = PointVolume(2.0, 1.0, *shares[:3], 1.2, shares[3]).as_numbers()
     (line,) = unusable_lines({"volume": numbers})
     assert line.startswith("unusable: ") and "1.2 cells over the depth" in line and "\n" not in line
     staged = unusable_lines({"stages": [{"solver": "columns"}, {"volume": numbers}]})

@@ -51,15 +51,18 @@ def site(tmp_path_factory):
     return folder
 
 
-def dropped(folder, cells):
-    """A run in which a layer of sand falls 3 m onto level ground, `cells` over its depth; its record."""
+def dropped(folder, cells, fall=3.0):
+    """A run in which a layer of sand falls by `fall` [m] onto level ground, `cells` over its depth; its record."""
     folder.mkdir(parents=True)
     cell_size = DEPTH / cells
     profile = {"driver": "GTiff", "height": 8, "width": 24, "count": 1, "dtype": "float64"}
     with rasterio.open(folder / "flat.tif", "w", transform=Affine(1, 0, 0, 0, -1, 8), **profile) as target:
         target.write(np.zeros((8, 24)), 1)
     spacing = 0.5 * cell_size
-    across = [np.arange(start + 0.5 * spacing, stop, spacing) for start, stop in ((8.0, 16.0), (0.0, 8.0), (3.0, 5.0))]
+    across = [
+        np.arange(start + 0.5 * spacing, stop, spacing)
+        for start, stop in ((8.0, 16.0), (0.0, 8.0), (fall, fall + DEPTH))
+    ]
     position = np.column_stack([part.ravel() for part in np.meshgrid(*across, indexing="ij")])
     volume = np.full(len(position), spacing**3)
     sand = Particles(position, np.zeros_like(position), DENSITY * volume, volume)
@@ -98,12 +101,20 @@ def test_effects_say_that_runout_of_drucker_prager_depends_on_the_cells(site, ca
 
 @pytest.mark.thorough
 def test_sand_on_enough_cells_lies_on_its_bed_and_keeps_its_volume(tmp_path, capsys):
-    fine = dropped(tmp_path / "fine", 4.0)
+    fine = dropped(tmp_path / "fine", 4.0, 1.0)
     assert fine["volume"]["kept"] and fine["troubles"] == []
     assert fine["volume"]["packed_share"] < 0.02 and fine["volume"]["hanging_share"] < 0.02
     assert not fine["resolution"]["coarse"] and fine["resolution"]["cells_over_depth"] == pytest.approx(4.0, rel=0.05)
     err = capsys.readouterr().err
     assert "4 cells of 0.5 m over its depth" in err and err.count(": conserved") == 1
+
+
+@pytest.mark.thorough
+def test_sand_that_fell_deep_lies_too_loose_and_is_called_unusable(tmp_path, capsys):
+    """3 m onto four cells: 12 % looser than its mass, 17 % on six; 1 m: 2 %."""
+    deep = dropped(tmp_path / "deep", 4.0)
+    assert deep["volume"]["loose_share"] > 0.1 and not deep["volume"]["kept"]
+    assert "looser than its mass" in deep["unusable"][0] and "unusable: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("cell_size", "height", "state"), [(4.0, 6, "off"), (2.0, 7, "on")])

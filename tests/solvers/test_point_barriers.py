@@ -38,7 +38,7 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
     solver = struck(height=40.0, mu=mu)  # twice as high as 20 m/s splash
     position, balances = sorted_points(solver).position, solver.balances()
     assert solver.points == len(position) and balances["momentum_error_relative"] <= 1e-10
-    assert position[:, 0].max() < 30.0 + 0.2 * DX  # squeezed a tenth of a cell into the face by the blow
+    assert position[:, 0].max() < 30.0 + 0.3 * DX  # squeezed a quarter of a cell into the face by the blow
     dam = balances["barriers"]["dam"]
     assert dam["overtopped_mass"] == 0.0
     assert dam["normal_impulse"] == pytest.approx(dam["impulse_east"], rel=1e-9)
