@@ -4,7 +4,11 @@ from contextlib import contextmanager
 
 from ..errors import InputError, one_line
 
-LIBRARIES = {"parquet": "pyarrow", "cluster": "dask[distributed]"}  # extra of pyproject.toml: what it installs
+LIBRARIES = {  # extra of pyproject.toml: what it installs
+    "parquet": "pyarrow",
+    "cluster": "dask[distributed]",
+    "animation": "imageio[ffmpeg]",
+}
 
 
 @contextmanager
