@@ -8,6 +8,7 @@ LIBRARIES = {  # extra of pyproject.toml: what it installs
     "parquet": "pyarrow",
     "cluster": "dask[distributed]",
     "animation": "imageio[ffmpeg]",
+    "pointcloud": "laspy",
 }
 
 
