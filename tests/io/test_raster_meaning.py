@@ -16,6 +16,7 @@ from qgis_python import clean_environment, report_of
 from mpmgis import __version__
 from mpmgis.fields import BAND
 from mpmgis.io.raster_output import BandStack, StepStacks, write_geotiff
+from mpmgis.reports.comparison import write_classes, write_classes_style
 from mpmgis.terrain.grid import Grid
 
 GRID = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5170000.0, 5.0, (30, 40))
@@ -107,3 +108,15 @@ def test_a_single_file_in_qgis(tmp_path):
         assert f"mpmgis {__version__}" in layer["panel"], name
     assert SPEED in found["slide_Ut.vrt"]["panel"] and "0.5 s" in found["slide_Ut.vrt"]["panel"]
     assert "h [m]: flow depth" in found[Path(run.step_files[1]).name]["panel"]
+
+
+@pytest.mark.qgis
+def test_classes_of_a_comparison_in_qgis(tmp_path):
+    first, second = (np.zeros(GRID.shape, bool) for _ in range(2))
+    first[5:15, 5:15], second[10:20, 10:20] = True, True
+    write_classes(tmp_path / "classes.tif", GRID, first, second, (first * 1.0, second * 2.0), BAND["h_max"])
+    write_classes_style(tmp_path / "classes.qml")
+    (layer,) = report_of(Path(__file__).with_name("qgis_panel.py"), tmp_path / "classes.tif").values()
+    assert layer["renderer"] == "paletted" and layer["band"] == [1]
+    assert layer["legend"] == ["only A", "only B", "both"]
+    assert "h_max_A_minus_B [m]" in "".join(layer["bands"])
