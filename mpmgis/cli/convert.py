@@ -9,6 +9,7 @@ EXAMPLE = """
 mpmgis convert area_particles.h5 --cell 1
 mpmgis convert results/frame_000015.h5 --spacing 0.5 -o impact.h5
 mpmgis convert impact.h5 --to columns --cell 5
+mpmgis convert impact.h5 -o points.las
 mpmgis convert area_particles.h5 --for kratos --cell 1 --material slide.toml
 mpmgis convert results/*.h5 --for paraview
 mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --origin 600000,5170000,0 --density 1500
@@ -34,8 +35,8 @@ def add_arguments(parser):
         "--output",
         type=Path,
         metavar="FILE",
-        help="file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp (default: <name>_points.h5 or "
-        "<name>_columns.h5); with --for a folder",
+        help="file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp, points also as a .las point cloud "
+        "(default: <name>_points.h5 or <name>_columns.h5); with --for a folder",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier file or folder of that name")
     parser.add_argument(
@@ -136,9 +137,15 @@ def _require_one(arguments):
 
 def _run(arguments, request):
     """Paths of the frames written."""
-    from ..workflows.convert import convert_to_columns, convert_to_points, dimension_of
+    from ..io.point_cloud import is_point_cloud
+    from ..workflows.convert import convert_to_columns, convert_to_points, dimension_of, write_point_cloud
 
-    to = arguments.to or ("points" if dimension_of(request) == 2 else "columns")
+    dimension = dimension_of(request)
+    to = arguments.to or ("points" if dimension == 2 else "columns")
+    if request.output is not None and is_point_cloud(request.output) and dimension == 3 and arguments.to != "columns":
+        unused = (*_POINTS_ONLY, *_COLUMNS_ONLY, "cell", "dem", "dem_band")
+        _refuse_given(arguments, unused, "changes nothing in points that stay points")
+        return [write_point_cloud(request).path]
     if to == "points":
         written = convert_to_points(request, _point_options(arguments))
     else:

@@ -153,6 +153,14 @@ def _add_file_options(group):
         default="3.38",
         help="oldest QGIS to open the project; 3.22 takes a layer per step (default 3.38)",
     )
+    group.add_argument(
+        "--animation",
+        type=Path,
+        metavar="FILE",
+        help="a film of the flow depth over a hillshade, .mp4 or .gif (pip install mpmgis[animation])",
+    )
+    group.add_argument("--kml", action="store_true", help="besides, <name>.kmz: release, largest depth, outlines")
+    group.add_argument("--stac", action="store_true", help="besides, <name>.stac.json: a STAC item of the folder")
 
 
 def _add_machine_options(group):

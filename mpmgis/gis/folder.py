@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from ..fields import NODATA
+from ..io.raster_meaning import band_metadata, dataset_metadata
 from .clock import Clock
 from .markup import node, reference_text
 
@@ -18,7 +19,7 @@ def write_stacks(run: "ExportedRun") -> None:
     """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path."""
     decimals = Clock.of(run.times).decimals
     for source_band, quantity in enumerate(run.step_bands, start=1):
-        root = _dataset(run)
+        root = _dataset(run, quantity)
         for k in range(len(run.times)):
             root.append(_band(run, k, source_band, quantity, decimals))
         ElementTree.indent(root)
@@ -27,7 +28,7 @@ def write_stacks(run: "ExportedRun") -> None:
         )
 
 
-def _dataset(run):
+def _dataset(run, quantity):
     rows, columns = run.grid.shape
     transform = ", ".join(repr(float(value)) for value in run.grid.transform.to_gdal())
     return node(
@@ -35,7 +36,12 @@ def _dataset(run):
         {"rasterXSize": columns, "rasterYSize": rows},
         node("SRS", text=reference_text(run.grid.crs)),
         node("GeoTransform", text=transform),
+        _metadata(dataset_metadata([quantity], {})),
     )
+
+
+def _metadata(tags):
+    return node("Metadata", None, *(node("MDI", {"key": key}, text=value) for key, value in tags.items()))
 
 
 def _band(run, k, source_band, quantity, decimals):
@@ -43,7 +49,7 @@ def _band(run, k, source_band, quantity, decimals):
         "VRTRasterBand",
         {"dataType": "Float32", "band": k + 1},
         node("Description", text=f"{quantity.band} at t = {run.times[k]:.{decimals}f} s"),
-        node("Metadata", None, node("MDI", {"key": "time"}, text=repr(float(run.times[k])))),
+        _metadata(band_metadata(quantity, run.times[k])),
         node("NoDataValue", text=NODATA),
         node("UnitType", text=quantity.unit),
         node(

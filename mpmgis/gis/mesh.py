@@ -1,11 +1,13 @@
 """The flow as a UGRID mesh in NetCDF, for velocity arrows in QGIS and for xarray.
 
 Only cells that the flow ever reached are faces, so a narrow flow on a wide terrain gives a small file.
-Conventions: UGRID 1.0 and CF-1.8, in the subset that QGIS (MDAL) reads: the corners of a face run counter-clockwise,
+Conventions: UGRID 1.0 and CF-1.11, in the subset that QGIS (MDAL) reads: the corners of a face run counter-clockwise,
 the CRS is ASCII WKT 1 in the variable named by `grid_mapping`, and the two components of a vector have the same long
-name up to ", x-component" and ", y-component".
+name up to ", x-component" and ", y-component". Time is packed (CF 8.1): readers of CF multiply it by `scale_factor` and
+get simulated seconds; MDAL does not, and gets the whole seconds of the project's clock.
 """
 
+import warnings
 import zlib
 from collections import deque
 from concurrent.futures import Executor
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pyproj.exceptions import CRSError
 
+from .. import __version__
 from ..errors import OutputError, one_line
 from ..fields import NODATA
 from ..io.exported import ExportedRun
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
 MESH_BANDS = ("h", "t", "Un", "Ut")
 VELOCITY = "velocity along the slope (m/s)"
 BED = "Bed Elevation"  # name of node heights in QGIS
+REFERENCE_SYSTEM = "projected_coordinate_system"  # the name that MDAL looks for
 COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
 LEAST_REPEATED = 0.25  # share of repeated bytes, below which compression is not worthwhile
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
@@ -185,9 +189,7 @@ def _write_places(file, run, wet):
     file.createDimension("node", len(x))
     file.createDimension("face", len(corners))
     file.createDimension("corner", 4)
-    file.setncatts(
-        {"Conventions": "CF-1.8 UGRID-1.0", "title": run.name, "source": "mpmgis", "min_depth": float(run.min_depth)}
-    )
+    file.setncatts(_global_attributes(run))
     _write_reference_system(file, run.grid.crs)
     mesh = file.createVariable("mesh", "i4")
     mesh.setncatts(
@@ -204,8 +206,20 @@ def _write_places(file, run, wet):
     faces[:] = corners
     _write_node_variable(file, "node_x", x, {"standard_name": "projection_x_coordinate"})
     _write_node_variable(file, "node_y", y, {"standard_name": "projection_y_coordinate"})
-    bed = {"standard_name": "altitude", "long_name": "bed elevation", "grid_mapping": "projected_coordinate_system"}
+    bed = {"standard_name": "altitude", "long_name": "bed elevation", "positive": "up"} | _grid_mapping(file)
     _write_node_variable(file, "node_z", _node_heights(run.read_terrain())[nodes], bed)
+
+
+def _global_attributes(run):
+    return {
+        "Conventions": "CF-1.11 UGRID-1.0",
+        "title": f"{run.name}: flow on the cells that it reached",
+        "source": f"mpmgis {__version__}, Material Point Method",
+        "history": f"mpmgis {__version__} export-raster: {len(run.times)} steps averaged on cells of a grid",
+        "references": "https://doi.org/10.5194/nhess-25-3897-2025",
+        "comment": f"velocities where the flow is at least {run.min_depth:g} m deep",
+        "min_depth": float(run.min_depth),
+    }
 
 
 def _write_node_variable(file, name, values, attributes):
@@ -245,31 +259,54 @@ def _node_heights(elevation):
 
 
 def _write_reference_system(file, crs):
-    """The CRS in ASCII: with other characters netCDF4 writes a string type that QGIS does not read."""
-    variable = file.createVariable("projected_coordinate_system", "i4")
+    """The CRS in ASCII: with other characters netCDF4 writes a string type that QGIS does not read.
+
+    A local frame has no grid mapping of CF; QGIS finds its CRS by the name of the variable.
+    """
+    variable = file.createVariable(REFERENCE_SYSTEM, "i4")
     try:
         text = LOCAL_FRAME if crs is None else crs.to_wkt("WKT1_GDAL")
     except CRSError:
         text = crs.to_wkt()
-    text = text.encode("ascii", "ignore").decode()
+    text = _ascii(text)
     variable.setncatts({"wkt": text, "crs_wkt": text})
+    if crs is not None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a parameter that CF does not know stays in the WKT
+            cf = crs.to_cf()
+        variable.setncatts({key: _ascii(value) for key, value in cf.items() if key != "crs_wkt"})
     if crs is not None and crs.to_epsg():
         variable.setncatts({"epsg": np.int32(crs.to_epsg()), "EPSG_code": f"EPSG:{crs.to_epsg()}"})
 
 
+def _ascii(value):
+    return value.encode("ascii", "ignore").decode() if isinstance(value, str) else value
+
+
+def _grid_mapping(file):
+    """Attribute of the variables on the mesh: the CRS, where CF knows its projection."""
+    known = hasattr(file[REFERENCE_SYSTEM], "grid_mapping_name")
+    return {"grid_mapping": REFERENCE_SYSTEM} if known else {}
+
+
 def _write_times(file, run):
-    """The stretched time for QGIS, and the simulated time."""
+    """Simulated time, packed as the seconds that QGIS plays; `t_s` is the same without rounding."""
     clock = Clock.of(run.times)
     file.createDimension("time", None)
-    time = file.createVariable("time", "f8", ("time",))
+    time = file.createVariable("time", "f8", ("time",))  # MDAL reads no integers; CF 8.1: of the type of scale_factor
     time.setncatts(
         {
             "standard_name": "time",
-            "long_name": f"time as QGIS plays it ({clock.label})",
+            "long_name": "simulated time",
+            "comment": f"packed: QGIS plays it as {clock.label}",
+            "axis": "T",
             "units": "seconds since 2000-01-01 00:00:00",
             "calendar": "standard",
+            "units_metadata": "leap_seconds: none",
+            "scale_factor": 1.0 / clock.stretch,
         }
     )
+    time.set_auto_scale(False)
     time[:] = np.array(clock.begins, dtype=float)
     true = file.createVariable("t_s", "f8", ("time",))
     true.setncatts({"long_name": "simulated time", "units": "s"})
@@ -288,6 +325,6 @@ def _add_face_variable(file, name, title, units):
             "units": units,
             "mesh": "mesh",
             "location": "face",
-            "grid_mapping": "projected_coordinate_system",
         }
+        | _grid_mapping(file)
     )

@@ -10,7 +10,12 @@ from types import ModuleType
 
 from ..errors import InputError, one_line
 
-LIBRARIES = {"parquet": "pyarrow", "cluster": "dask[distributed]"}  # extra of pyproject.toml: what it installs
+LIBRARIES = {  # extra of pyproject.toml: what it installs
+    "parquet": "pyarrow",
+    "cluster": "dask[distributed]",
+    "animation": "imageio[ffmpeg]",
+    "pointcloud": "laspy",
+}
 DETECTED_BY_PYOGRIO = ("pandas", "geopandas", "pyarrow")
 
 

@@ -1,7 +1,6 @@
 """Raster output: GeoTIFF bands as docs/formats.md describes them, ASCII grids, and rasters of the steps."""
 
 import ctypes
-import mmap
 import os
 import tempfile
 from collections import deque
@@ -14,12 +13,12 @@ import numpy as np
 import rasterio
 import rasterio._base
 import rasterio.shutil
-from rasterio.enums import ColorInterp
 
 from ..errors import InputError, OutputError, one_line
 from ..fields import NODATA, Quantity
 from ..terrain.georeference import warp_command
 from .atomic import output_error, whole_file
+from .raster_meaning import band_metadata, dataset_metadata
 
 NAMESPACE = "mpmgis"
 BLOCK = 256
@@ -50,10 +49,6 @@ COG_LAYOUT = {
 # GDAL turns errors of libtiff into exceptions; libtiff also prints failed writes to stderr, with temporary names.
 with suppress(OSError, AttributeError):  # where the functions of linked libraries are not accessible
     ctypes.CDLL(rasterio._base.__file__).TIFFSetErrorHandler(None)
-
-# GDAL interprets the first band as grey and cannot write "undefined". It writes the unusual name "Lightness", which is
-# replaced by a name of the same length that GDAL reads as undefined.
-_WRITTEN_COLOUR, _MEANT_COLOUR = (f'role="colorinterp">{name}<'.encode() for name in ("Lightness", "Undefined"))
 
 
 def write_geotiff(path, grid, bands, tags, cog=False):
@@ -120,6 +115,7 @@ class BandStack:
                 self._files.append(opening.enter_context(file))
                 for band, time in enumerate(times, start=1):
                     self._files[-1].update_tags(band, ns=NAMESPACE, time=tag(float(time)))
+                    self._files[-1].update_tags(band, **band_metadata(quantity, time))
             self._stack = opening.pop_all()
 
     def __enter__(self):
@@ -152,15 +148,15 @@ def _new_file(path, grid, quantities, tags, cog):
     plain = path.with_name(f".{path.name}.plain.tif") if cog else path
     try:
         with rasterio.open(plain, "w", **LAYOUT, **_place(grid), count=len(quantities)) as target:
-            target.colorinterp = [ColorInterp.lightness] + [ColorInterp.undefined] * (len(quantities) - 1)
+            target.update_tags(**dataset_metadata(quantities, tags))
             for band, quantity in enumerate(quantities, start=1):
                 target.set_band_description(band, quantity.band)
                 target.set_band_unit(band, quantity.unit)
+                target.update_tags(band, **band_metadata(quantity))
             target.update_tags(ns=NAMESPACE, **{key: tag(value) for key, value in tags.items()})
             yield target
         if cog:
             rasterio.shutil.copy(plain, path, **COG_LAYOUT)
-        _leave_colour_undefined(path)
     except rasterio.errors.RasterioError as error:
         raise OutputError(f"{path}: cannot be written ({one_line(error)})") from error
     finally:
@@ -180,14 +176,6 @@ def _write_strip(target, band, first, last, values):
     if gaps.any():
         values = np.where(gaps, np.float32(NODATA), values)
     target.write(values, band, window=((first, last), (0, target.width)))
-
-
-def _leave_colour_undefined(path):
-    with open(path, "r+b") as file, mmap.mmap(file.fileno(), 0) as content:
-        place = content.find(_WRITTEN_COLOUR)
-        while place >= 0:
-            content[place : place + len(_MEANT_COLOUR)] = _MEANT_COLOUR
-            place = content.find(_WRITTEN_COLOUR, place)
 
 
 def require_square(grid, what, path):
@@ -288,9 +276,8 @@ class StepStacks:
             ElementTree.SubElement(root, "SRS").text = self.grid.crs.to_wkt()
         numbers = self.grid.transform.to_gdal()
         ElementTree.SubElement(root, "GeoTransform").text = ", ".join(repr(float(number)) for number in numbers)
-        metadata = ElementTree.SubElement(root, "Metadata", domain="mpmgis")
-        for key, value in tags.items():
-            ElementTree.SubElement(metadata, "MDI", key=key).text = tag(value)
+        _add_metadata(root, dataset_metadata(self.quantities, tags))
+        _add_metadata(root, {key: tag(value) for key, value in tags.items()}, domain=NAMESPACE)
         for band, quantity in enumerate(self.quantities, start=1):
             self._add_band(root, band, quantity, step)
         ElementTree.indent(root)
@@ -300,11 +287,18 @@ class StepStacks:
     def _add_band(self, root, band, quantity, step):
         node = ElementTree.SubElement(root, "VRTRasterBand", dataType="Float32", band=str(band))
         ElementTree.SubElement(node, "Description").text = quantity.band
+        _add_metadata(node, band_metadata(quantity))
         ElementTree.SubElement(node, "NoDataValue").text = str(NODATA)
         ElementTree.SubElement(node, "UnitType").text = quantity.unit
         source = ElementTree.SubElement(node, "SimpleSource")
         ElementTree.SubElement(source, "SourceFilename", relativeToVRT="1").text = self._stacks[quantity.name]
         ElementTree.SubElement(source, "SourceBand").text = str(step + 1)
+
+
+def _add_metadata(parent, tags, **domain):
+    metadata = ElementTree.SubElement(parent, "Metadata", **domain)
+    for key, value in tags.items():
+        ElementTree.SubElement(metadata, "MDI", key=key).text = value
 
 
 @contextmanager

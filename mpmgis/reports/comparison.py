@@ -12,6 +12,8 @@ from ..analysis.comparison import nearest, upright
 from ..analysis.comparison_report import Comparison
 from ..analysis.flow_line import Runout, up_to
 from ..fields import Quantity
+from ..gis.markup import node
+from ..gis.styles import style_document
 from ..io.atomic import whole_file
 from ..io.raster_output import write_geotiff
 from ..io.tables import write_records
@@ -77,6 +79,19 @@ OPACITY = 0.8
 LINE_COLOUR = "#101010"
 SQUARE_METRES_PER_HECTARE = 1e4
 LEGEND_LETTERS = 30  # per line
+
+
+def write_classes_style(path):
+    """Write the .qml with which QGIS shows the GeoTIFF of `write_classes`: its classes in the colours of the map."""
+    colours = dict(zip(CLASSES, (ONLY_FIRST, ONLY_SECOND, BOTH), strict=True))
+    entries = [
+        node("paletteEntry", {"value": number, "color": colours[number], "alpha": 255, "label": word})
+        for number, word in CLASSES.items()
+    ]
+    shown = {"type": "paletted", "band": 1, "opacity": OPACITY, "alphaBand": -1, "nodataColor": ""}
+    renderer = node("rasterrenderer", shown, node("colorPalette", None, *entries))
+    with whole_file(path) as part:
+        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
 
 
 class MapSide(NamedTuple):

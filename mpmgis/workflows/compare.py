@@ -22,7 +22,7 @@ from ..io.observed import cells_within, read_outline
 from ..io.reprojection import is_raster
 from ..io.results import UNNAMED, names_rasters, open_result
 from ..messages import log
-from ..reports.comparison import MapSide, write_classes, write_comparison_map, write_table
+from ..reports.comparison import MapSide, write_classes, write_classes_style, write_comparison_map, write_table
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid
 from .answer_files import checked_output, write_answer
@@ -31,7 +31,7 @@ from .export_inputs import terrain_of_rasters
 from .opened_results import exported_peaks
 from .runout import given_line
 
-FILES = ("map.png", "table.csv", "classes.tif")
+FILES = ("map.png", "table.csv", "classes.tif", "classes.qml")
 OUTLINE = "outline"
 HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
 DEPOSITED = ("h_deposit", "t_vol_deposit")
@@ -477,6 +477,7 @@ def _write(output, request, found, footprints, joint, terrain):
         lambda path: _write_map(path, found, footprints, joint, terrain),
         lambda path: write_table(path, found),
         lambda path: write_classes(path, joint, *masks, values, band),
+        write_classes_style,
     )
     return write_answer(request, output, dict(zip(FILES, writers, strict=True)))
 

@@ -16,6 +16,7 @@ from ..interop.frame_list import OWN, list_frames
 from ..io.atomic import refuse_existing
 from ..io.frames import read_frame, write_frame
 from ..io.particle_files import require_format, write_columns
+from ..io.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..machine import memory_lack
 from ..messages import log
 from .export_inputs import run_terrain
@@ -58,8 +59,10 @@ def convert_to_points(request, options=None):
     """
     options = options or PointOptions()
     path = _output(request, "points")
-    if path.suffix.lower() != ".h5":
-        raise OutputError(f"{path}: points are written as frames, wanted a name that ends in .h5")
+    if is_point_cloud(path):
+        require_point_cloud(path)
+    elif path.suffix.lower() != ".h5":
+        raise OutputError(f"{path}: points are written as frames, expected a name that ends in .h5 or .las")
     frame, terrain = _inputs(request, path, 2)
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
@@ -67,10 +70,30 @@ def convert_to_points(request, options=None):
         "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
     }  # fmt: skip
     state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}  # as the points' own
-    write_frame(path, _placed(replace(points.frame, header=header, state=state), terrain, path))
+    placed = _placed(replace(points.frame, header=header, state=state), terrain, path)
+    (write_las if is_point_cloud(path) else write_frame)(path, placed)
     for line in account_of_points(points.report, options):
         log.info(line)
     return Written(path, None, points.report)
+
+
+def write_point_cloud(request):
+    """Write the points in `request.source`, as they are, to the .las file `request.output`.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    path, entry = _output(request, "points"), _entry(request)
+    require_point_cloud(path)
+    if entry.reader == OWN and request.crs is not None:
+        raise InputError(f"{entry.path} is a frame of mpmgis, which has its CRS; leave --crs out")
+    frame = whole_frame(entry)
+    if frame.crs is None:
+        log.info(f"{path}: the frame has no CRS, so the point cloud has none")
+    write_las(path, frame)
+    return Written(path, None, None)
 
 
 def convert_to_columns(request, options=None):

@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from ..io.libraries import pyogrio
 from ..io.raster_output import require_square
 from ..messages import log
 from ..terrain.elevation import Terrain
+from .export_extra_files import require_extra_files, write_extra_files
 from .export_inputs import (
     output_folder,
     refuse_nowhere,
@@ -73,6 +75,9 @@ class ExportRequest:
     cog: bool = False
     qgis: bool = True
     qgis_min: str = "3.38"
+    animation: Path | None = None
+    kml: bool = False
+    stac: bool = False
     workers: int | None = None
     dask: str | None = None
     reader: str | None = None  # and what else is said about another code's files
@@ -130,6 +135,7 @@ def export_raster(request, progress=lambda done, total: None):
     entries = list_frames(request.frames, request.terms())
     output = output_folder(request, entries)
     terrain = run_terrain(request, entries, output)
+    require_extra_files(request, output, terrain.grid.crs)
     if request.naming == "iseesnow":
         require_square(terrain.grid, "--naming iseesnow", terrain.path)
     if request.qgis:
@@ -144,9 +150,11 @@ def export_raster(request, progress=lambda done, total: None):
             if request.qgis:
                 qgis_folder.write_qgis_files(run, _release(run, plan), spool, request.qgis_min, pool.threads)
                 shutil.rmtree(folder / SPOOL_FOLDER)
+            write_extra_files(request, run, terrain, partial(_release, run, plan))
             files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
     tell(request, plan, tally)
-    return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
+    apart = [] if request.animation is None else [Path(request.animation)]
+    return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))] + apart
 
 
 def _as_the_paper(request):

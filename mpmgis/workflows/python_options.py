@@ -50,6 +50,9 @@ class ExportOptions(AveragingOptions, total=False):
     paper: bool
     qgis: bool
     qgis_min: Literal["3.38", "3.22"]
+    animation: str | Path
+    kml: bool
+    stac: bool
     workers: int
     dask: str
 

@@ -306,7 +306,7 @@ def test_a_band_without_a_value_is_empty_and_stops_nothing(discs, capsys, tmp_pa
         assert found["iou"] == 0 and found["both_m2"] == 0
     assert main(["compare", str(discs[0]), str(nothing), "-o", str(tmp_path / "out")]) == 0
     assert sorted(path.name for path in (tmp_path / "out").glob("*.*") if path.suffix) == [
-        "classes.tif", "map.png", "table.csv"
+        "classes.qml", "classes.tif", "map.png", "table.csv"
     ]  # fmt: skip
     capsys.readouterr()
     assert main(["compare", str(nothing), str(nothing)]) == 2
@@ -351,7 +351,7 @@ def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
 def test_a_folder_of_map_table_and_classes(discs, capsys, tmp_path):
     folder = tmp_path / "out"
     found, _ = compared(capsys, *discs, "--dem", dtm(tmp_path / "dtm.tif"), "-o", folder)
-    assert {Path(file).name for file in found["files"]} == {"map.png", "table.csv", "classes.tif"}
+    assert {Path(file).name for file in found["files"]} == {"map.png", "table.csv", "classes.tif", "classes.qml"}
     with open(folder / "table.csv", newline="", encoding="utf-8") as file:
         table = {row[0]: row[1:] for row in csv.reader(file)}
     assert float(table["area"][1]) == found["a"]["area_m2"] and table["name"][1:3] == ["first", "second"]

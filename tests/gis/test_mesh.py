@@ -1,5 +1,6 @@
 """The mesh: only wet cells, values of the rasters, simulated and stretched times, a CRS readable by QGIS."""
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 
 import netCDF4
@@ -15,6 +16,11 @@ from mpmgis.errors import OutputError
 from mpmgis.gis.mesh import write_mesh
 
 UTM = CRS.from_epsg(32632)
+WRONG_OF_THE_CHECKER = (
+    "azimuth is a required attribute for grid mapping oblique_mercator",  # CF: azimuth_of_central_line, which is there
+    "When attribute scale_factor is of type double variable time must be of type byte, unsigned byte, short, unsigned "
+    "short, int, or unsigned int",  # CF 8.1: or of the type of scale_factor, as it is; MDAL reads no integers
+)
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +74,37 @@ def test_nodes_carry_the_terrain(run, mesh):
     assert np.abs(mesh.node_z.values - qgis_run.hill(x, y)).max() < 1.0  # roughness of 100 m waves in 5 m cells
 
 
-def test_times(mesh):
-    assert np.allclose(mesh.t_s, np.arange(6) * 0.5)
-    assert np.allclose(mesh.time, np.arange(6) * 30.0)
+def test_times_are_simulated_seconds_and_qgis_reads_its_clock(run, mesh):
+    """Readers of CF unpack the time; MDAL reads the packed integers."""
+    assert np.allclose(mesh.t_s, np.arange(6) * 0.5, rtol=0, atol=0)
+    assert np.allclose(mesh.time, np.arange(6) * 0.5, rtol=1e-14)
     assert mesh.time.units == "seconds since 2000-01-01 00:00:00"
+    with xarray.open_dataset(run.folder / run.mesh_file) as file:
+        assert np.array_equal(
+            file.time.values, np.datetime64("2000-01-01", "ns") + np.arange(6) * np.int64(500_000_000)
+        )
+    with netCDF4.Dataset(run.folder / run.mesh_file) as file:
+        file.set_auto_scale(False)
+        assert file["time"][:].tolist() == [0, 30, 60, 90, 120, 150]
+
+
+@pytest.mark.parametrize("crs", [UTM, CRS.from_epsg(2056), None], ids=["utm", "swiss", "local"])
+def test_compliance_checker_finds_only_what_ugrid_asks_for(tmp_path, crs):
+    """CF 9.5 reserves `cf_role` for discrete sampling geometries; UGRID, which CF-1.11 adopts, uses it for meshes."""
+    runner = pytest.importorskip("compliance_checker.runner", reason="no compliance-checker (pip install it)")
+    run = qgis_run.make_run(tmp_path, crs, times=[0.0, 0.2, 0.4])
+    write_mesh(run, qgis_run.steps(run))
+    runner.CheckSuite.load_all_available_checkers()
+    report = tmp_path / "report.json"
+    runner.ComplianceChecker.run_checker(
+        str(run.folder / run.mesh_file), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="json"
+    )
+    found = json.loads(report.read_text())["cf:1.11"]
+    told = [
+        text for level in ("high_priorities", "medium_priorities") for part in found[level] for text in part["msgs"]
+    ]
+    told = [text for text in told if text not in WRONG_OF_THE_CHECKER]
+    assert len(told) == 3 and all("cf_role" in text for text in told), told
 
 
 def test_crs_is_ascii_text_for_qgis(run):

@@ -97,6 +97,10 @@ EXPORT = Verb(
             "COG", SWITCH, "Cloud Optimized GeoTIFFs", "--cog", "With overviews, for a web server.", default=False
         ),
         advanced(
+            "KML", SWITCH, "KMZ of release, largest depth and outlines", "--kml", "For Google Earth.", default=False
+        ),
+        advanced("STAC", SWITCH, "STAC item", "--stac", "Describes the folder for catalogues.", default=False),
+        advanced(
             "NORTH_UP", SWITCH, "Cells along east and north", "--north-up",
             "Also where the terrain model is rotated. Off: cells lie along the axes of the terrain model.",
             default=False,

@@ -19,6 +19,7 @@ LEFT_OUT_VERBS = {"qgis-plugin": "it makes this toolbox"}
 LEFT_OUT_OPTIONS = {
     ("run", "--template"): "the form that simulates writes a scene to begin from",
     ("export-raster", "--no-qgis"): "the project is what is opened here",
+    ("export-raster", "--animation"): "the temporal controller of QGIS exports the map that is seen there",
     ("timeseries", "--at"): "a place is clicked on the map, in whatever CRS that has",
     ("vertical", "--at"): "a place is clicked on the map, in whatever CRS that has",
     ("runout", "--json"): "for programs; the figures are in the log and in the tables",
