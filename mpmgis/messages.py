@@ -22,13 +22,10 @@ log.addFilter(_passes_sinks)
 
 @contextmanager
 def _sink(take: Callable[[str], bool]) -> Iterator[None]:
-    token, level = _sinks.set((*_sinks.get(), take)), log.level
-    if not log.isEnabledFor(logging.INFO):
-        log.setLevel(logging.INFO)
+    token = _sinks.set((*_sinks.get(), take))
     try:
         yield
     finally:
-        log.setLevel(level)
         _sinks.reset(token)
 
 
@@ -41,10 +38,16 @@ def muted() -> Iterator[None]:
 
 @contextmanager
 def collected() -> Iterator[list[str]]:
-    """Collect the messages that are logged in this block, in this thread; they are logged as well."""
+    """Collect the messages that are logged in this block, in this thread; they are also logged if the level allows."""
     notes: list[str] = []
-    with _sink(lambda text: notes.append(text) is None):
-        yield notes
+    level, shown = log.level, log.isEnabledFor(logging.INFO)
+    if not shown:
+        log.setLevel(logging.INFO)
+    try:
+        with _sink(lambda text: notes.append(text) is None and shown):
+            yield notes
+    finally:
+        log.setLevel(level)
 
 
 @contextmanager

@@ -80,7 +80,7 @@ def _outlines(run):
         shape = mask_outline(depth >= max(run.min_depth, np.nextafter(0, 1)), run.flow_grid.transform)
         if shape is not None:
             name = f"t = {run.times[step]:.{clock.decimals}f} s"
-            text = f"outline of the flow, {clock.says}"
+            text = f"outline of the flow, {clock.label}"
             features.append((name, text, shape, FLOW_STYLE, stamp(clock.begins[step]), stamp(clock.ends[step])))
     return features
 

@@ -151,7 +151,7 @@ def _thickness_column(table, path, asked):
         if found is None:
             raise InputError(
                 f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
-                f"or thickness in the scene's table, as a number of metres, a column or a raster"
+                f"or thickness in the table of the scene, as a number of metres, a column or a raster"
             )
         log.info(f"{path}: thickness is read from column {found!r}")
         return found

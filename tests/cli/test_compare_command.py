@@ -325,7 +325,7 @@ def test_iseesnow_names_in_a_folder_and_kilopascals(capsys, tmp_path):
     write_ascii_grid(folder / "other_pft.asc", grid, disc(grid, 210, 200))
     assert compared(capsys, folder / "other", folder / "release_1a2b_null_model")[0]["iou"] < 1
     assert main(["compare", str(ours), str(folder)]) == 2
-    assert "holds 2 *_pft rasters" in capsys.readouterr().err
+    assert "contains 2 *_pft rasters" in capsys.readouterr().err
 
 
 def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
@@ -441,7 +441,7 @@ def bad_cases(tmp_path, first, second):
         "an empty folder": ((first, tmp_path / "empty"), "contains no result: expected an export"),
         "two outlines": ((area, area), "both outlines"),
         "lines as outline": ((first, path), "expected polygons"),
-        "an outline as line": ((first, second, "--line", area), "wanted lines"),
+        "an outline as line": ((first, second, "--line", area), "expected lines"),
         "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to the flow"),
         "two lines": ((first, second, "--line", two), "2 lines that do not join"),
         "an outline smaller than a cell": ((first, sliver), "holds no centre of a cell of 2 m"),

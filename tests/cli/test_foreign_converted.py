@@ -102,7 +102,7 @@ def test_a_start_folder_that_was_changed_is_told(tmp_path, table, capsys):
     readme.write_text(readme.read_text().replace("1600 points", "1601 points"))
     assert run("info", folder) == 2
     message = capsys.readouterr().err
-    assert "holds 1600 points" in message and "expected 1601" in message and len(message.splitlines()) == 1
+    assert "has 1600 points" in message and "expected 1601" in message and len(message.splitlines()) == 1
     next(folder.glob("*_Body.mdpa")).write_text("damaged")
     assert run("info", folder) == 2
     message = capsys.readouterr().err
@@ -112,7 +112,7 @@ def test_a_start_folder_that_was_changed_is_told(tmp_path, table, capsys):
 def test_options_for_other_codes_files_are_refused_with_our_own(tmp_path, capsys):
     frame = write_block_run(tmp_path, (150.0,), (0.0,)) / "frame_000000.h5"
     for option, words in (
-        (("--axes", "e,n,u"), "--axes is for other codes' files"),
+        (("--axes", "e,n,u"), "--axes is only for files of other codes"),
         (("--density", 3), "which has its density"),
         (("--for", "paraview", "--at-time", 3), "no frame at 3 s; the nearest, frame_000000.h5, is at 0 s"),
     ):
@@ -137,4 +137,4 @@ def test_another_codes_points_are_compared_like_a_run(tmp_path, table, capsys):
     assert run("compare", ours, ours, "--axes", "e,n,u") == 2
     assert "neither" in capsys.readouterr().err
     assert run("compare", ours, folder) == 2
-    assert "does not say" in capsys.readouterr().err
+    assert "its origin (--origin" in capsys.readouterr().err

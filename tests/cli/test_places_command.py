@@ -62,7 +62,7 @@ def test_zones_from_a_raster_and_their_gaps(site, capsys):
     (site / "results").rename(site / "earlier")
     write_raster(site / "mu.tif", np.where(x < 300, 0.2, np.nan))
     line = refused(site, capsys, alone + '[[zones]]\nmu = "mu.tif"\n')
-    assert "mu is not known" in line and "E 400" in line
+    assert "mu has no value" in line and "E 400" in line
     write_raster(site / "mu.tif", np.where(x < 300, 0.2, 0.4), crs="EPSG:32633")
     assert "EPSG:32633" in refused(site, capsys, SCENE + '[[zones]]\nmu = "mu.tif"\n')
     write_raster(site / "mu.tif", np.where(x < 300, 0.2, -0.4))

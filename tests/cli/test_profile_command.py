@@ -148,12 +148,12 @@ def test_what_lies_off_the_raster_is_said_or_refused(tmp_path, run, capsys):
     points = write_points(tmp_path / "points.gpkg", (250, MIDDLE), (900, MIDDLE))
     for arguments, words in (
         (("profile", run, "--line", line), "lies off the raster"),
-        (("profile", run, "--line", points), "wanted lines"),
+        (("profile", run, "--line", points), "expected lines"),
         (("profile", run, "--line", write_line(tmp_path / "l.gpkg"), "--at-times", "50"), "from 0 to 20 s"),
         (("profile", run), "--line"),
         (("profile", run, "--line", write_line(tmp_path / "l2.gpkg"), "--spacing", "1e-4"), "a larger --spacing"),
         (("timeseries", run, "--points", points), "'feature 2' (E 400900.0, N 5100200.0) lies off"),
-        (("timeseries", run, "--points", line), "wanted points"),
+        (("timeseries", run, "--points", line), "expected points"),
         (("timeseries", run), "--points FILE or --at E,N"),
         (("timeseries", run, "--at", "3"), "wanted two numbers"),
         (("timeseries", run, "--at", "1,2", "--standoff", "no"), "wanted a number"),

@@ -49,7 +49,7 @@ def test_names_are_the_same_in_module_face_and_stub():
     from mpmgis import api
 
     stub = Path(inspect.getsourcefile(mpmgis)).with_suffix(".pyi").read_text(encoding="utf-8")
-    assert set(mpmgis.__all__) == set(api.__all__) and "from .face import *" in stub
+    assert set(mpmgis.__all__) == set(api.__all__) and "from .api import *" in stub
     assert all(getattr(mpmgis, name).__doc__ for name in mpmgis.__all__)
     assert set(mpmgis.__all__) <= set(dir(mpmgis))
     with pytest.raises(AttributeError, match="nonsense"):

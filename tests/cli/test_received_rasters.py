@@ -69,7 +69,7 @@ def test_what_leads_to_the_network_over_another_file(site):
         require_local(site / "outer.vrt", "scene.toml")
     (site / "inner.vrt").rename(site / "inner.tif")
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.tif"))
-    with pytest.raises(FormatError, match=r"behind the suffix \.tif"):
+    with pytest.raises(FormatError, match=r"with the suffix \.tif"):
         require_local(site / "outer.vrt", "scene.toml")
 
 
@@ -142,7 +142,7 @@ def test_a_dtm_that_frames_name(site, capfd):
     with h5py.File(site / "seed.h5", "r+") as file:
         file.attrs["dem"] = "inner.vrt"
     err = refused(capfd, "export-raster", site / "seed.h5", "-o", site / "maps")
-    assert "is in the network" in err and "inner.vrt names" in err
+    assert "in the network" in err and "inner.vrt" in err
 
 
 @pytest.mark.parametrize("name", ["dtm.tif", "release.geojson", "scene.toml"])

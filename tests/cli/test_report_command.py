@@ -121,9 +121,9 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("record", "words"), [
-    ({"balances": [1, 2]}, "balances is no table"),
-    ({"effects": 3}, "effects is no list"),
-    ({"stages": [{"effects": [3]}]}, "effects has an entry that is no table"),
+    ({"balances": [1, 2]}, "balances is not a table"),
+    ({"effects": 3}, "effects is not a list"),
+    ({"stages": [{"effects": [3]}]}, "effects has an entry that is not a table"),
 ])  # fmt: skip
 def test_a_record_that_no_run_wrote_is_refused(tmp_path, capsys, record, words):
     folder = write_block_run(tmp_path)

@@ -74,7 +74,7 @@ def test_info_tells_of_a_frame_that_was_changed(results, array, capsys):
         values = file[array][()]
         values.flat[-1] += 1
         file[array][...] = values
-    assert facts(results, capsys)["frames_are"] == "frame_000002.h5 was changed, or is of another run"
+    assert facts(results, capsys)["frames_are"] == "frame_000002.h5 was changed, or belongs to another run"
     assert facts(results / "frame_000002.h5", capsys)["contents"] == "changed since it was written"
     assert facts(results / "frame_000001.h5", capsys)["contents"] == AS_WRITTEN
 
@@ -92,7 +92,7 @@ def test_info_tells_of_frames_that_are_missing_or_swapped(results, capsys):
     (results / "frame_000001.h5").rename(results / "kept")
     assert facts(results, capsys)["frames_are"] == "frame 1 is missing"
     shutil.copy(results / "frame_000003.h5", results / "frame_000001.h5")
-    assert facts(results, capsys)["frames_are"] == "frame_000001.h5 was changed, or is of another run"
+    assert facts(results, capsys)["frames_are"] == "frame_000001.h5 was changed, or belongs to another run"
 
 
 def test_frames_of_a_version_without_digests_are_read_and_not_gone_on_with(run_site, results, capsys):

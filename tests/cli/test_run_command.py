@@ -230,7 +230,7 @@ BAD_SCENES = {
     "interval longer than the run": (swap("frame_interval = 1", "frame_interval = 60"), "longer than end_time"),
     "a billion frames": (swap("frame_interval = 1", "frame_interval = 1e-9"), "million frames"),
     "dem missing": (swap("lava_falls_dem_utm12n_10m.tif", "nowhere.tif"), "no such file"),
-    "dem is no raster": (swap("lava_falls_dem_utm12n_10m.tif", "README.md"), "no raster"),
+    "dem is no raster": (swap("lava_falls_dem_utm12n_10m.tif", "README.md"), "is not a raster"),
     "release missing": (swap("lava_falls_release_small.shp", "nowhere.shp"), "no such file"),
     "both releases": (swap("density = 2000", 'density = 2000\nparticles = "a.h5"'), "either source or particles"),
     "no source": (swap('source = "lava_falls_release_small.shp"', ""), "either source or particles"),
@@ -257,7 +257,7 @@ BAD_SCENES = {
     "use misspelt": (lambda t: t + '[curvature]\nuse = "of"\n', "did you mean"),
     "no TOML": (lambda t: "terrain: dem.tif", "TOML"),
     "table as value": (lambda t: "terrain = 3\n" + t.replace("[terrain]\n", "[numerics]\n").replace("dem =", "# dem ="),
-                       "no table"),
+                       "is not a table"),
     "a number of 400 digits": (swap("end_time = 6", "end_time = 6" + 400 * "0"), "300 digits"),
     "a number of 5000 digits": (swap("end_time = 6", "end_time = 6" + 5000 * "0"), "TOML"),
     "mountains of release": (swap("density = 2000", "thickness = 1e9"), "at most 10000"),
@@ -283,7 +283,7 @@ def test_bad_arguments_are_refused(site, capsys, tmp_path):
     scene = str(site / "scene.toml")
     assert refused(["run", "-q"], capsys, "which scene")
     assert refused(["run", str(tmp_path / "none.toml"), "-q"], capsys, "no such file")
-    assert refused(["run", str(site), "-q"], capsys, "not a readable text")
+    assert refused(["run", str(site), "-q"], capsys, "is a folder, expected a text file")
     assert refused(["run", scene, "--threads", "0", "-q"], capsys, "1 or more")
     assert refused(["run", scene, "--resume", "--overwrite", "-q"], capsys, "contradict")
     assert refused(["run", scene, "-o", str(site / "README.md"), "-q"], capsys, "is a file")

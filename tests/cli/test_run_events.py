@@ -229,15 +229,15 @@ TABLES = {
     "nothing that flows": ("time,speed\n0,1\n1,1\n", "got none"),
     "discharge and thickness": ("time,discharge,thickness\n0,1,1\n", "got both"),
     "a name misspelt": ("time,dischage\n0,1\n1,1\n", "did you mean 'discharge'"),
-    "a name twice": ("time,time,discharge\n0,0,1\n1,1,1\n", "there twice"),
+    "a name twice": ("time,time,discharge\n0,0,1\n1,1,1\n", "occurs twice"),
     "a word": ("time,discharge\n0,1\n5,much\n", "line 3: discharge is 'much'"),
     "nan": ("time,discharge\n0,1\n5,nan\n", "line 3: discharge is nan"),
     "infinite": ("time,discharge\n0,inf\n5,1\n", "finite"),
     "outflow": ("time,discharge\n0,1\n5,-1\n", "outflow is not possible"),
-    "an ocean": ("time,discharge\n0,1\n5,1e30\n", "wanted at most 1e+09 m3 s-1"),
+    "an ocean": ("time,discharge\n0,1\n5,1e30\n", "expected at most 1e+09 m3 s-1"),
     "before the start": ("time,discharge\n-5,1\n5,1\n", "runs start at 0"),
-    "times back": ("time,discharge\n0,1\n5,1\n4,1\n", "line 4: time 4 s does not follow 5 s"),
-    "a time twice": ("time,discharge\n0,1\n0,2\n", "does not follow"),
+    "times back": ("time,discharge\n0,1\n5,1\n4,1\n", "line 4: time 4 s is not after 5 s"),
+    "a time twice": ("time,discharge\n0,1\n0,2\n", "is not after"),
     "one time of discharge": ("time,discharge\n3,1\n", "expected at least two"),
     "all zero": ("time,discharge\n0,0\n5,0\n", "there is no inflow"),
     "a value missing": ("time,discharge\n0,1\n5\n", "line 3: 1 values for 2 columns"),
@@ -249,7 +249,7 @@ TABLES = {
 }
 SCENES = {
     "no such table": (INFLOW.replace("inflow.csv", "nowhere.csv"), "nowhere.csv: no such file"),
-    "a picture for a table": (INFLOW.replace("inflow.csv", "dtm.tif"), "not a readable text"),
+    "a picture for a table": (INFLOW.replace("inflow.csv", "dtm.tif"), "is not readable text"),
     "no such inlet": (INFLOW.replace("inlet.geojson", "nowhere.geojson"), "no such file"),
     "file missing": (INFLOW.replace('file = "inflow.csv"\n', ""), "file is missing"),
     "another density": (INFLOW + "density = 1200\n", "one density"),
@@ -265,7 +265,7 @@ SCENES = {
 def test_what_is_wrong_is_told_in_one_line_and_leaves_nothing_behind(name, tmp_path, site, capsys):
     folder = tmp_path / "site"
     shutil.copytree(site, folder, ignore=shutil.ignore_patterns("whole", "results"))
-    text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "not a readable text"))[1]))
+    text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "is not readable text"))[1]))
     if name == "nothing at all":
         text, words = None, "[release] is missing"
     (folder / "inflow.csv").write_bytes(b"\xff\xfe\x00\xd8\x01" if name == "not text" else

@@ -167,7 +167,7 @@ def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site
         ("setting,seconds,error_thickness\n,1,0.1\n", "setting is empty"),
         ("setting,seconds,seconds_max,error_thickness\na,2,1,0.1\n", "is not between"),
         ("setting,seconds,thickness\na,1,dtm.tif\n", "which only --exact can tell"),
-        ("setting,seconds,error_thickness\n\xff", "is no readable text"),
+        ("setting,seconds,error_thickness\n\xff", "is not readable text"),
     ],
 )
 def test_a_table_beside_that_makes_no_sense_is_refused_in_one_line(site, capsys, tmp_path, text, words):

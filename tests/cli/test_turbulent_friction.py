@@ -8,6 +8,7 @@ from slope_site import SCENE, distances, slide, write_block_site, write_raster, 
 
 from mpmgis.errors import MpmgisError
 from mpmgis.fields import GRAVITY
+from mpmgis.messages import collected
 from mpmgis.scene import read_scene, scene_from_tables, scene_text
 from mpmgis.workflows.run_setup.prepare import prepare
 
@@ -30,9 +31,9 @@ def site(tmp_path_factory):
     return folder
 
 
-def prepared(site, text, said=None):
+def prepared(site, text):
     (site / "scene.toml").write_text(text)
-    return prepare(site / "scene.toml", (lambda line: None) if said is None else said.append)
+    return prepare(site / "scene.toml")
 
 
 def test_a_number_k_is_xi_and_stays_k_in_the_resolved_scene(site, tmp_path):
@@ -84,17 +85,17 @@ def test_what_is_wrong_with_k_is_refused(site, text, said):
 
 
 def test_the_assumed_density_and_missing_friction_are_reported(site):
-    said = []
     bare = SCENE.replace("density = 1000\n", "")
     bare = bare[: bare.index("[friction]")] + bare[bare.index("[numerics]") :]
-    assert prepared(site, bare, said).scene.release.density == 1000.0
+    with collected() as said:
+        assert prepared(site, bare).scene.release.density == 1000.0
     assert next(line for line in said if "density" in line).startswith("no density is given: 1000 kg m-3 is assumed")
     assert any(line.startswith("there is no friction: no [friction] in the scene") for line in said)
-    said = []
-    prepared(site, SCENE, said)
+    with collected() as said:
+        prepared(site, SCENE)
     assert not any("density" in line or "there is no friction" in line for line in said)
-    said = []
-    prepared(site, SCENE.replace('law = "Voellmy"', 'law = "Voellmy"\nuse = "off"'), said)
+    with collected() as said:
+        prepared(site, SCENE.replace('law = "Voellmy"', 'law = "Voellmy"\nuse = "off"'))
     assert any(line == "there is no friction: use = 'off'" for line in said)
 
 

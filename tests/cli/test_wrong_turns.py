@@ -24,14 +24,14 @@ def with_window(*window):
 
 
 def test_a_scene_without_thickness_is_cured_in_the_scene(site, capsys):
-    assert "or thickness in the scene's table" in refused(site, capsys, SCENE.replace("thickness = 2.0\n", ""))
+    assert "or thickness in the table of the scene" in refused(site, capsys, SCENE.replace("thickness = 2.0\n", ""))
 
 
 def test_a_mask_without_thickness_is_cured_in_the_scene(site, capsys):
     inside = [[float(10 < row < 20 and 8 < column < 16) for column in range(COLUMNS)] for row in range(ROWS)]
     write_raster(site / "mask.tif", inside)
     scene = SCENE.replace("release.geojson", "mask.tif").replace("thickness = 2.0\n", "")
-    assert "or thickness in the scene's table" in refused(site, capsys, scene)
+    assert "or thickness in the table of the scene" in refused(site, capsys, scene)
 
 
 def test_words_without_quotes(site, capsys):

@@ -109,5 +109,5 @@ def test_a_frame_with_objects_is_refused_and_runs_nothing(kind, tmp_path, capsys
             particles.create_dataset("position", data=[file.ref] * 3, dtype=h5py.ref_dtype)
     assert main(["info", str(path), "-q"]) == 2
     line = capsys.readouterr().err
-    assert line.count("\n") == 1 and "wanted numbers" in line
+    assert line.count("\n") == 1 and "expected numbers" in line
     assert not (tmp_path / "ran").exists()

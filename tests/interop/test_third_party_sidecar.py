@@ -55,7 +55,7 @@ def test_what_is_written_is_read(tmp_path):
         ("axes", ["e", "u", "n"], "mirror image"),
         ("axes", ["e", "x", "n"], "not a direction"),
         ("crs", "EPSG:1", "no such EPSG"),
-        ("crs", "somewhere", "wanted EPSG:n, WKT or a PROJ string"),
+        ("crs", "somewhere", "expected EPSG:n, WKT or a PROJ string"),
         ("crs", 32632, "expected text"),
         ("density", -1, "above 0"),
         ("density", True, "above 0"),

@@ -80,7 +80,7 @@ REFUSED = {
     "mu2 below mu1": ({"material": {**GRAINS, "mu2": 0.3}}, "not above mu1 = 0.38"),
     "match of a fluid": ({"material": {**WATER, "match": "triaxial"}}, "belongs to DruckerPrager and CohesiveMuI"),
     "rate of plain ice": ({"material": {**ICE, "rate_friction": 0.2}}, "has no parameter 'rate_friction'"),
-    "friction that falls": ({"material": {**GROWING, "rate_friction": -0.1}}, "wanted at least 0"),
+    "friction that falls": ({"material": {**GROWING, "rate_friction": -0.1}}, "expected at least 0"),
     "no grains": ({"material": {**ICE, "law": "CohesiveMuI", "rate_friction": 0.2}}, "needs grain_diameter [m]"),
     "pressure of ice": ({"material": {**ICE, "pressure": "tait"}}, "pressure belongs to Fluid"),
     "unknown match": ({"material": {**ICE, "match": "plane"}}, "expected triaxial, plane_strain"),

@@ -98,12 +98,12 @@ def dem_in_us_feet(k):
     k.dem = k.raster("f.tif", np.full((50, 50), 9.0), Affine(9, 0, 6_000_000, 0, -9, 2_100_000), "EPSG:2226")
 
 
-@recipe("heights are in ft")
+@recipe("elevations are in ft")
 def dem_heights_in_feet(k):
     k.dem = write_dtm(k.folder / "f.tif", unit="ft")
 
 
-@recipe("heights are in US survey foot")
+@recipe("elevations are in US survey foot")
 def dem_vertical_crs_in_feet(k):
     k.dem = write_dtm(k.folder / "f.tif", crs="EPSG:26910+6360")
 
@@ -123,7 +123,7 @@ def dem_without_crs(k):
     k.dem = write_dtm(k.folder / "n.tif", crs=None)
 
 
-@recipe("in EPSG:32632 already")
+@recipe("is already in EPSG:32632")
 def crs_contradicts_the_dem(k):
     k.options = ["--crs", "EPSG:25833"]
 
@@ -246,7 +246,7 @@ def release_of_points(k):
     k.release = k.vector("p.gpkg", shapely.Point(X, Y), d0=[1.0])
 
 
-@recipe("LineString, wanted polygons")
+@recipe("LineString, expected polygons")
 def release_of_lines(k):
     k.release = k.vector("l.gpkg", shapely.LineString([(X, Y), (X + 9, Y), (X, Y + 9)]), d0=[1.0])
 
@@ -311,7 +311,7 @@ def thickness_column_misspelt(k):
     k.options = ["--thickness", "d"]
 
 
-@recipe("no column")
+@recipe("nor a column of")
 def thickness_raster_or_column_missing(k):
     k.options = ["--thickness", "depth_of_snow"]
 
@@ -321,7 +321,7 @@ def thickness_raster_missing(k):
     k.options = ["--thickness", "thick.tif"]
 
 
-@recipe("holds text, wanted numbers")
+@recipe("contains text, expected numbers")
 def thickness_column_of_text(k):
     k.release = k.vector("t.gpkg", ring(), d0=["1.5"])
 
@@ -434,8 +434,8 @@ NUMBERS = {
     "mode_unknown": ("invalid choice", ["--thickness-mode", "sideways"]),
     "option_unknown": ("unrecognized arguments", ["--thicknes-mode", "normal"]),
     "jitter_of_a_prime": ("cut regularly", ["--points", "jittered", "--per-cell", "7"]),
-    "output_unknown": ("unknown, wanted .h5", ["-o", "out.xyz"]),
-    "output_without_suffix": ("unknown, wanted .h5", ["-o", "out"]),
+    "output_unknown": ("unknown, expected .h5", ["-o", "out.xyz"]),
+    "output_without_suffix": ("unknown, expected .h5", ["-o", "out"]),
     "output_exists": ("exists already", ["-o", "area.gpkg"]),
     "band_zero": ("1 or more", ["--dem-band", "0"]),
 }

@@ -141,7 +141,7 @@ def test_nothing_is_left_of_a_file_that_failed(plan, tmp_path, suffix):
 
 
 def test_formats_and_space_are_asked_first(plan, tmp_path, monkeypatch):
-    with pytest.raises(OutputError, match=r"\.xyz is unknown, wanted \.h5"):
+    with pytest.raises(OutputError, match=r"\.xyz is unknown, expected \.h5"):
         require_format(tmp_path / "p.xyz")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1))

@@ -83,7 +83,7 @@ def test_columns_of_thickness(tmp_path, terrain):
     assert [p.thickness for p in read_release(tmp_path / "a.gpkg", terrain, "3.5").parts] == [3.5]
     with pytest.raises(InputError, match=r"'othr'.*did you mean 'other'"):
         read_release(tmp_path / "a.gpkg", terrain, "othr")
-    with pytest.raises(InputError, match=r"text.*wanted numbers"):
+    with pytest.raises(InputError, match=r"text.*expected numbers"):
         read_release(tmp_path / "a.gpkg", terrain, "note")
 
 
@@ -147,7 +147,7 @@ def test_points_and_lines_are_refused(tmp_path, terrain):
     features(shapely.LineString(ring().exterior.coords), d0=[1.0]).to_file(tmp_path / "l.gpkg")
     features(shapely.Point(X, Y), d0=[1.0]).to_file(tmp_path / "p.gpkg")
     for name, kind in (("l", "LineString"), ("p", "Point")):
-        with pytest.raises(InputError, match=f"holds {kind}, expected polygons"):
+        with pytest.raises(InputError, match=f"contains {kind}, expected polygons"):
             read_release(tmp_path / f"{name}.gpkg", terrain)
 
 
@@ -255,7 +255,7 @@ def test_rasters_of_another_crs_are_placed(tmp_path, terrain):
         path = write_raster(tmp_path / "t.tif", values, transform, crs)
         with collected() as said:
             release = read_release(path, terrain, thickness_mode="vertical")
-        assert any("placed" in line for line in said)
+        assert any("transformed from" in line for line in said)
         frame = seed_columns(terrain, release)
         assert frame.particles.volume.sum() == pytest.approx(2 * np.pi * 50**2, rel=0.03)
         mx, my = frame.map_xy()

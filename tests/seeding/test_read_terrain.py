@@ -72,7 +72,7 @@ def test_given_crs_and_local(tmp_path):
         read_terrain(path)
     tagged = write_dtm(tmp_path / "t.tif")
     assert read_terrain(tagged, crs="epsg:32632").grid.crs.to_epsg() == 32632
-    with pytest.raises(GeoreferenceError, match="EPSG:32632 already"):
+    with pytest.raises(GeoreferenceError, match="is already in EPSG:32632"):
         read_terrain(tagged, crs="EPSG:32633")
 
 
@@ -129,7 +129,7 @@ def test_another_crs_than_the_files_own_is_refused_with_both_fixes(tmp_path):
         match=r"rio edit-info FILE --crs EPSG:32633.*rio warp .*--dst-crs EPSG:32633",
     ):
         read_terrain(path, crs="EPSG:32633")
-    with pytest.raises(GeoreferenceError, match="a false tag") as caught:
+    with pytest.raises(GeoreferenceError, match="a wrong tag") as caught:
         read_terrain(path, crs="local")
     assert "--unset-crs" in str(caught.value) and "rio warp" not in str(caught.value)
 
@@ -146,13 +146,13 @@ def test_feet_are_refused(tmp_path, crs):
 
 @pytest.mark.parametrize("unit", ["ft", "US survey foot", "feet", "us-ft", "km"])
 def test_heights_in_feet_are_refused(tmp_path, unit):
-    with pytest.raises(GeoreferenceError, match=r"heights are in .*rio calc '\(\* 0?"):
+    with pytest.raises(GeoreferenceError, match=r"elevations are in .*rio calc '\(\* 0?"):
         read_terrain(write_dtm(tmp_path / "d.tif", unit=unit))
 
 
 def test_heights_in_feet_by_vertical_crs_are_refused(tmp_path):
     path = write_dtm(tmp_path / "d.tif", crs="EPSG:26910+6360")  # NAVD88 height (ftUS)
-    with pytest.raises(GeoreferenceError, match="heights are in US survey foot"):
+    with pytest.raises(GeoreferenceError, match="elevations are in US survey foot"):
         read_terrain(path)
     metres = read_terrain(write_dtm(tmp_path / "m.tif", crs="EPSG:26910+5703"))  # NAVD88 height, metres
     assert metres.grid.crs.to_epsg() == 26910

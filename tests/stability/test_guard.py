@@ -89,9 +89,7 @@ def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
     """Nothing was on the terrain at the start: what flowed in since broke before its first frame."""
     solver = Recorder()
     guard = Guard(solver, None, Recorder(), solver)
-    with pytest.raises(
-        UnphysicalError, match=r"step 7, t = 0\.500 s, E 1\.0 N 2\.0: too fast, before there was a frame"
-    ):
+    with pytest.raises(UnphysicalError, match=r"step 7, t = 0\.500 s, E 1\.0 N 2\.0: too fast, before the first frame"):
         guard.go_back("E 1.0 N 2.0: too fast")
     assert solver.asked == []
 

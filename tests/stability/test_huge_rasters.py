@@ -29,7 +29,7 @@ CHILD = """
 import resource, sys
 from mpmgis.cli.main import main
 from mpmgis.io.dtm import TerrainFile
-from mpmgis.kernels import sampling
+from mpmgis.kernels import raster_values
 def peak():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 dem, release, small, x, y = sys.argv[1:]

@@ -71,8 +71,8 @@ def test_a_small_hole_in_a_plane_becomes_that_plane():
     assert np.abs(after.elevation - whole.elevation)[inside].max() < 1e-6
     assert (fill.holes, fill.cells, fill.left) == (2, 10, 80) and fill.distance == pytest.approx(10.0)
     assert (fill.east, fill.north) == holed.grid.xy(19, 31)
-    assert len(fill.lines(5.0)) == 1 and "2 holes" in fill.lines(5.0)[0] and "80 cells" in fill.lines(5.0)[0]
-    assert "guess" in fill.lines(0.5)[1]
+    assert len(fill.lines(5.0)) == 1 and "2 holes" in fill.lines(5.0)[0] and "80 nodata cells" in fill.lines(5.0)[0]
+    assert "uncertain" in fill.lines(0.5)[1]
     assert filled(plane())[1].lines(5.0) == ["[terrain] fill_nodata: the DTM has no hole"]
 
 
