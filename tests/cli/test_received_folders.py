@@ -376,7 +376,7 @@ def test_an_ensembles_inputs_are_never_replaced(ensembles, site, tmp_path, capsy
         shutil.copy(site / "dtm.tif", place / where / "dtm.tif")
         (site / "scene.toml").write_text(SHORT.replace("dtm.tif", f"ensemble/{where}/dtm.tif"))
         words = ["ensemble", site / "scene.toml", *ENSEMBLE, "--overwrite"]
-        assert refused(words, tmp_path, capsys, "would be replaced")
+        assert refused(words, tmp_path, capsys, "contains the input")
 
 
 def test_a_studys_inputs_are_never_replaced(site, tmp_path, capsys):
