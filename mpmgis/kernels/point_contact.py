@@ -204,14 +204,14 @@ def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
 
 @jit_inline
 def between_faces(u, v, into, give, nx, ny, wall_x, wall_y):
-    """The contact with the ground of a flow that a wall of outward unit normal (wall_x, wall_y) may hold, too.
+    """Contact with the ground beside a wall of outward unit normal (wall_x, wall_y); both act together.
 
-    Where the ground alone sends the flow away from the wall, all stays as it is. Elsewhere both bear at once: the flow
-    keeps no speed into the wall, which takes what the ground gives towards it. One after the other they would push the
-    flow out of an acute corner without end: the wall would have taken a push that the ground gives anyway.
+    If the ground alone moves the flow away from the wall, nothing changes. Otherwise the flow keeps no speed into the
+    wall, and the wall takes the part of the ground's impulse towards it. One after the other, ground and wall would
+    push the flow out of an acute corner in each step.
 
-    Answers the velocity (u, v) [m s-1], the speed `into` the ground and the speed out of it that a unit impulse along
-    its whole normal `give`s [kg-1], and the ground's normal (nx, ny) within the wall's face.
+    Returns the velocity (u, v) [m s-1], the speed `into` the ground [m s-1], the speed out of it per unit impulse along
+    its normal, `give` [kg-1], and the ground's normal (nx, ny) within the face of the wall.
     """
     leans = nx * wall_x + ny * wall_y
     across = u * wall_x + v * wall_y
