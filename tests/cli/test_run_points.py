@@ -161,7 +161,7 @@ def test_what_is_beyond_words_of_a_table_is_refused(site, capsys):
     stiff = SCENE.replace("bulk_modulus = 4e6", "bulk_modulus = 5e10").replace("end_time = 3", "end_time = 300")
     assert "stiffness = 'scaled'" in refused(site, capsys, stiff.replace("cell_size = 4.0", "cell_size = 1.0"))
     gap = SCENE.replace("mu = 0.3\n", "") + ZONES
-    assert "mu is not known" in refused(site, capsys, gap)
+    assert "mu has no value" in refused(site, capsys, gap)
     columns = SCENE.replace('source = "block.geojson"\nthickness = 12.0\ndensity = 1500', 'particles = "dtm.tif"')
     assert "HDF5" in refused(site, capsys, columns)
 
