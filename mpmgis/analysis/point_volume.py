@@ -23,6 +23,7 @@ FALLING = 0.1  # share of the free-fall speed through the gap, below which the c
 PACKED_SHARE, HANGING_SHARE = 0.05, 0.1  # of the mass; limits of a usable result; resolved flows have 0.02 at most
 MISSING_SHARE = 0.1  # of the volume; limit of a usable result
 LOOSE_SHARE = 0.1  # of the volume at rest; limit of a usable result
+LOOSE_FROM = 0.9  # cells: the heights of fewer points do not tell how thick their layer is
 INTERIOR = 0.5  # of a column's mass, which each of its four neighbours has unless the column is at the rim
 
 
@@ -40,8 +41,9 @@ class PointVolume:
     missing_share : float [1]
         Of the volume of that mass: the part that exceeds the space below its points.
     loose_share : float [1]
-        Excess of the space of points at rest on the ground over the volume of their mass, relative; 0 if less than
-        HANGING_SHARE of all mass is at rest within the flow.
+        Excess of the space of points at rest on the ground over the volume of their mass, relative, in columns of at
+        least LOOSE_FROM cells; 0 if less than HANGING_SHARE
+        of all mass is at rest within the flow.
     cells_over_depth : float [1]
         Mass-weighted mean thickness of the flow, divided by the cell size.
     """
@@ -120,7 +122,7 @@ def point_volume(
     above = height - np.clip(bottom[column], 0.0, CLEARANCE * cell_size * steep)
     taken = 2.0 * np.bincount(column, mass * above) / of_column
     lies = (lowest <= allowed) & (typical < _falls(taken, gravity))
-    lies &= _interior(x[known], y[known], cell_size, of_column)
+    lies &= (thickness >= LOOSE_FROM * cell_size) & _interior(x[known], y[known], cell_size, of_column)
     return PointVolume(
         float(frame.time), float(whole), float(mass[packed].sum() / whole), float(of_column[hanging].sum() / whole),
         float(missing.sum() * density / whole), float((of_column * thickness).sum() / whole / cell_size),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mpmgis.analysis.point_volume import HANGING_SHARE, LOOSE_SHARE, PACKED_SHARE, PointVolume, point_volume
@@ -35,6 +35,7 @@ depths = st.floats(0.5, 8.0)
 
 @settings(deadline=None, max_examples=40)
 @given(depths, st.floats(0.01, 50.0), st.sampled_from([2, 3]), st.floats(0.0, 2.0), st.floats(-0.2, 0.1))
+@example(cells=0.5, cell_size=1.0, along=3, slope=0.0, sunk=0.0625)
 def test_a_layer_on_its_bed_keeps_its_volume_at_any_depth(cells, cell_size, along, slope, sunk):
     """Slides rest up to a fifth of a cell below or above their lattice; columns may have unequal point numbers."""
     frame, height = layer(cells, cell_size, along)
