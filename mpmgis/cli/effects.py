@@ -1,64 +1,43 @@
-"""`mpmgis effects`: the catalogue of effects; with a scene: which are on, and the number that decided."""
+"""`mpmgis effects`: the catalogue of effects; with a scene: the effects that are on, and the deciding numbers."""
 
 import json
 
 from ..errors import InputError
-from . import answer, talk
-
-EXAMPLE = """
-mpmgis effects
-mpmgis effects scene.toml
-mpmgis effects scene.toml --measure
-mpmgis effects scene.toml --json -o effects.json
-"""
-
-
-def add_arguments(parser):
-    """Declare the verb's options."""
-    parser.add_argument("scene", nargs="?", metavar="scene.toml", help="decide the effects of this scene")
-    parser.add_argument("--law", metavar="FILE.py", help="Python file with your own law of friction; it will be run")
-    parser.add_argument(
-        "--measure",
-        action="store_true",
-        help="run the scene's first steps, and tell what share of the time goes into "
-        "each effect; compiles a step without each, half a minute each where that is new",
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    answer.add_arguments(parser)
+from . import answers, terminal
 
 
 def run(arguments):
-    """Give the catalogue, or the decisions for a scene."""
-    answer.require_writable(arguments, [path for path in (arguments.scene, arguments.law) if path])
+    """Print the catalogue, or the decisions for a scene."""
+    answers.require_writable(arguments, [path for path in (arguments.scene, arguments.law) if path])
     if arguments.scene is None:
         if arguments.law is not None:
-            raise InputError("--law goes with a scene that names the law; give scene.toml")
+            raise InputError("`law` requires a scene that names the law; give scene.toml")
         if arguments.measure:
-            raise InputError("--measure wants a scene to measure; give scene.toml")
+            raise InputError("`measure` requires a scene; give scene.toml")
         from ..scene import catalogue
 
         entries = catalogue()
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
-        answer.give(words, arguments)
+        answers.give(words, arguments)
         return 0
     from ..workflows.run import decided, measured
 
     if arguments.measure:
         decisions, costs = measured(arguments.scene, arguments.law)
         stages = (("", decisions),)
-        talk.say(
+        terminal.note(
             f"a step of {costs.columns} columns at t = {costs.time:.3g} s takes {1e3 * costs.step_seconds:.3g} ms; "
-            f"timed twice it differs by {100 * costs.noise:.1f} %: smaller costs are noise"
+            f"two measurements differ by {100 * costs.noise:.1f} %: smaller costs are noise"
         )
     else:
         stages, costs = decided(arguments.scene, arguments.law), None
     words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
-    answer.give(words, arguments)
+    answers.give(words, arguments)
     return 0
 
 
 def _heading(entry):
-    """Table and law of an entry of the catalogue, as the scene writes them."""
+    """Table and law of an entry of the catalogue, as in a scene."""
     return f"[{entry['table']}]" + (f" {entry['law']}" if entry["law"] else "")
 
 
@@ -68,10 +47,7 @@ def _entry(entry):
 
 
 def _facts(stages, costs):
-    """Decisions as plain dictionaries, with the share of a step that was measured, null where there is none.
-
-    Of a scene in stages each says the number of its own.
-    """
+    """Decisions as plain dictionaries, with the measured share of a step or null, and the stage's number if any."""
     facts = [
         decision._asdict() | ({"stage": number} if words else {})
         for number, (words, decisions) in enumerate(stages, 1) for decision in decisions
@@ -82,7 +58,7 @@ def _facts(stages, costs):
 
 
 def _tables(stages, costs):
-    """The table of each stage, below its words where there are several."""
+    """The table of each stage, with a heading where there are several."""
     tables = (
         (f"stage {number}: {words}\n" if words else "") + _table(decisions, costs)
         for number, (words, decisions) in enumerate(stages, 1)
@@ -91,7 +67,7 @@ def _tables(stages, costs):
 
 
 def _table(decisions, costs):
-    """A row for each decision; with `costs` each has the share of a step that goes into the effect."""
+    """A row for each decision; with `costs` also the share of a step that the effect takes."""
     shares = None if costs is None else costs.shares
     head = (
         f"{'effect':<16} {'is':<4} {'by':<7} {'number':>9} {'on if':<8} {'runout':>8}{_cost('cost', shares)}  because"
@@ -100,7 +76,7 @@ def _table(decisions, costs):
 
 
 def _cost(text, shares):
-    """A cell of the column of costs, nothing where they were not measured."""
+    """A cell of the column of costs; "" where costs were not measured."""
     return "" if shares is None else f" {text:>8}"
 
 

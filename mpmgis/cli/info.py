@@ -1,33 +1,29 @@
-"""`mpmgis info`: one screen about any file of the chain."""
+"""`mpmgis info`: one screen about any file that mpmgis reads or writes."""
 
 import json
 import sys
-from pathlib import Path
 
 from ..fields import BAND
-from . import answer, foreign_options, talk
-from .values import positive
-
-EXAMPLE = """
-mpmgis info dtm.tif release.shp
-mpmgis info results/
-mpmgis info --json seed.h5 -o seed.json
-mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
-"""
+from ..verbs.info import VERB
+from ..verbs.info import terms as terms_of
+from . import answers, terminal
+from .parser import values_of
 
 _TAKERS = (  # of energy
     "ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding", "affine_limit",
-    "layers",
+    "layers", "forest",
 )  # fmt: skip
 UNITS = {
     **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
     **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),
+    **dict.fromkeys(("mass_detrained", "mass_at_rest", "mass_flowing"), "kg"),
     **dict.fromkeys(("reference_mass", "lightest_column", "heaviest_column"), "kg"),
     **dict.fromkeys(("volume", "reference_volume"), "m3"),
     **dict.fromkeys(("elevation", "thickness", "thickness_so_far", "thickness_max", "thickness_max_now", "drop"), "m"),
     **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
     **dict.fromkeys(("speed_p999", "speed_p999_now"), "m s-1"),
     **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
+    **dict.fromkeys(("forest_area", "forest_broken_area"), "m2"),
     **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
     **dict.fromkeys(("energy_start", "energy_released_later", "energy_entrained", "energy_lifted", "energy_out"), "J"),
     **{f"energy_lost_to_{name}": "J" for name in _TAKERS},
@@ -39,7 +35,7 @@ UNITS = {
     "xi": "m s-2",
     "slope_median": "(tangent)",
 }
-RANGES = ("elevation", "thickness", "column_area", "times")  # where a list of two is the least and the most
+RANGES = ("elevation", "thickness", "column_area", "times")  # whose list of two is minimum and maximum
 LABELS = {
     "n": "particles",
     "bbox": "W, S, E, N",
@@ -58,76 +54,65 @@ LABELS = {
 }
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
 WIDEST_VALUE = 110
-MOST_ITEMS = 12  # of a list or table, before the rest is only counted
-
-
-def add_arguments(parser):
-    """The files, --json and -o."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="any file or folder of the chain")
-    parser.add_argument("--json", action="store_true", help="one JSON object a file, one a line, in SI units")
-    answer.add_arguments(parser)
-    group = parser.add_argument_group("another code's particle files")
-    foreign_options.add_arguments(group, with_times=False)
-    group.add_argument("--crs", metavar="EPSG:n|local", help="their CRS")
-    group.add_argument("--density", type=positive, metavar="R", help="of the material [kg m-3]")
+MOST_ITEMS = 12  # of a list or table that are shown; the rest is counted
 
 
 def run(arguments):
-    """Describe each file; a file that cannot be read costs one line and exit code 2, the others are described.
+    """Describe each file; a file that cannot be read gives an error line and exit code 2, and the others are described.
 
-    With -o there is no answer then: what it writes is whole.
+    With -o nothing is written after an error.
     """
     from ..errors import MpmgisError, one_line
     from ..reports.inspect import inspect
 
-    answer.require_writable(arguments, arguments.files)
-    terms = foreign_options.terms(arguments)
+    answers.require_writable(arguments, arguments.files)
+    terms = terms_of(values_of(arguments, VERB))
     code, described = 0, []
     for path in arguments.files:
         try:
             facts = inspect(path, terms)
         except MpmgisError as error:
-            talk.complain(f"mpmgis info: {one_line(error)}")
+            terminal.print_error(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
         described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen(facts)))
-        if arguments.output is None:  # as soon as it is known
+        if arguments.output in (None, answers.STDOUT):  # as soon as it is known
             print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
-    if arguments.output is not None and code == 0:
-        answer.give(("\n" if arguments.json else "\n\n").join(described), arguments)
+    if arguments.output not in (None, answers.STDOUT) and code == 0:
+        answers.give(("\n" if arguments.json else "\n\n").join(described), arguments)
     return code
 
 
 def _as_json(facts, output):
-    """The facts as JSON; on a stdout of another encoding than UTF-8, as Windows has it, in ASCII alone."""
+    """The facts as JSON; in ASCII where stdout is not UTF-8, as on Windows."""
     whole = output is not None or "utf" in (sys.stdout.encoding or "").lower()
     return json.dumps(facts, ensure_ascii=not whole, allow_nan=False)
 
 
 def screen(facts):
-    """Lines of text for the facts about one file, keys and values in two columns."""
+    """Lines of text with the facts about one file, keys and values in two columns."""
     facts = dict(facts)
     size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
     rows = list(_rows(facts.items(), _units(facts)))
     title = f"{facts['file']}: {facts['kind']}{size}"
     width = max((len(label) for label, _ in rows), default=0)
     lines = [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
-    return [talk.harmless(line) for line in lines]
+    return [terminal.escaped(line) for line in lines]
 
 
 def _units(facts, units=UNITS):
-    """Units of facts by name, with the map's own where it is not in metres."""
+    """Units of facts by name; those of the map where it is not in metres."""
     unit = {"metre": "m", "degree": "degrees", None: "m"}.get(facts.get("map_unit"), facts.get("map_unit"))
     return units | {"bbox": unit, "cell_size": unit}
 
 
 def _rows(items, units, depth=0):
-    """(label, value) of each fact; tables and lists of tables become rows of their own, indented.
+    """(label, value) of each fact; tables and lists of tables become indented rows.
 
-    Names of facts are put in words; names inside a table are a file's own (bands, keys, columns) and stay as they are.
+    Names of facts become words; names inside a table (bands, keys, columns of a file) are printed unchanged.
     """
     for key, value in items:
-        if key == "map_unit" or (key in ("file", "kind") and not depth):
+        if key == "map_unit" or (key in ("file", "kind", "cells") and not depth):  # cells: see size
             continue
         label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
         if key == "files" and isinstance(value, dict):
@@ -142,7 +127,7 @@ def _rows(items, units, depth=0):
             yield from _table(label, value, units, depth)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             yield from _tables(label, value, units, depth)
-        elif key == "as_terrain":  # a cure is there to be copied
+        elif key == "as_terrain":  # a command to copy, printed unabridged
             yield label, value
         elif key in RANGES and not depth and isinstance(value, list) and len(value) == 2:
             yield label, _range(*value, units[key])
@@ -151,7 +136,7 @@ def _rows(items, units, depth=0):
 
 
 def _table(label, table, units, depth):
-    """A short table on one line, a longer one as rows."""
+    """A short table as one line, a longer one as rows."""
     nested = any(isinstance(value, (dict, list)) for value in table.values())
     if not nested and len(table) <= 4:
         yield label, _short(_on_one_line(table, units)) or "none"
@@ -160,11 +145,11 @@ def _table(label, table, units, depth):
     shown = list(table.items())[: 2 * MOST_ITEMS]
     yield from _rows(shown, units, depth + 1)
     if len(table) > len(shown):
-        yield "  " * (depth + 1) + "...", f"and {len(table) - len(shown)} more (--json tells all)"
+        yield "  " * (depth + 1) + "...", f"and {len(table) - len(shown)} more (--json shows all)"
 
 
 def _tables(label, tables, units, depth):
-    """A list of tables: each a line, or rows where it holds lists of its own."""
+    """A list of tables: a line for each, or rows where it contains lists."""
     for table in tables[:MOST_ITEMS]:
         if any(isinstance(value, list) for value in table.values()):
             yield label, str(table.get("name", ""))
@@ -173,7 +158,7 @@ def _tables(label, tables, units, depth):
             yield label, _short(_on_one_line(table, units))
         label = ""
     if len(tables) > MOST_ITEMS:
-        yield "", f"... and {len(tables) - MOST_ITEMS} more (--json tells all)"
+        yield "", f"... and {len(tables) - MOST_ITEMS} more (--json shows all)"
 
 
 def _on_one_line(table, units):

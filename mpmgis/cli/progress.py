@@ -1,4 +1,4 @@
-"""Progress bars on stderr: simulated time, speed and remaining time. Quiet where nobody looks."""
+"""Progress on stderr (simulated time, speed, remaining time), and stopping by signals."""
 
 import signal
 import sys
@@ -6,17 +6,17 @@ import time
 from contextlib import contextmanager
 
 from .. import system
-from . import talk
+from . import terminal
 
-STOPPING = "stopping at the end of this step; once more stops at once"
+STOPPING = "stopping at the end of this step; a second Ctrl+C stops immediately"
 SIGNALS = system.stop_signals()
-REPEAT_SECONDS = 1.0  # `timeout` and shells send a signal to a process and to its group: the same wish twice
-LINE_SECONDS = 10.0  # without a terminal: a line this often
-COMPILING = "before the first step: a first run of its kind is compiled, half a minute or more, once"
+REPEAT_SECONDS = 1.0  # `timeout` and shells send one signal to a process and to its group: it arrives twice
+LINE_SECONDS = 10.0  # between progress lines without a terminal
+COMPILING = "before the first step: kernels of a new kind of run are compiled once, half a minute or more"
 
 
 class Interrupted(KeyboardInterrupt):
-    """Stopped by the signal `number`; `exit_code` is what shells expect then."""
+    """Stopped by the signal `number`; `exit_code` follows the convention of shells."""
 
     def __init__(self, number):
         super().__init__()
@@ -25,9 +25,9 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def ended_by_signals():
-    """Within this block Ctrl+C and SIGTERM raise Interrupted, so that what is half-written is removed on the way out.
+    """Within this block Ctrl+C and SIGTERM raise Interrupted, so that incomplete files are removed.
 
-    The same signal again within REPEAT_SECONDS is the first one's echo, which would stop the tidying up.
+    A second signal within REPEAT_SECONDS is ignored: it is a repetition, and would interrupt the clean-up.
     """
     last = -REPEAT_SECONDS
 
@@ -40,9 +40,9 @@ def ended_by_signals():
     before = {}
     try:
         for number in SIGNALS:
-            if signal.getsignal(number) != signal.SIG_IGN:  # a job in the background may be deaf to Ctrl+C
+            if signal.getsignal(number) != signal.SIG_IGN:  # a background job may ignore Ctrl+C
                 before[number] = signal.signal(number, end)
-    except ValueError:  # not the main thread: signals are somebody else's
+    except ValueError:  # not the main thread, which alone handles signals
         yield
         return
     try:
@@ -54,10 +54,10 @@ def ended_by_signals():
 
 @contextmanager
 def interruptible(*watches, done=True):
-    """Gives `watches` with Ctrl+C and SIGTERM in them: the first is kept until one of them is next called, the second
-    stops at once. One that comes after the last call changes nothing if all is `done` then, else it stops at the end.
+    """Gives `watches` that raise Interrupted after Ctrl+C or SIGTERM: the first signal at their next call, the second
+    immediately. A signal after the last call has no effect if the work is `done` then; else it stops at the end.
 
-    A KeyboardInterrupt that Python raises inside a library's callback is lost; one that waits for us is not.
+    A KeyboardInterrupt that Python raises inside a callback of a library would be lost.
     """
     asked = []
 
@@ -65,7 +65,7 @@ def interruptible(*watches, done=True):
         if asked:
             raise Interrupted(number)
         asked.append(number)
-        talk.say(STOPPING)
+        terminal.note(STOPPING)
 
     def stopping(watch):
         def watching(*state):
@@ -82,7 +82,7 @@ def interruptible(*watches, done=True):
     try:
         for number in SIGNALS:
             before[number] = signal.signal(number, remember)
-    except ValueError:  # not the main thread: signals are somebody else's
+    except ValueError:  # not the main thread, which alone handles signals
         yield given(watches)
         return
     try:
@@ -97,7 +97,7 @@ def interruptible(*watches, done=True):
 @contextmanager
 def run_progress():
     """Gives `watch(solver, end_time)` for a run."""
-    if talk.volume < 0:
+    if terminal.volume < 0:
         yield lambda solver, end_time: None
     elif sys.stderr.isatty():
         yield from _bar()
@@ -110,7 +110,7 @@ def _bar():
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),  # before the first step there is no end to format
+        TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.fields[speed]}"),
         TextColumn("left"),
@@ -131,7 +131,7 @@ def _bar():
         yield watch
 
 
-_bars = []  # that are on the terminal now
+_bars = []  # on the terminal now
 
 
 @contextmanager
@@ -145,7 +145,7 @@ def _drawn(bar):
 
 @contextmanager
 def without_bar():
-    """Within this block no bar is drawn over a question, or keeps it back until its line is ended."""
+    """Within this block no bar is drawn, so that a question on the terminal is visible."""
     bars = tuple(_bars)
     for bar in bars:
         bar.stop()
@@ -155,13 +155,13 @@ def without_bar():
 
 
 class _NowAndThen:
-    """Says whether a line for logs is due: every LINE_SECONDS, the first one so long after the first question."""
+    """Whether a progress line is due: every LINE_SECONDS, counted from the first call."""
 
     def __init__(self):
         self._last = None
 
     def start_again(self):
-        """Count from the next question on."""
+        """Count from the next call."""
         self._last = None
 
     def is_due(self):
@@ -178,42 +178,42 @@ _export_lines = _NowAndThen()
 
 
 def _lines():
-    """A line now and then, for logs."""
+    """A line every LINE_SECONDS, for logs."""
     lines = _NowAndThen()
     lines.is_due()
 
     def watch(solver, end_time):
         if lines.is_due():
-            talk.say(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
+            terminal.note(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
     yield watch
 
 
 def frame_progress(done, total):
-    """Show how many frames are done: on a terminal in one line that is rewritten, in a log every ten seconds."""
+    """Show the number of frames done: on a terminal in one line that is rewritten, in a log every LINE_SECONDS."""
     if done <= 1:
         _export_lines.start_again()
-    if talk.volume >= 0 and sys.stderr.isatty():
+    if terminal.volume >= 0 and sys.stderr.isatty():
         print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
     elif _export_lines.is_due():
-        talk.say(f"frame {done} of {total}")
+        terminal.note(f"frame {done} of {total}")
 
 
 @contextmanager
 def member_progress():
-    """Gives `look(done, total, left_out)` for many runs: on a terminal over its own line, for logs now and then."""
+    """Gives `look(done, total, left_out)` for many runs: as `frame_progress`."""
     on_terminal, lines, shown = sys.stderr.isatty(), _NowAndThen(), [None]
     lines.is_due()
 
     def look(done, total, left_out):
         text = f"run {done} of {total}" + (f", {left_out} left out" if left_out else "")
-        if talk.volume < 0 or text == shown[0]:
+        if terminal.volume < 0 or text == shown[0]:
             return
         if on_terminal:
             print(f"\r{text}", end="", file=sys.stderr, flush=True)
             shown[0] = text
         elif lines.is_due():
-            talk.say(text)
+            terminal.note(text)
             shown[0] = text
 
     yield look

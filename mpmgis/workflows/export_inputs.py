@@ -1,4 +1,4 @@
-"""What an export starts from: where it goes, the DTM, the density of the release. Every refusal before any work."""
+"""Inputs of an export, checked before any work: output folder, DTM, density of the release, release outlines."""
 
 import tomllib
 from dataclasses import replace
@@ -14,16 +14,16 @@ from ..io.gdal_input import require_local
 from ..io.links import is_above
 from ..io.raster import open_raster
 from ..messages import log
-from ..terrain.georeference import LOCAL, name_of, same_place, warp_command
+from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
 
 
 def output_folder(request, entries):
-    """Path that was asked for, else `<name>_gis` next to the folder `<name>` that holds the frames.
+    """Path of the request, else `<name>_gis` next to the folder `<name>` of the frames.
 
     Raises
     ------
     OutputError
-        It exists and was not to be replaced, or holds what the export is made from.
+        It exists and may not be replaced, or contains an input.
     """
     if request.output is not None:
         output = Path(request.output)
@@ -38,74 +38,83 @@ def output_folder(request, entries):
 
 
 def refuse_within(output, path):
-    """Raise OutputError where the folder `output`, which is going to be replaced, holds the file at `path`."""
+    """Raise OutputError if the folder `output`, which will be replaced, contains the input at `path`."""
     if is_above(output, path.resolve()):
-        raise OutputError(
-            f"{output} holds {path.name}, which this is made from, and would be replaced; give another -o"
-        )
+        raise OutputError(f"{output} contains the input {path.name} and would be replaced; give another `output`")
 
 
-def run_terrain(request, entries, output):
-    """The DTM asked for, or the one that the frames name. It must lie in the frames' CRS.
+def run_terrain(source, entries, output):
+    """The DTM of the request, or the one named in the frames. Its CRS must be that of the frames.
 
-    `output` is the folder that is going to be written, None where nothing is.
+    `output` is the folder to write, None if nothing is written.
 
     Raises
     ------
     MpmgisError
-        Missing, not usable, in another CRS, or inside the folder that is going to be replaced.
+        Missing, not usable, in another CRS, or inside the folder that will be replaced.
     """
     header, first = entries[0].header, entries[0].path
-    path, crs = request.dem, request.crs
+    path, crs = source.dem, source.crs
     if path is None:
         if not header.dem:
-            raise InputError(f"{first} names no DTM; give it with --dem")
+            raise InputError(f"{first} names no DTM; give it with `dem`")
         path = first.parent / header.dem
         require_local(path, first)
         if not path.exists():
-            raise InputError(f"{path}, which {first.name} names as its DTM, is not there; give it with --dem")
+            raise InputError(f"{path}, the DTM named in {first.name}, does not exist; give it with `dem`")
         if crs is None and not _carries_crs(path):
-            crs = _word_of(header.crs)
-    terrain = read_terrain(path, crs, request.dem_band)
+            crs = _crs_option(header.crs)
+    terrain = read_terrain(path, crs, source.dem_band, to_crs=_target(source, header))
     if output is not None:
         refuse_within(output, Path(path))
     if header.crs is None and terrain.grid.crs is not None:
-        log.info(f"the frames carry no CRS; taken to be in the DTM's, {name_of(terrain.grid.crs)}")
+        log.info(f"the frames have no CRS; that of the DTM, {name_of(terrain.grid.crs)}, is assumed")
     elif not same_place(header.crs, terrain.grid.crs):
-        cure = _reprojection(path, header.crs)
+        fix = _reprojection(path, header.crs)
         if terrain.grid.crs is None:
-            cure = f", or say where this one lies: --crs {_word_of(header.crs) or 'EPSG:n'}"
+            fix = f", or declare the CRS of this one: `crs={_crs_option(header.crs) or 'EPSG:n'}`"
         raise GeoreferenceError(
             f"{first} is in {name_of(header.crs)}, but {path} is in {name_of(terrain.grid.crs)}; give the DTM that the "
-            f"run used{cure}"
+            f"run used{fix}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
-        log.info(f"{path} is not the DTM that the frames were made on (its sha256 differs)")
+        log.info(f"{path} is not the DTM of the run (its sha256 differs)")
     return terrain
 
 
-def terrain_of_rasters(path, crs, band=None):
-    """The DTM at `path` under rasters in `crs`, which it takes where it carries none.
+def _target(source, header):
+    """CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one that the frames were made with."""
+    if source.to_crs == AUTO:
+        return (_crs_option(header.crs) if header.crs is not None else None) or AUTO
+    return source.to_crs or (header.header.get("to_crs") if source.dem is None else None)
+
+
+def terrain_of_rasters(path, crs, band=None, to_crs=None):
+    """The DTM at `path` for rasters in `crs`, which is assumed if the DTM has no CRS.
+
+    `to_crs` is as for `read_terrain`, auto the CRS of the rasters.
 
     Raises
     ------
     GeoreferenceError
-        It lies in another CRS.
+        It has another CRS.
     """
-    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band)
+    if to_crs == AUTO and crs is not None:
+        to_crs = _crs_option(crs) or AUTO
+    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band, to_crs=to_crs)
     if None not in (terrain.grid.crs, crs) and not same_place(terrain.grid.crs, crs):
         code = crs.to_epsg() or "n"
         raise GeoreferenceError(
-            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(crs)}; reproject it: "
-            f"{warp_command(path, f'EPSG:{code}')}"
+            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(crs)}; give `to_crs=auto`, or "
+            f"reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
     return replace(terrain, grid=replace(terrain.grid, crs=crs))
 
 
 def _reprojection(path, crs):
-    """How to bring the DTM at `path` to `crs`; nothing where that has no code to name it by."""
+    """Command that reprojects the DTM at `path` to `crs`; "" if `crs` has no EPSG code."""
     code = None if crs is None else crs.to_epsg()
-    return f", or reproject it: {warp_command(path, f'EPSG:{code}')}" if code else ""
+    return f", or `to_crs=auto`, or reproject it: {warp_command(path, f'EPSG:{code}')}" if code else ""
 
 
 def _carries_crs(path):
@@ -113,48 +122,48 @@ def _carries_crs(path):
         return source.crs is not None
 
 
-def _word_of(crs):
-    """What --crs would have to say for `crs`; None where it cannot say it."""
+def _crs_option(crs):
+    """Value of the option `crs` for `crs`; None if it has no EPSG code."""
     if crs is None:
         return "local"
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else None
 
 
-def release_density(request, entries):
-    """Density of the release [kg m-3]: what the frames say, else --density, else mass over volume of the first one."""
+def release_density(source, entries):
+    """Density of the release [kg m-3]: that of the frames, else `density`, else mass over volume of the first frame."""
     first = entries[0]
-    said = first.header.header.get("density")
-    if said is not None:
-        said = float(said)
-        if not (np.isfinite(said) and said > 0):
-            raise InputError(f"{first.path}: density {said:g} kg m-3, wanted a number above 0")
-        if request.density not in (None, said):
-            log.info(f"the frames say that their density is {said:g} kg m-3; --density {request.density:g} is not used")
-        return said
-    if request.density is not None:
-        return request.density
+    stored = first.header.header.get("density")
+    if stored is not None:
+        stored = float(stored)
+        if not (np.isfinite(stored) and stored > 0):
+            raise InputError(f"{first.path}: density {stored:g} kg m-3, expected a number above 0")
+        if source.density not in (None, stored):
+            log.info(f"the density in the frames is {stored:g} kg m-3; `density={source.density:g}` is not used")
+        return stored
+    if source.density is not None:
+        return source.density
     particles = first.read().particles
     density = float(particles.mass.sum() / particles.volume.sum())
-    log.info(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give --density)")
+    log.info(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give `density`)")
     return density
 
 
-def tell_of_columns(request, entries):
-    """Say which of the request's options change nothing, where all frames are columns."""
-    if all(entry.header.dimension == 2 for entry in entries) and (request.percentile < 100 or request.standoff != 0):
-        log.info(
-            "the frames are columns, which stand on the bed and fill it: --percentile and --standoff change nothing"
-        )
+def log_unused_options(averaging, entries):
+    """Log options of the request without effect if all frames are columns."""
+    if all(entry.header.dimension == 2 for entry in entries) and (
+        averaging.percentile < 100 or averaging.standoff != 0
+    ):
+        log.info("the frames are columns, which stand on the bed: `percentile` and `standoff` have no effect")
 
 
 def solver_peaks(entry):
-    """What the solver kept of every step up to a frame (SolverPeaks); None where it kept nothing."""
+    """The solver's maxima of all steps up to a frame (SolverPeaks); None if it stored none."""
     return SolverPeaks.of(entry.read_maxima(), entry.time)
 
 
 def release_file(entries):
-    """Path of the release that the run beside the frames was made from; None where no scene there names one."""
+    """Path of the release in the scene beside the frames; None without one."""
     scene = entries[0].path.parent / "scene.toml"
     try:
         source = tomllib.loads(scene.read_text(encoding="utf-8"))["release"]["source"]
@@ -164,17 +173,17 @@ def release_file(entries):
 
 
 def release_name(entries):
-    """Name of the release: as the frames say, else that of its file, else that of the frames' folder."""
-    said, file = entries[0].header.header.get("release"), release_file(entries)
-    return str(said) if said else file.stem if file is not None else entries[0].path.resolve().parent.name
+    """Name of the release: from the frames, else from its file, else from the frames' folder."""
+    stored, file = entries[0].header.header.get("release"), release_file(entries)
+    return str(stored) if stored else file.stem if file is not None else entries[0].path.resolve().parent.name
 
 
 def release_outlines(entries, terrain):
-    """Polygons of the run's release in the terrain's CRS; None where its file is not known or gone."""
+    """Polygons of the run's release in the terrain's CRS; None if its file is unknown or missing."""
     file = release_file(entries)
     if file is None:
         return None
-    from ..io.release_areas import read_outlines  # brings GDAL's vector files, which rasters alone do without
+    from ..io.release_areas import read_outlines  # imports GDAL's vector library, not needed for rasters
 
     try:
         require_local(file, entries[0].path)
@@ -184,9 +193,9 @@ def release_outlines(entries, terrain):
 
 
 def refuse_nowhere(entry, terrain):
-    """Raise the refusal of a frame that has no particle on the DTM."""
+    """Raise an error: the frame has no particle on the DTM."""
     west, south, east, north = terrain.grid.bounds
     raise GeoreferenceError(
-        f"{entry.path}: none of its {entry.count} particles lies on {terrain.path} (E {west:.0f} to {east:.0f}, N "
+        f"{entry.path}: none of its {entry.count} particles is on {terrain.path} (E {west:.0f} to {east:.0f}, N "
         f"{south:.0f} to {north:.0f}); give the DTM that the run used"
     )

@@ -1,4 +1,4 @@
-"""The rasters of an export: one pass over the frames, steps written on the way, maxima and deposit at the end."""
+"""The rasters of an export: one pass over the frames writes the steps, then maxima and deposit are written."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -8,12 +8,15 @@ import numpy as np
 
 from .. import __version__, system
 from ..analysis.frame_values import average_frame
+from ..analysis.height_layers import layer_quantities
 from ..analysis.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
 from ..analysis.quantities import PRODUCTS
 from ..fields import BAND, Quantity
 from ..gis.outlines import shown_particles, step_outline
 from ..io.exported import ExportedRun
 from ..io.raster_output import SparseBands, StepFiles, StepStacks, finished, write_ascii_grid, write_rows
+from ..io.results import DEPOSIT
+from .export_bed import SURFACE_BANDS, bed_bands, write_bed_rasters
 from .export_inputs import refuse_nowhere, release_name, solver_peaks
 
 DEPOSIT_BANDS = ("h", "t", "t_vol")
@@ -23,21 +26,21 @@ TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
 ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
 ISEESNOW_PRODUCTS = ("h", "Ut", "t_vol", "p")
 PASCAL_PER_KILOPASCAL = 1000.0
-DIGEST_LENGTH = 10  # as many characters as the intercomparison's other codes give
+DIGEST_LENGTH = 10  # as in other codes of the intercomparison
 
 
 @dataclass(frozen=True)
 class StepShapes:
-    """What a frame gives to the GeoPackage if it is exported: its outline and the particles to show."""
+    """Features of an exported frame in the GeoPackage: its outline and the particles to show."""
 
     outline: object
     shown: dict
 
 
 def average_entry(entry, averaging, totals):
-    """The values of one frame on disk and its shapes, particles thinned as if from `totals[dimension]` (or no shapes).
+    """The values of one frame on disk and its shapes (None without `totals`).
 
-    One run may hold columns first and points then: each kind is shown by as many.
+    Particles are thinned for a total of `totals[dimension]`, separately for columns and points.
     """
     frame = entry.read(averaging.density)
     values = average_frame(frame, averaging)
@@ -50,7 +53,7 @@ def average_entry(entry, averaging, totals):
 
 @dataclass
 class Tally:
-    """The worst frame of each kind, and the largest values, told when all frames are done."""
+    """The worst frame for each message, and the largest values."""
 
     outside: tuple = (0, 0.0, "")
     without_slope: tuple = (0, "")
@@ -63,7 +66,7 @@ class Tally:
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
 
     def add(self, name, values):
-        """Take in the values of the frame called `name`."""
+        """Add the values of the frame named `name`."""
         self.frames.append((values.count, values.mass, values.below))
         self.outside = max(self.outside, (values.outside, values.mass_outside, name))
         self.without_slope = max(self.without_slope, (values.without_slope, name))
@@ -74,7 +77,7 @@ class Tally:
         self.speeds.append(values.fastest)
 
     def add_step(self, values):
-        """Take in the values of an exported step."""
+        """Add the values of an exported step."""
         for name, value in values.values.items():
             largest = float(np.fmax.reduce(np.abs(value), initial=0.0))
             self.largest[name] = max(self.largest.get(name, 0.0), largest)
@@ -88,12 +91,12 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     request : ExportRequest
     plan : Plan
     folder : Path
-        In the making.
+        Being written.
     pool : FramePool
     spool : StepSpool or None
-        Filled where the QGIS files are going to be made.
+        For the QGIS files.
     progress : callable
-        Told (frames done, frames in all).
+        Called with (frames done, frames in all).
 
     Returns
     -------
@@ -109,26 +112,54 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     with finished(_step_writer(request, plan, rasters, pool)) as writer:
         results = pool.map(average_entry, plan.entries, averaging, totals)
         for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
-            if values.count in (values.outside, values.moved):
-                refuse_nowhere(entry, plan.terrain)
-            tally.add(entry.path.name, values)
-            maxima.absorb(values.index, values.values, values.time, values.least)
-            if second is not None:
-                second.absorb(*values.second, values.time, values.least)
-            peaks = _peaks_up_to(plan, frame)
-            _absorb_peaks(averaging, peaks, maxima, second)
+            peaks = _absorb(plan, frame, values, tally, maxima, second)
             if frame in step_of:
                 tally.add_step(values)
                 _write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
+                _write_layers(plan, folder, step_of[frame], entry, values, request.files.cog)
                 if spool is not None:
                     spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
-    _write_maxima(plan, rasters, maxima, tally, request.cog)
-    _write_deposit(plan, rasters, values, request.cog)  # of the last frame, whichever steps were asked for
-    _write_terrain(plan, folder, request.cog)
+    _write_maxima(plan, rasters, maxima, tally, request.files.cog)
+    _write_deposit(plan, rasters, values, request.files.cog)  # of the last frame, whatever the steps
+    _write_terrain(plan, folder, request.files.cog)
+    tally.largest |= write_bed_rasters(plan, rasters, values, run_tags(plan), request.files.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)
     return _exported(plan, folder, writer.files, maxima, tally), tally
+
+
+def frame_maxima(plan, pool, progress):
+    """Maxima and deposit of the frames of `plan`, in memory.
+
+    Returns
+    -------
+    (dict of str to float32[rows, columns], Tally)
+        Bands as in an export, those of the deposit with the suffix DEPOSIT; NaN where there was no flow.
+    """
+    averaging, grid = plan.averaging, plan.averaging.grid
+    rows, columns = grid.shape
+    maxima, tally = RunningMaxima(rows * columns, averaging.min_depth), Tally()
+    for frame, (values, _) in enumerate(pool.map(average_entry, plan.entries, averaging, {})):
+        _absorb(plan, frame, values, tally, maxima, None)
+        progress(frame + 1, len(plan.entries))
+    bands = {name: maxima.rows(name, 0, rows, columns) for name in MAXIMA_BANDS}
+    last = SparseBands(grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS])
+    return bands | {name + DEPOSIT: last(band, 0, rows) for band, name in enumerate(DEPOSIT_BANDS)}, tally
+
+
+def _absorb(plan, frame, values, tally, maxima, second):
+    """Add the values of frame number `frame` to `tally` and the maxima; the solver's maxima up to it, or None."""
+    entry, averaging = plan.entries[frame], plan.averaging
+    if values.count in (values.outside, values.moved):
+        refuse_nowhere(entry, plan.terrain)
+    tally.add(entry.path.name, values)
+    maxima.absorb(values.index, values.values, values.time, values.least)
+    if second is not None:
+        second.absorb(*values.second, values.time, values.least)
+    peaks = _peaks_up_to(plan, frame)
+    _absorb_peaks(averaging, peaks, maxima, second)
+    return peaks
 
 
 def _second_maxima(averaging):
@@ -139,14 +170,14 @@ def _second_maxima(averaging):
 
 
 def _peaks_up_to(plan, frame):
-    """The solver's peaks up to a frame: of the last one, and of each where the steps show maxima so far."""
+    """The solver's maxima up to a frame: for the last one, and for each if the steps contain running maxima."""
     if frame == len(plan.entries) - 1:
         return plan.peaks
     return solver_peaks(plan.entries[frame]) if set(plan.bands) & set(PEAKS) else None
 
 
 def _absorb_peaks(averaging, peaks, maxima, second):
-    """Let what the solver kept of every step into the maxima on the export's grid and on the second one."""
+    """Add the solver's maxima to the maxima on the export's grid and on the second one."""
     if peaks is None:
         return
     for store, grid in ((maxima, averaging.grid), (second, averaging.second_grid)):
@@ -156,7 +187,7 @@ def _absorb_peaks(averaging, peaks, maxima, second):
 
 
 def _maxima_tags(plan, peaks):
-    """Where the maxima come from, and which of them the solver kept."""
+    """Tags: source of the maxima, and names of those stored by the solver."""
     if peaks is None:
         return {"maxima": "frames"}
     return {
@@ -169,9 +200,9 @@ def _maxima_tags(plan, peaks):
 def _step_writer(request, plan, rasters, pool):
     quantities = [BAND[name] for name in plan.bands]
     grid, times = plan.averaging.grid, [plan.entries[frame].time for frame in plan.steps]
-    if request.layout == "stacks":
-        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), request.cog)
-    return StepFiles(rasters, plan.name, grid, quantities, len(times), request.cog, pool.threads, pool.workers)
+    if request.files.layout == "stacks":
+        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), request.files.cog)
+    return StepFiles(rasters, plan.name, grid, quantities, len(times), request.files.cog, pool.threads, pool.workers)
 
 
 def _write_step(plan, writer, step, entry, values, maxima, peaks):
@@ -196,6 +227,19 @@ def _write_step(plan, writer, step, entry, values, maxima, peaks):
     }
     tags |= _maxima_tags(plan, peaks) if running else {}
     writer.write(step, tags, rows_of, at_once=bool(running))
+
+
+def _write_layers(plan, folder, step, entry, values, cog):
+    """Density and pressure of a step by height over the bed, where they are asked for."""
+    grid, edges = plan.averaging.grid, plan.averaging.layers
+    if not edges:
+        return
+    tags = run_tags(plan) | {"time": values.time, "step": step, "frame": entry.path.name}
+    tags["layers"] = ",".join(f"{edge:g}" for edge in edges)
+    found = values.layers
+    rows_of = SparseBands(grid, found.index, [(band.astype(np.float32), 0.0) for band in found.bands()])
+    (folder / "layers").mkdir(exist_ok=True)
+    write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
 
 
 def _write_maxima(plan, rasters, maxima, tally, cog):
@@ -227,6 +271,7 @@ def _write_deposit(plan, rasters, values, cog):
 
 def _write_terrain(plan, folder, cog):
     grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
+    tags |= _tags_of_reprojection(plan.terrain)
     rows_of = partial(_elevation, plan.terrain, grid)
     write_rows(folder / "dtm.tif", grid, [TERRAIN_BAND], tags, rows_of, cog)
 
@@ -236,7 +281,7 @@ def _elevation(terrain, grid, band, first, last):
 
 
 def _write_iseesnow(plan, rasters, maxima):
-    """Peaks on the DTM's grid under the names of the model intercomparison; 0 where the flow never was."""
+    """Peaks on the DTM's grid with the names of the model intercomparison; 0 where there was no flow."""
     grid, header = plan.averaging.second_grid, plan.entries[0].header
     release, digest = release_name(plan.entries), header.digest[:DIGEST_LENGTH] or "unknown"
     rows, columns = grid.shape
@@ -244,18 +289,24 @@ def _write_iseesnow(plan, rasters, maxima):
     for kind in ISEESNOW:
         values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
         values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values
-        file = f"{system.file_name(f'{release}_{digest}')}_null_mpmgis_{kind}.asc"  # what a frame says is any text
+        file = f"{system.file_name(f'{release}_{digest}')}_null_mpmgis_{kind}.asc"  # names in frames can be any text
         write_ascii_grid(rasters / file, grid, np.where(on_terrain, values, np.nan))
 
 
+def _tags_of_reprojection(terrain):
+    """How the DTM was brought to metres; nothing where its file is in metres."""
+    how = terrain.reprojection
+    return {} if how is None else {f"dem_{name}": value for name, value in how.facts().items()}
+
+
 def run_tags(plan):
-    """What every raster of the export says about how it was made."""
+    """Tags of every raster of the export: version, inputs and settings."""
     averaging, first = plan.averaging, plan.entries[0]
-    return {
+    return _tags_of_reprojection(plan.terrain) | {
         "version": __version__,
         "digest": first.header.digest,
         "dem": Path(plan.terrain.path).name,
-        "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # the root of a pixel's area, without its rounding
+        "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
         "dt_e": "every frame" if plan.time_step is None else plan.time_step,
         "percentile": averaging.percentile,
         "min_depth": averaging.min_depth,
@@ -284,4 +335,6 @@ def _exported(plan, folder, step_files, maxima, tally):
         deposit_bands=tuple(BAND[name] for name in DEPOSIT_BANDS),
         largest={name: value for name, value in largest.items() if name in BAND},
         min_depth=plan.averaging.min_depth,
+        bed_bands=tuple(BAND[name] for name in bed_bands(plan.bed_change)),
+        surface_bands=tuple(BAND[name] for name in SURFACE_BANDS if plan.bed_change),
     )

@@ -1,0 +1,48 @@
+"""Calls of the workflows from the Python functions of the verbs."""
+
+import importlib
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..errors import MpmgisError
+from .option import PathLike, Verb
+from .values import request, with_names
+
+Results = PathLike | Sequence[PathLike]
+
+
+@contextmanager
+def python_words(verb: Verb) -> Iterator[None]:
+    """In errors of this block flags of the command are replaced by parameter names."""
+    try:
+        yield
+    except MpmgisError as error:
+        error.args = (with_names(str(error), verb),)
+        raise
+
+
+def workflow_of(verb: Verb) -> tuple[Callable[..., Any], Any]:
+    """(function in `workflows` for a verb, class of its request)."""
+    package = __package__.rpartition(".")[0]
+    function = getattr(importlib.import_module(f"{package}.workflows.{verb.workflow}"), verb.workflow)
+    return function, inspect.signature(function).parameters["request"].annotation
+
+
+def several(results: Results) -> tuple[PathLike, ...]:
+    """One path or several as a tuple."""
+    return (results,) if isinstance(results, (str, Path)) else tuple(results)
+
+
+def answer(verb: Verb, results: Results, output: PathLike | None, options: Mapping[str, Any]) -> Any:
+    """The result of the workflow of `verb` for `results`."""
+    return called(verb, {"frames": several(results), "output": output, **options})
+
+
+def called(verb: Verb, values: Mapping[str, Any], **callbacks: Any) -> Any:
+    """The result of the workflow of `verb` for options by name."""
+    with python_words(verb):
+        function, kind = workflow_of(verb)
+        return function(request(verb, kind, values), **callbacks)

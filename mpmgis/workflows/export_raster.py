@@ -1,0 +1,173 @@
+"""`mpmgis export-raster`: frames to a folder for GIS (Vicari et al. 2025, NHESS 25:3897)."""
+
+import math
+import shutil
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from ..analysis.quantities import choose_products
+from ..errors import InputError, OutputError
+from ..fields import BAND
+from ..gis import folder as qgis_folder
+from ..gis.kml import require_kml, write_kml
+from ..gis.outlines import StepSpool
+from ..gis.stac import require_stac, write_stac_item
+from ..interop.frame_list import list_frames
+from ..io.atomic import refuse_existing, whole_folder
+from ..io.libraries import pyogrio
+from ..io.raster_output import require_square
+from ..io.results import DEPOSIT, BandInMemory, Result
+from .export_inputs import (
+    output_folder,
+    release_outlines,
+    run_terrain,
+)
+from .export_messages import log_export
+from .export_plan import make_plan
+from .export_rasters import frame_maxima, write_rasters
+from .parallel import frame_pool
+from .requests import CellAveraging, ExportFiles, ExportRequest
+
+SPOOL_FOLDER = ".steps"  # temporary, in the output folder
+
+
+def export_raster(request: ExportRequest, progress=lambda done, total: None) -> list[Path]:
+    """Write the folder for GIS, atomically.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    progress : callable
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    list of Path
+        Every file written, the QGIS project first.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    request = _as_the_paper(request)
+    products = choose_products(request.files.products)
+    entries = list_frames(request.source.frames, request.source.terms())
+    _require_points(request, entries)
+    output = output_folder(request, entries)
+    terrain = run_terrain(request.source, entries, output)
+    _require_extra_files(request, output, terrain.grid.crs)
+    if request.files.naming == "iseesnow":
+        require_square(terrain.grid, "`naming=iseesnow`", terrain.path)
+    if request.files.qgis:
+        pyogrio()  # before threads start, so that it is imported without pandas
+    with frame_pool(request.workers, request.dask) as pool:
+        if request.files.qgis:
+            pool.threads.submit(qgis_folder.load)  # while the first frames are read
+        plan = make_plan(request, entries, terrain, products, pool)
+        with whole_folder(output, request.overwrite) as folder:
+            spool = StepSpool(folder / SPOOL_FOLDER) if request.files.qgis else None
+            run, tally = write_rasters(request, plan, folder, pool, spool, progress)
+            if request.files.qgis:
+                qgis_folder.write_qgis_files(run, _release(run, plan), spool, request.files.qgis_min, pool.threads)
+                shutil.rmtree(folder / SPOOL_FOLDER)
+            _write_extra_files(request, run, terrain, partial(_release, run, plan))
+            files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path.name[0] != "."]
+    log_export(request, plan, tally)
+    apart = [] if request.files.animation is None else [Path(request.files.animation)]
+    return [output / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))] + apart
+
+
+def _require_points(request, entries):
+    """Refuse layers of height of columns, which have one density and one velocity over their height."""
+    flat = next((entry for entry in entries if entry.header.dimension != 3), None)
+    if request.files.layers and flat is not None:
+        raise InputError(
+            f"`layers` needs 3D frames, but {flat.path.name} holds columns, which are uniform over their height; run "
+            'the scene with solver = "points", or name its 3D frames only'
+        )
+
+
+def _as_the_paper(request):
+    """`request` with the settings of `paper` (Vicari et al. 2025, Eqs 2 to 14 as printed)."""
+    averaging, usual = request.averaging, CellAveraging()
+    if not averaging.paper:
+        return request
+    for name in ("min_depth", "standoff"):
+        value = getattr(averaging, name)
+        if value not in (getattr(usual, name), 0.0):
+            raise InputError(f"`paper` requires `{name}=0`; leave {value} out")
+    return replace(request, averaging=replace(averaging, bed="plane", min_depth=0.0))
+
+
+def peaks_of_frames(results, progress=lambda done, total: None):
+    """The Result (maxima, deposit, terrain) of frames, in memory.
+
+    Parameters
+    ----------
+    results : Results
+    progress : callable
+        Called with (frames done, frames in all).
+    """
+    request = ExportRequest(
+        source=results.source,
+        averaging=results.averaging,
+        sampling=replace(results.sampling, time_step=math.inf),  # maxima, no steps
+        files=ExportFiles(qgis=False),
+    )
+    entries = list_frames(request.source.frames, request.source.terms())
+    terrain = run_terrain(request.source, entries, None)
+    with frame_pool() as pool:
+        plan = make_plan(request, entries, terrain, choose_products(()), pool)
+        bands, tally = frame_maxima(plan, pool, progress)
+    log_export(request, plan, tally)
+    units = {name: BAND[name.removesuffix(DEPOSIT)] for name in bands}
+    sources = {
+        name: BandInMemory(entries[0].path.parent, units[name]._replace(name=name), values, plan.averaging.grid)
+        for name, values in bands.items()
+    }
+    return Result(plan.name, "run", sources, terrain)
+
+
+def _release(run, plan):
+    """Outlines of the release: from the scene of the run, else of the wet cells in the first frame at time 0."""
+    from ..gis.outlines import mask_outline
+
+    release = release_outlines(plan.entries, plan.terrain)
+    if release is None and plan.steps[0] == 0 and run.times[0] == 0:
+        (depth,) = run.read(run.step_files[0], ("h",))
+        footprint = mask_outline(depth > 0, run.flow_grid.transform)
+        release = None if footprint is None else [footprint]
+    return release
+
+
+def _require_extra_files(request, output, crs):
+    """Refuse a film, KMZ or STAC item that cannot be written: wrong suffix, missing library, no geographic position.
+
+    `output` is the folder of the export, which cannot contain the film because it is replaced; `crs` is the DTM's.
+    """
+    if request.files.animation is not None:
+        from ..reports.animation import require_animation
+
+        require_animation(request.files.animation)
+        refuse_existing(request.files.animation, request.overwrite)
+        if output.resolve() in Path(request.files.animation).resolve().parents:
+            raise OutputError(
+                f"`animation={request.files.animation}` is inside {output}, which is replaced; give another folder"
+            )
+    if request.files.kml:
+        require_kml(crs)
+    if request.files.stac:
+        require_stac(crs)
+
+
+def _write_extra_files(request, run, terrain, release_of):
+    """Write film, KMZ and STAC item from the rasters of `run`; `release_of()` gives the release polygons or None."""
+    if request.files.kml:
+        write_kml(run, release_of())
+    if request.files.stac:
+        write_stac_item(run, request.files.cog)
+    if request.files.animation is not None:
+        from ..reports.animation import write_animation
+
+        write_animation(Path(request.files.animation), run, terrain, release_of())
