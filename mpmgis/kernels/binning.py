@@ -6,8 +6,8 @@ from .cell_places import upward_part_of_normal
 from .jit import jit, jit_inline
 
 # Columns of the table of sums, one row a cell.
-MASS = 0  # sum of m over everything in the cell
-SLOPED = 1  # sum of m over what lies on a known slope: the weight of all that follows
+MASS = 0  # sum of m over the cell
+SLOPED = 1  # sum of m over particles on a known slope: the weight of the following entries
 UPRIGHT = 2  # sum of m n_H
 MOMENTUM = 3  # 3..5: sum of m U
 NORMAL = 6  # sum of m (U . n)
@@ -25,7 +25,7 @@ SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does 
 
 @jit
 def mark_points(row, column, bounds, mark):
-    """Set `mark` int32[window rows, window columns] to 1 in every cell that holds a particle."""
+    """Set `mark` int32[window rows, window columns] to 1 in every cell with a particle."""
     for p in range(row.shape[0]):
         if row[p] >= 0:
             mark[row[p] - bounds[0], column[p] - bounds[2]] = 1
@@ -48,7 +48,7 @@ def number_cells(mark, bounds, columns, cells):
 
 @jit_inline
 def add_motion(sums, k, weight, u, v, w, slope_east, slope_north):
-    """Add what moves with (`u`, `v`, `w`), split along and across the bed, to row `k` (Eqs 9, 10; sums of 13, 14)."""
+    """Add mass with velocity (`u`, `v`, `w`), along and across the bed, to row `k` (Eqs 9, 10; sums of 13, 14)."""
     up = upward_part_of_normal(slope_east, slope_north)
     n_east, n_north = -slope_east * up, -slope_north * up
     normal = u * n_east + v * n_north + w * up
@@ -93,7 +93,7 @@ def bin_points(row, column, bounds, mark, pixel, distance, gradient, velocity, m
 
 @jit
 def _jumps(row, column):
-    """True where more than a quarter of some points lie over a tile's side away from the one before."""
+    """Whether more than a quarter of a sample of points is more than a tile from the previous one."""
     n, far = row.shape[0], 0
     step = max(n // JUMPS_SEEN, 1)
     for p in range(step, n, step):
@@ -117,7 +117,7 @@ def add_point(table, k, weight, bulk, d, u, v, w, slope_east, slope_north):
 
 @jit
 def _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table):
-    """Add the points to the rows of their cells as they come."""
+    """Add the points to the rows of their cells in the given order."""
     for p in range(row.shape[0]):
         if row[p] < 0:
             continue

@@ -10,10 +10,10 @@ GONE = -1  # key of a particle that has left
 
 @jit
 def rank_blocks(histogram, pieces, size, slot, block, start):
-    """Turn the counts of `histogram` int[pieces, size] into where each piece puts its particles of each block.
+    """Convert the counts of `histogram` int[pieces, size] to the first index of each piece and block.
 
     `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to `start[a + 1]` its
-    particles. Answers (active blocks, particles).
+    particles. Returns (active blocks, particles).
     """
     total, active = 0, 0
     for b in range(size):
@@ -47,7 +47,7 @@ def split_evenly(start, active, bounds):
 def reorder(rows, ids, keys, order, alive, strip, names):
     """Put rows [n, k], ids and keys [n] into block order in memory; particles that have left are dropped.
 
-    A few numbers of all rows at a time pass through `strip` [n, STRIP], so that rows need not be there twice; ids and
+    A few numbers of all rows at a time pass through `strip` [n, STRIP], which avoids a second copy of the rows; ids and
     keys pass through `names` int64[n, 2].
     """
     for first in range(0, rows.shape[1], STRIP):

@@ -6,6 +6,7 @@ Everything works in *lattice coordinates* (u, v): a cell of the lattice is a uni
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,39 +19,90 @@ CENTRED, JITTERED, RANDOM, STAGGERED = 0, 1, 2, 3
 _DITHER = 1 << 40  # the number by which a cell's random numbers decide its count
 
 
+class Counting(NamedTuple):
+    """Particles of a whole cell: ``n0 (1 + beta min(tan slope, 1))``, at most `largest`.
+
+    `slope` float64[rows, columns] is tan of the slope and `slope_map` the affine from (u, v) to its pixels. Random
+    numbers are those of `seed` in the cell (row + row0, column + column0).
+    """
+
+    n0: float
+    beta: float
+    slope: np.ndarray
+    slope_map: np.ndarray
+    seed: int
+    row0: int
+    column0: int
+    largest: int
+
+
+class Tiles(NamedTuple):
+    """How a whole cell of K particles is cut: into ``rows[K]`` rows, by arrangement `kind`; `cell_area` [m2]."""
+
+    kind: int
+    rows: np.ndarray
+    cell_area: float
+
+
+class Ground(NamedTuple):
+    """What a column takes from its place (u, v), each with the affine of six numbers from (u, v).
+
+    `place` leads to map coordinates [m] relative to the particles' origin, `bed_map` and `thick_map` to the pixels of
+    `bed` [m] and `thick` [m]. `law` is (closure factor, density [kg/m3], volume [m3] of every column or 0 where mass
+    follows thickness).
+    """
+
+    place: np.ndarray
+    bed: np.ndarray
+    bed_map: np.ndarray
+    thick: np.ndarray
+    thick_map: np.ndarray
+    law: np.ndarray
+
+
+class Output(NamedTuple):
+    """Where columns are written if `write`: `position` float64[n, 3] [m], and `columns` float64[4, n]: thickness [m],
+    area [m2], volume [m3], mass [kg]."""
+
+    write: bool
+    position: np.ndarray
+    columns: np.ndarray
+
+
 @jit_inline
-def cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest):
-    """Particles of a whole cell: n0 (1 + beta min(tan slope, 1)), its fraction decided by chance per cell."""
+def cell_count(counting, row, column):
+    """Particles of a whole cell by `counting`; the fraction is decided by chance per cell."""
+    n0, beta, slope_map = counting.n0, counting.beta, counting.slope_map
     if beta == 0.0:
         return int(n0)
     u, v = column + 0.5, row + 0.5
     i = slope_map[0] * u + slope_map[1] * v + slope_map[2]
     j = slope_map[3] * u + slope_map[4] * v + slope_map[5]
-    wanted = n0 * (1.0 + beta * min(valid_at(slope, i, j), 1.0))
-    count = math.floor(wanted + uniform(seed, column + column0, row + row0, _DITHER))
-    return min(max(count, 1), largest)
+    wanted = n0 * (1.0 + beta * min(valid_at(counting.slope, i, j), 1.0))
+    count = math.floor(wanted + uniform(counting.seed, column + counting.column0, row + counting.row0, _DITHER))
+    return min(max(count, 1), counting.largest)
 
 
 @jit
-def cell_counts(cells, n0, beta, slope, slope_map, seed, row0, column0, largest):
+def cell_counts(cells, counting):
     """int64[m]: `cell_count` of each cell (row, column)."""
     counts = np.empty(cells.shape[0], np.int64)
     for m in range(cells.shape[0]):
-        counts[m] = cell_count(n0, beta, slope, slope_map, cells[m, 0], cells[m, 1], seed, row0, column0, largest)
+        counts[m] = cell_count(counting, cells[m, 0], cells[m, 1])
     return counts
 
 
 @jit
-def count_rows(rows, inner, inner_start, n0, beta, slope, slope_map, seed, row0, column0, largest):
+def count_rows(rows, inner, inner_start, counting):
     """int64[rows]: particles in the inner cells of each row."""
     counts = np.zeros(rows, np.int64)
     for row in range(rows):
         for s in range(inner_start[row], inner_start[row + 1]):
-            if beta == 0.0:
-                counts[row] += (inner[s, 2] - inner[s, 1]) * int(n0)
+            if counting.beta == 0.0:
+                counts[row] += (inner[s, 2] - inner[s, 1]) * int(counting.n0)
                 continue
             for column in range(inner[s, 1], inner[s, 2]):
-                counts[row] += cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
+                counts[row] += cell_count(counting, row, column)
     return counts
 
 
@@ -90,13 +142,13 @@ def mapped(affine, u, v):
 
 
 @jit
-def evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums):
-    """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them to the rows from n on if `write`.
+def evaluate(points, count, n, ground, out, sums):
+    """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them from number n on if `out.write`.
 
-    `law` is (closure factor, density, volume of every column or 0 where mass follows thickness); `columns` is
-    float64[4, n]: thickness, area, volume, mass. `sums` float64[3] takes sum, smallest and largest of thickness times
-    area [m3] before closure.
+    `sums` float64[3] takes sum, smallest and largest of thickness times area [m3] before closure.
     """
+    thick, thick_map, bed, bed_map = ground.thick, ground.thick_map, ground.bed, ground.bed_map
+    place, law, position, columns = ground.place, ground.law, out.position, out.columns
     for k in range(count):
         u, v, area = points[k, 0], points[k, 1], points[k, 2]
         i, j = mapped(thick_map, u, v)
@@ -104,7 +156,7 @@ def evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law
         volume = thickness * area
         sums[0] += volume
         sums[1], sums[2] = min(sums[1], volume), max(sums[2], volume)
-        if write:
+        if out.write:
             x, y = mapped(place, u, v)
             i, j = mapped(bed_map, u, v)
             position[n + k, 0], position[n + k, 1], position[n + k, 2] = x, y, linear_at(bed, i, j)
@@ -118,15 +170,16 @@ def evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law
 
 
 @jit
-def cell_points(points, corners, row, column, count, down, kind, seed, row0, column0, cell_area):
+def cell_points(points, corners, row, column, count, counting, tiles):
     """Fill points float64[:, 3] (u, v, area [m2]) with the `count` particles of a whole cell.
 
-    The cell is cut into `down` rows that share `count` as evenly as whole numbers allow; every tile has the area
-    cell / count and its particle at its centre (`kind` CENTRED), or is displaced (JITTERED), or the particle lies
-    anywhere in the cell (RANDOM). STAGGERED particles lie in their tiles so that no two of a cell share u or v: the
-    canonical arrangement of Chiu, Shirley and Wang (1994), whose sums stay even when the flow stretches it.
+    The cell is cut into ``tiles.rows[count]`` rows that share `count` as evenly as whole numbers allow; every tile has
+    the area cell / count and its particle at its centre (`tiles.kind` CENTRED), or is displaced (JITTERED), or the
+    particle lies anywhere in the cell (RANDOM). STAGGERED particles lie in their tiles so that no two of a cell share u
+    or v: the canonical arrangement of Chiu, Shirley and Wang (1994), whose sums stay even when the flow stretches it.
     """
-    i, j, across = column + column0, row + row0, count // down
+    kind, down, seed = tiles.kind, tiles.rows[count], counting.seed
+    i, j, across = column + counting.column0, row + counting.row0, count // down
     if kind == JITTERED:
         displaced_corners(corners, seed, i, j, across, down)
     for sy in range(down):
@@ -140,37 +193,33 @@ def cell_points(points, corners, row, column, count, down, kind, seed, row0, col
                 u, v = uniform(seed, i, j, 2 * k), uniform(seed, i, j, 2 * k + 1)
             elif kind == STAGGERED:
                 u, v = (k - k0 + (sy + 0.5) / down) / (k1 - k0), (k1 - (k - k0 + 0.5)) / count
-            points[k, 0], points[k, 1], points[k, 2] = column + u, row + v, share * cell_area
+            points[k, 0], points[k, 1], points[k, 2] = column + u, row + v, share * tiles.cell_area
 
 
 @jit
-def fill_row(
-    row, n, write, inner, first_span, last_span, piece, first_piece, last_piece, kind, n0, beta, tile_rows, slope,
-    slope_map, seed, row0, column0, cell_area, place, bed, bed_map, thick, thick_map, law, position, columns, sums,
-):  # fmt: skip
-    """Particles of one row of the lattice, written from n on: whole cells tiled, rim pieces as they are."""
-    largest = tile_rows.size - 1
-    points = np.empty((max(largest, last_piece - first_piece), 3))
-    corners = np.empty((2 * largest + 2 if kind == JITTERED else 0, 2))
-    for s in range(first_span, last_span):
+def fill_row(row, n, inner, pieces, counting, tiles, ground, out, sums):
+    """Particles of one row of the lattice, written from n on: whole cells tiled, rim pieces as they are.
+
+    `inner` int64[:, 3] are the spans of whole cells in this row, `pieces` float64[:, 3] its rim pieces (u, v, area
+    [cells]).
+    """
+    largest = counting.largest
+    points = np.empty((max(largest, len(pieces)), 3))
+    corners = np.empty((2 * largest + 2 if tiles.kind == JITTERED else 0, 2))
+    for s in range(len(inner)):
         for column in range(inner[s, 1], inner[s, 2]):
-            count = cell_count(n0, beta, slope, slope_map, row, column, seed, row0, column0, largest)
-            cell_points(points, corners, row, column, count, tile_rows[count], kind, seed, row0, column0, cell_area)
-            evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums)
+            count = cell_count(counting, row, column)
+            cell_points(points, corners, row, column, count, counting, tiles)
+            evaluate(points, count, n, ground, out, sums)
             n += count
-    count = last_piece - first_piece
-    for p in range(count):
-        points[p, 0], points[p, 1] = piece[first_piece + p, 0], piece[first_piece + p, 1]
-        points[p, 2] = piece[first_piece + p, 2] * cell_area
-    evaluate(points, count, n, write, place, bed, bed_map, thick, thick_map, law, position, columns, sums)
+    for p in range(len(pieces)):
+        points[p, 0], points[p, 1], points[p, 2] = pieces[p, 0], pieces[p, 1], pieces[p, 2] * tiles.cell_area
+    evaluate(points, len(pieces), n, ground, out, sums)
 
 
 @jit_parallel
-def fill_rows(
-    first, last, write, offsets, inner, inner_start, piece, piece_start, kind, n0, beta, tile_rows, slope, slope_map,
-    seed, row0, column0, cell_area, place, bed, bed_map, thick, thick_map, law, position, columns,
-):  # fmt: skip
-    """`fill_row` of the lattice rows first <= row < last; a whole cell of K particles has ``tile_rows[K]`` rows.
+def fill_rows(first, last, offsets, inner, inner_start, piece, piece_start, counting, tiles, ground, out):
+    """`fill_row` of the lattice rows first <= row < last, row `first + r` written from number ``offsets[r]`` on.
 
     Returns
     -------
@@ -181,9 +230,7 @@ def fill_rows(
     sums[:, 1] = np.inf
     for r in prange(last - first):
         row = first + r
-        fill_row(
-            row, offsets[r], write, inner, inner_start[row], inner_start[row + 1], piece, piece_start[row],
-            piece_start[row + 1], kind, n0, beta, tile_rows, slope, slope_map, seed, row0, column0, cell_area, place,
-            bed, bed_map, thick, thick_map, law, position, columns, sums[r],
-        )  # fmt: skip
+        spans = inner[inner_start[row] : inner_start[row + 1]]
+        pieces = piece[piece_start[row] : piece_start[row + 1]]
+        fill_row(row, offsets[r], spans, pieces, counting, tiles, ground, out, sums[r])
     return sums

@@ -1,4 +1,4 @@
-"""Cells of a raster that particles lie in, their height above the bed, and the extent of all of them."""
+"""Cells of a raster with particles, their height above the bed, and the extent of all particles."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def along(axes, k, east, north):
 def cell_at(row, column, rows, columns, clamped):
     """(i, j) of the cell at a fractional place, which is the nearest centre, ties upward; (-1, -1) outside.
 
-    `clamped` takes what lies outside to the nearest cell of the rim (the index range of Eq 5).
+    `clamped` moves particles outside to the nearest cell on the edge (the index range of Eq 5).
     """
     if row >= 0.0 and row < rows and column >= 0.0 and column < columns:
         return int(row), int(column)
@@ -72,9 +72,9 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
     on_plane : bool
         True: Eq 6 to the letter. False: bilinear bed, and Eq 6 only next to nodata.
     clamped : bool
-        True: Eq 5 to the letter, which takes what lies outside to the nearest pixel of the rim.
+        True: exactly Eq 5, which moves particles outside to the nearest pixel on the edge.
     standoff : float [m]
-        Height of the code's own resting surface over the bed, along the normal.
+        Height of the resting surface of the code over the bed, along the normal.
     pixel : int64[n], out
         Flat index of the pixel; -1 on nodata and, unless `clamped`, outside the raster.
     distance : float64[n], out [m]
@@ -83,7 +83,7 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
     Returns
     -------
     int
-        How many particles lie outside and were taken to the rim.
+        Number of particles outside, which were moved to the edge.
     """
     moved = 0
     rows, columns = elevation.shape
@@ -141,7 +141,7 @@ def cells_of_points(position, pixel, origin, corner, axes, shape, clamped, row, 
 
 @jit
 def reach(position, half, origin, dem_corner, dem_axes, elevation, clamped, corner, axes, bounds):
-    """Find the rectangle along a grid's axes that holds every particle that has a pixel, with `half` of its side.
+    """Find the rectangle along the axes of a grid around every particle that has a pixel, with `half` of its side.
 
     The DTM is that of `place`, with `dem_corner` and `dem_axes`. `half` float64[n] or float64[1] [m]; `corner` and
     `axes` are of a grid whose cells have sides of 1 m. `bounds` float64[4] takes
@@ -180,7 +180,7 @@ def left_out(row, distance, mass):
 
 @jit
 def below(distance, mass, limit):
-    """(Mass of what lies nearer to the bed than `limit` [m], the smallest distance known; inf where there is none)."""
+    """(Mass nearer to the bed than `limit` [m], the smallest known distance; inf for none)."""
     total, lowest = 0.0, np.inf
     for p in range(distance.shape[0]):
         d = distance[p]

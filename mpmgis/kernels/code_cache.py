@@ -2,7 +2,7 @@
 
 Numba unpickles and runs what it finds in its cache: a file that is cut off or damaged ends every run in an error, or
 runs as broken machine code. Here each file begins with a checksum of its name and the rest. What does not fit it is
-removed, and compiled anew.
+removed, and compiled again.
 
 The folder is named by a hash of the package's sources, because numba does not see that a law in another file was
 edited. A user's own laws are in that hash too: the index of a folder names the classes of all its kernels, and could
@@ -37,7 +37,7 @@ class CheckedFiles(IndexDataCacheFile):
 
     Every compiled form has a file of a name that no other process can take. Numba numbers these files by the index as
     it last read it. Of two processes that compile for other laws at a time both then took the same number, and one
-    law's code stood under the other's name for good: in 3 of 12 starts of 8 processes (numba 0.68, measured
+    code of one law remained under the name of the other: in 3 of 12 starts of 8 processes (numba 0.68, measured
     2026-11-22). Now the worst is an entry that is lost and compiled again.
     """
 
@@ -75,7 +75,7 @@ class CheckedFiles(IndexDataCacheFile):
 
     @staticmethod
     def _checked(path):
-        """What the file at `path` holds; None where it is not there or not as it was written, then it is removed."""
+        """Content of the file at `path`; None if it does not exist or has changed, and then it is removed."""
         try:
             with open(path, "rb") as file:
                 content = file.read()
@@ -95,7 +95,7 @@ def _checksum(path, data):
 
 
 PACKAGE = Path(__file__).resolve().parent.parent
-CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # a child process can tell it from a user's variable
+CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # distinguishes it from a variable of the user in child processes
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _private = []  # the temporary folder of this process, once it is made
 
@@ -112,7 +112,7 @@ def source_digest():
 def cache_folder(own_laws=()):
     """The folder for compiled kernels: of this user, with mode 0700 and no link, else a private temporary one.
 
-    A private one goes when this process ends; the processes that it starts use it too.
+    A private one is removed when this process ends; its child processes use it too.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def is_own(folder):
 
 
 def given_cache_folder():
-    """The folder that the user gave numba; None where there is none, or only what a parent process chose for itself.
+    """The folder that the user set for numba; None without one, or if a parent process chose it.
 
     One that is another user's, or that others can write to, is not used either.
     """
@@ -163,7 +163,7 @@ def choose(folder):
 
 
 def _may_hold(root):
-    """Whether what is in `root` stays what it is: others can write there only under the sticky bit."""
+    """Whether the content of `root` is protected: others can write there only with the sticky bit."""
     if not system.modes_count():
         return True
     found = os.stat(root)
@@ -173,7 +173,7 @@ def _may_hold(root):
 def _own(folder, emptied=False):
     """Make `folder` if it is not there; whether it is this user's, then with mode 0700, and writable.
 
-    With `emptied` one that others could write to loses what is in it.
+    With `emptied` a folder that others could write to is emptied.
     """
     with suppress(FileExistsError):
         os.mkdir(folder, 0o700)

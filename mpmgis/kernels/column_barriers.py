@@ -1,7 +1,7 @@
 """Walls on the grid: velocities at their nodes, and the impulse and mass of each wall.
 
-The pass comes between the gathering of the tiles and the update of the nodes. It changes the momentum of a wall's own
-nodes and looks at nodes outside every wall, which it does not change, so that the order of nodes does not matter.
+The pass comes between the gathering of the tiles and the update of the nodes. It changes the momentum of the
+nodes of walls and reads nodes outside walls, which it does not change, so that the order of nodes does not matter.
 """
 
 import numpy as np
@@ -16,11 +16,11 @@ from .jit import jit, jit_inline, jit_parallel, prange
 # there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
 # is open, how much passes there at most, and to which side of it the opening lies (`spatial.openings`)
 WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
-# what each barrier takes up: normal impulse [N s], impulse east and north on it, mass that went over it [kg]
+# sums of a barrier: normal impulse [N s], impulse east and north on it, mass that overtopped it [kg]
 IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
 BARRIER_LOSS = BARRIER_SUMS  # of a chunk's report only: kinetic energy lost to the barrier [J]
-PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], beside a barrier's sums
-LOOK = 64  # [cells] how far a node in a wall looks for the flow outside
+PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], after the sums of a barrier
+LOOK = 64  # [cells] distance within which a node in a wall searches the flow outside
 
 
 @jit_parallel
@@ -30,8 +30,8 @@ def hold_at_barriers(
 ):  # fmt: skip
     """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
 
-    The higher of the two surfaces beside the wall decides how much passes over the crest. The normal impulse is what
-    pushes away from that side, what passed is the mean flux through the middle of the wall.
+    The higher of the two surfaces at the wall determines the discharge over the crest. The normal impulse acts
+    away from that side; the overtopping is the mean flux through the middle of the wall.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     per_metre = density * dx * dx  # mass of a node for each metre of thickness
@@ -48,9 +48,9 @@ def hold_at_barriers(
                     here, sums = walls[j, i], report[c, number - 1]
                     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
                     window = west, south, width, height
-                    before, speed_before = _flow_beside(nodes, bed, walls, slot, window, j, i, 1.0, per_metre)
-                    beyond, speed_beyond = _flow_beside(nodes, bed, walls, slot, window, j, i, -1.0, per_metre)
-                    side = 1.0 if before >= beyond else -1.0  # on which the flow stands higher
+                    before, speed_before = _adjacent_flow(nodes, bed, walls, slot, window, j, i, 1.0, per_metre)
+                    beyond, speed_beyond = _adjacent_flow(nodes, bed, walls, slot, window, j, i, -1.0, per_metre)
+                    side = 1.0 if before >= beyond else -1.0  # with the higher flow
                     head = max(before, beyond) - (here[CREST] - bed[j, i])
                     speed = speed_before if before >= beyond else speed_beyond
                     over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
@@ -81,8 +81,8 @@ def hold_at_barriers(
 
 
 @jit_inline
-def _flow_beside(nodes, bed, walls, slot, window, j, i, side, per_metre):
-    """(thickness that the flow beside the wall would have at its foot here [m], its speed towards the wall [m s-1]).
+def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
+    """(thickness of the flow at the foot of the wall here [m], its speed towards the wall [m s-1]).
 
     `side` 1 looks along the outward normal, -1 through the wall to the other side. The flow is followed to the wall
     parallel to the bed, or, where it deepens towards the wall as a pool does, with its surface level at most.

@@ -6,12 +6,12 @@ from .jit import jit
 from .lanes import load, prefetch, store, transposed
 
 # Columns go through a transfer BATCH at a time: in loops over short arrays ("lines" of one scratch array), which the
-# compiler turns into vector instructions; only reading and writing nodes and rows goes column by column.
+# compiler vectorises; only nodes and rows are read and written column by column.
 BATCH = 32
 (
     L_X, L_Y, L_U, L_V, L_CXX, L_CXY, L_CYX, L_CYY, L_MASS, L_AREA, L_GX, L_GY,  # as in a row
     L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
-    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and what it makes of second differences in a moment
+    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and factor of second differences in a moment
     L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
     L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
 ) = range(0, 36 * BATCH, BATCH)  # fmt: skip
@@ -25,13 +25,13 @@ def take_rows(rows, order, first, count, end, scratch, moved):
     """Copy the rows of columns order[first : first + count] into the lines of `scratch`, four columns at a time.
 
     Without the affine velocity if `moved` is False. The rows of the next batch, up to place `end` in the order, are
-    asked for from memory while this one is worked on.
+    prefetched while this one is computed.
     """
     for q in range(first + BATCH, min(first + 2 * BATCH, end)):
         p = (order[q] & INDEX_MASK) * ROW
         prefetch(rows, p)
         prefetch(rows, p + ROW - 1)
-    for k in range(0, count, 4):  # beyond `count` the last column once more, which is not used
+    for k in range(0, count, 4):  # beyond `count` the last column again, which is not used
         last = count - 1
         p0 = (order[first + k] & INDEX_MASK) * ROW
         p1 = (order[first + min(k + 1, last)] & INDEX_MASK) * ROW

@@ -20,7 +20,7 @@ def rows_and_columns(keys):
 
 @jit
 def initial_keys(rows, keys, dx):
-    """Fill `keys` for all `rows`; answers the window of blocks (west, south, east, north)."""
+    """Fill `keys` for all `rows`; returns the window of blocks (west, south, east, north)."""
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for p in range(rows.shape[0]):
         key = block_key(rows[p, X], rows[p, Y], 1.0 / dx)

@@ -49,7 +49,7 @@ from .column_report import (
 from .column_rows import BLOCK, GX, GY, NODE_MASS, U, V, X, Y
 from .jit import jit
 
-# why `advance` came back
+# reasons for which `advance` returns
 (
     RUNNING,
     REACHED_TIME,
@@ -62,7 +62,7 @@ from .jit import jit
     TRIGGER_REACHED,
     WATCHED_REACHED,
 ) = range(10)
-# float64 clock: what one step hands to the next, and what a restart needs
+# float64 clock: state of the time integration, also stored for a restart
 (
     TIME,
     LAST_DT,  # last time step not cut by a frame time [s]
@@ -89,18 +89,18 @@ from .jit import jit
     AIRBORNE_NOW,
     AIRBORNE_WORST,
     CLAMPED_TOTAL,
-    STIFF_WORST,  # largest share of the columns whose apparent viscosity was cut
+    STIFF_WORST,  # largest share of the columns whose apparent viscosity was limited
     TOTAL_MASS,  # all that ever was in the scene: released and taken up from the bed [kg]
     ENTRAINED_TOTAL,  # [kg]
     BOUND_BED,  # highest bed of any release [m]
     BOUND_ENERGY,  # 4 g h_max and the square of the initial speed [m2 s-2]
-    FRICTION_TOTAL,  # energy lost to friction on the bed [J], and what follows, to mass taken up from the bed
+    FRICTION_TOTAL,  # energy lost to friction on the bed [J]; next, to mass entrained from the bed
     MERGING_TOTAL,
     BARRIER_TOTAL,  # to barriers
     LIMITED_TOTAL,  # to the bound of the speed
     WORK_TOTAL,  # work of weight and pressure [J]
     BENT_TOTAL,  # potential energy that came of changes of the bed's slope [J]
-    ENTRAINED_POTENTIAL_TOTAL,  # what the mass taken up adds to the potential energy, from elevation 0 [J]
+    ENTRAINED_POTENTIAL_TOTAL,  # potential energy of entrained mass, relative to elevation 0 [J]
     DEEPEST_X,  # where and when DEPTH_WORST was [m, m, s]
     DEEPEST_Y,
     DEEPEST_TIME,
@@ -108,13 +108,13 @@ from .jit import jit
     FASTEST_X,
     FASTEST_Y,
     FASTEST_TIME,
-    COLUMN_STEPS,  # columns that there were, summed over the steps; then those of them that a clip acted on
+    COLUMN_STEPS,  # number of columns, summed over the steps; then those that each clip acted on
     STRETCH_TOTAL,
     THIN_AREA_TOTAL,
     SPEED_TOTAL,
     WALL_TOTAL,
     STIFF_TOTAL,
-    THIN_TOTAL,  # of what nodes did to mass: as many columns as hold that share of all mass
+    THIN_TOTAL,  # limits at nodes, as the number of columns with that share of the mass
     GREEDY_TOTAL,
     AIRBORNE_TOTAL,
     CLOCK,
@@ -131,42 +131,42 @@ def collect(report, node_report, ledger, clock, counts):
     stiff, triggered, thin, greedy = 0.0, 0.0, 0.0, 0.0
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for c in range(CHUNKS):
-        mine = report[c]
-        stiff += mine[STIFF]
-        clock[ENTRAINED_TOTAL] += mine[ENTRAINED]
-        clock[TOTAL_MASS] += mine[ENTRAINED]
-        clock[ENTRAINED_POTENTIAL_TOTAL] += mine[ENTRAINED_POTENTIAL] - node_report[c, LOWERING_LOSS]
-        clock[WORK_TOTAL] += mine[WORK]
-        clock[BENT_TOTAL] += mine[BENT]
-        clock[LIMITED_TOTAL] += mine[LIMITED_LOSS]
+        part = report[c]
+        stiff += part[STIFF]
+        clock[ENTRAINED_TOTAL] += part[ENTRAINED]
+        clock[TOTAL_MASS] += part[ENTRAINED]
+        clock[ENTRAINED_POTENTIAL_TOTAL] += part[ENTRAINED_POTENTIAL] - node_report[c, LOWERING_LOSS]
+        clock[WORK_TOTAL] += part[WORK]
+        clock[BENT_TOTAL] += part[BENT]
+        clock[LIMITED_TOTAL] += part[LIMITED_LOSS]
         clock[FRICTION_TOTAL] += node_report[c, FRICTION_LOSS]
         clock[MERGING_TOTAL] += node_report[c, MERGING_LOSS]
         triggered += node_report[c, TRIGGERED]
-        clock[SIGNAL] = max(clock[SIGNAL], mine[SIGNAL_MAX])
-        clock[SPEED] = max(clock[SPEED], mine[SPEED_MAX])
-        clock[KINETIC_NOW] += mine[KINETIC]
-        clock[CLAMPED_TOTAL] += mine[CLAMPED]
-        clock[STRETCH_TOTAL] += mine[HELD_STRETCH]
-        clock[THIN_AREA_TOTAL] += mine[HELD_THIN]
-        clock[SPEED_TOTAL] += mine[HELD_SPEED]
-        clock[WALL_TOTAL] += mine[HELD_WALL]
+        clock[SIGNAL] = max(clock[SIGNAL], part[SIGNAL_MAX])
+        clock[SPEED] = max(clock[SPEED], part[SPEED_MAX])
+        clock[KINETIC_NOW] += part[KINETIC]
+        clock[CLAMPED_TOTAL] += part[CLAMPED]
+        clock[STRETCH_TOTAL] += part[HELD_STRETCH]
+        clock[THIN_AREA_TOTAL] += part[HELD_THIN]
+        clock[SPEED_TOTAL] += part[HELD_SPEED]
+        clock[WALL_TOTAL] += part[HELD_WALL]
         thin += node_report[c, THIN_MASS]
         greedy += node_report[c, GREEDY_MASS]
-        moving += mine[MOVING]
-        flowing += mine[FLOWING]
-        limited += mine[LIMITED]
-        wild += mine[WILD]
-        if mine[BOUND_RATIO] > clock[BOUND_NOW]:
-            clock[BOUND_NOW], clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = mine[BOUND_RATIO], mine[BOUND_X], mine[BOUND_Y]
-        if mine[NOT_FINITE] > 0.0:
-            counts[BAD] += int(mine[NOT_FINITE])
-            clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = mine[BOUND_X], mine[BOUND_Y]
-        west, east = min(west, int(mine[BLOCK_WEST])), max(east, int(mine[BLOCK_EAST]))
-        south, north = min(south, int(mine[BLOCK_SOUTH])), max(north, int(mine[BLOCK_NORTH]))
+        moving += part[MOVING]
+        flowing += part[FLOWING]
+        limited += part[LIMITED]
+        wild += part[WILD]
+        if part[BOUND_RATIO] > clock[BOUND_NOW]:
+            clock[BOUND_NOW], clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = part[BOUND_RATIO], part[BOUND_X], part[BOUND_Y]
+        if part[NOT_FINITE] > 0.0:
+            counts[BAD] += int(part[NOT_FINITE])
+            clock[BOUND_NOW_X], clock[BOUND_NOW_Y] = part[BOUND_X], part[BOUND_Y]
+        west, east = min(west, int(part[BLOCK_WEST])), max(east, int(part[BLOCK_EAST]))
+        south, north = min(south, int(part[BLOCK_SOUTH])), max(north, int(part[BLOCK_NORTH]))
         for edge in range(EDGES):
             for entry in range(OUT_ENTRIES):
-                ledger[edge, entry] += mine[OUT + edge * OUT_ENTRIES + entry]
-            counts[ALIVE] -= int(mine[OUT + edge * OUT_ENTRIES + 5])
+                ledger[edge, entry] += part[OUT + edge * OUT_ENTRIES + entry]
+            counts[ALIVE] -= int(part[OUT + edge * OUT_ENTRIES + 5])
         counts[WET] += int(node_report[c, WET_NEW])
         airborne += node_report[c, AIRBORNE_MASS]
         clock[DEPTH_NOW] = max(clock[DEPTH_NOW], node_report[c, DEEPEST])
@@ -192,7 +192,7 @@ def collect(report, node_report, ledger, clock, counts):
 
 @jit
 def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx):
-    """Where and when the flow at a node is thicker than at any before: looked for in the chunk that has it."""
+    """Record place and time of a new largest thickness at a node; it is searched in the chunk that reports it."""
     most, chunk = clock[DEPTH_WORST], -1
     for c in range(CHUNKS):
         if node_report[c, DEEPEST] > most:
@@ -213,7 +213,7 @@ def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, wid
 
 @jit
 def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
-    """The largest speed so far, where and when: looked for among the columns of the chunk that has it."""
+    """Record a new largest speed, its place and time; the column is searched in the chunk that reports it."""
     most, chunk = clock[FASTEST] ** 2, -1
     for c in range(CHUNKS):
         if report[c, FASTEST2] > most:

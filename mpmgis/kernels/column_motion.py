@@ -78,7 +78,7 @@ def move(scratch, moved, quads, count, dx, dt, entrainment):
 
     A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness. A column takes up
     m_p sum N_i gain_i at rest and keeps its momentum m_p sum N_i v_i, so that all of them together keep the nodes'.
-    Answers how many of the factors of area, and how many areas, were held.
+    Returns the number of limited factors of area, and of limited areas.
     """
     factors, thin = 0, 0
     inverse_dx = 1.0 / dx
@@ -120,7 +120,7 @@ def move(scratch, moved, quads, count, dx, dt, entrainment):
 
 @jit
 def clamp_areas(moved, quads, count, dx, clamp):
-    """Keep the thickness within [1/clamp, clamp] times the grid's by resetting areas; answers how many were reset."""
+    """Keep the thickness within [1/clamp, clamp] times the grid's by resetting areas; returns their number."""
     clamped = 0.0
     for k in range(count):
         seen = get(moved, L_MASS, k) * dx * dx / get_of_four(quads, Q_MEAN, k, NODE_MASS)  # as thick as the grid
@@ -138,7 +138,7 @@ def clamp_areas(moved, quads, count, dx, clamp):
 
 @jit
 def keep_in(moved, count, dx, length_x, length_y):
-    """Walls: columns pass them by no more than rounding; returns how many were held."""
+    """Stop columns at walls; returns the number of columns that were stopped."""
     held = 0
     for k in range(count):
         x, y = get(moved, L_X, k), get(moved, L_Y, k)
@@ -160,7 +160,7 @@ def all_stay(moved, stays, count, length_x, length_y):
 
 
 @jit
-def book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric):
+def book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric):
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
     `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either. Potential energy is
@@ -173,8 +173,8 @@ def book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, densit
         x, y, area = get(moved, L_X, k), get(moved, L_Y, k), get(moved, L_AREA, k)
         edge = EDGES
         if (x + y + area) * 0.0 != 0.0:  # NaN or infinite
-            mine[NOT_FINITE] += 1.0
-            mine[BOUND_X], mine[BOUND_Y] = get(scratch, L_X, k), get(scratch, L_Y, k)
+            part[NOT_FINITE] += 1.0
+            part[BOUND_X], part[BOUND_Y] = get(scratch, L_X, k), get(scratch, L_Y, k)
             stays[k] = 0
         elif x < 0.0:
             edge = 0
@@ -196,12 +196,12 @@ def book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, densit
             bed_last += driven * fallen
             thickness = mass / (density * area) * compiled_cosine_squared(mx, my)
             out = OUT + edge * OUT_ENTRIES
-            mine[out] += mass
-            mine[out + 1] += mass * u
-            mine[out + 2] += mass * v
-            mine[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
-            mine[out + 4] += mass * gravity * (bed_last + 0.5 * thickness)
-            mine[out + 5] += 1.0
+            part[out] += mass
+            part[out + 1] += mass * u
+            part[out + 2] += mass * v
+            part[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
+            part[out + 4] += mass * gravity * (bed_last + 0.5 * thickness)
+            part[out + 5] += 1.0
             stays[k] = 0
         if stays[k] == 0:
             put(moved, L_X, k, get(scratch, L_X, k))
@@ -211,7 +211,7 @@ def book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, densit
 @jit
 def turn(scratch, moved, quads, count, dx, behind, driven, ahead, density, gravity, bound_bed, bound_energy,
           pressure_factor, metric, curvature, entrainment):  # fmt: skip
-    """The bed at the new place, velocities turned with it, and what the survey of the step needs.
+    """The bed at the new place, velocities turned with it, and quantities for the report of the step.
 
     The work of the weight is computed at the slope at the column's old place: for the last `behind` [s] before it, with
     the velocities before the step's forces, and for the `driven` [s] after it, with those after them. Over the steps
@@ -269,16 +269,16 @@ def turn(scratch, moved, quads, count, dx, behind, driven, ahead, density, gravi
 
 
 @jit
-def survey(moved, stays, count, mine, dx, gravity, entrainment):
+def survey(moved, stays, count, part, dx, gravity, entrainment):
     """Largest and total values over the columns that stay, into the chunk's report; too fast ones are slowed.
 
-    Wild is who is twice too fast also by the drop across a cell: at a cliff's rim the grid gives a column on top the
-    speed of those that fall beside it.
+    Columns are counted as wild if they are also twice too fast for the drop across a cell: at the edge of a cliff the
+    grid gives a column on top the speed of falling neighbours.
     """
-    signal2_max, speed2_max, ratio = mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO]
-    kinetic, moving, flowing, entrained = mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED]
-    work, bent, taken, limited = mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS]
-    fastest2 = mine[FASTEST2]
+    signal2_max, speed2_max, ratio = part[SIGNAL_MAX], part[SPEED_MAX], part[BOUND_RATIO]
+    kinetic, moving, flowing, entrained = part[KINETIC], part[MOVING], part[FLOWING], part[ENTRAINED]
+    work, bent, taken, limited = part[WORK], part[BENT], part[ENTRAINED_POTENTIAL], part[LIMITED_LOSS]
+    fastest2 = part[FASTEST2]
     for k in range(count):
         work += get(moved, L_WORK, k)
         bent += get(moved, L_BENT, k)
@@ -292,16 +292,16 @@ def survey(moved, stays, count, mine, dx, gravity, entrainment):
         signal2_max = max(signal2_max, get(moved, L_SIGNAL2, k))
         if speed2 > ratio * bound:
             ratio = speed2 / bound
-            mine[BOUND_X], mine[BOUND_Y] = get(moved, L_X, k), get(moved, L_Y, k)
-        if speed2 > bound:  # a speed from level ground that the grid lays on a wall
+            part[BOUND_X], part[BOUND_Y] = get(moved, L_X, k), get(moved, L_Y, k)
+        if speed2 > bound:  # a speed from level ground that the grid transfers to a wall
             slower = sqrt(bound / speed2)
             put(moved, L_U, k, get(moved, L_U, k) * slower)
             put(moved, L_V, k, get(moved, L_V, k) * slower)
-            mine[LIMITED] += mass
-            mine[HELD_SPEED] += 1.0
+            part[LIMITED] += mass
+            part[HELD_SPEED] += 1.0
             drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
             if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
-                mine[WILD] += mass
+                part[WILD] += mass
             limited += 0.5 * mass * (speed2 - bound)
             horizontal2, speed2 = horizontal2 * bound / speed2, bound
         speed2_max = max(speed2_max, horizontal2)
@@ -311,7 +311,7 @@ def survey(moved, stays, count, mine, dx, gravity, entrainment):
             moving += mass
             if speed2 > FLOWING_SPEED * FLOWING_SPEED:
                 flowing += mass
-    mine[SIGNAL_MAX], mine[SPEED_MAX], mine[BOUND_RATIO] = signal2_max, speed2_max, ratio
-    mine[KINETIC], mine[MOVING], mine[FLOWING], mine[ENTRAINED] = kinetic, moving, flowing, entrained
-    mine[WORK], mine[BENT], mine[ENTRAINED_POTENTIAL], mine[LIMITED_LOSS] = work, bent, taken, limited
-    mine[FASTEST2] = fastest2
+    part[SIGNAL_MAX], part[SPEED_MAX], part[BOUND_RATIO] = signal2_max, speed2_max, ratio
+    part[KINETIC], part[MOVING], part[FLOWING], part[ENTRAINED] = kinetic, moving, flowing, entrained
+    part[WORK], part[BENT], part[ENTRAINED_POTENTIAL], part[LIMITED_LOSS] = work, bent, taken, limited
+    part[FASTEST2] = fastest2

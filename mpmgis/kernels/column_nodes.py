@@ -7,16 +7,18 @@ from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .column_barriers import share_within
+from .column_forest import added_resistance, share_of_resistance
 from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
 from .jit import jit, jit_inline, jit_parallel, prange
 
-# what each chunk of the node loop reports; energies [J]: lost to friction on the bed, to the mass taken up, which is at
+# report of each chunk of the node loop; energies [J]: lost to friction on the bed, to the entrained mass, which is at
 # rest, and the potential energy that the flow loses where the bed is lowered; masses [kg] that are
-# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step
+# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step; energy lost to
+# trees
 (
     WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, THIN_MASS, GREEDY_MASS,
-    NODE_REPORT,
-) = range(10)  # fmt: skip
+    FOREST_LOSS, NODE_REPORT,
+) = range(11)  # fmt: skip
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
@@ -38,7 +40,7 @@ def clear_ghosts(nodes):
 
 @jit
 def fold_walls(nodes):
-    """Walls on all four edges: what the ghosts hold is mirrored inwards.
+    """Walls on all four edges: the ghost nodes are mirrored inwards.
 
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
@@ -80,11 +82,10 @@ def mirror_walls(nodes):
 
 @jit_parallel
 def update_nodes(
-    nodes, bed, node_gradient, wet, touched, n_touched, west, south, width, report, dx, dt, density, gravity,
-    thickness_floor, wet_thickness, trigger_thickness, zone_values, erodible, wall,
-    friction, zones, cohesion, metric, curvature, entrainment,
+    nodes, fields, wet, touched, n_touched, window, report, dt, settings, friction, zones, cohesion, metric, curvature,
+    entrainment, forest,
 ):  # fmt: skip
-    """Momentum to velocity; basal friction, semi-implicit in the metric of the ground.
+    """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
     An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
     step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up
@@ -93,7 +94,13 @@ def update_nodes(
     Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
     they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
     momentum the columns share out over both.
+
+    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
     """
+    bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
+    trigger_thickness, (west, south, width) = fields.trigger_thickness, window
+    dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
+    thickness_floor, wet_thickness = settings.thickness_floor, settings.wet_thickness
     rows, columns = nodes.shape[0], nodes.shape[1]
     per_area = 1.0 / (density * dx * dx)
     for c in prange(CHUNKS):
@@ -137,20 +144,25 @@ def update_nodes(
                         per_mass = 1.0 / (density * normal_thickness)
                         own = mass * share_within(j, i, rows, columns, wall)
                         before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
-                        slowed = _slowed_speed(speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness)
+                        decelerated, drawn = dry * per_mass, drag / normal_thickness
+                        if forest.forest_active():
+                            trees_dry, trees_drag = added_resistance(
+                                fields.forest, fields.forest_state, j, i, effective * np.sqrt(c2)
+                            )
+                            decelerated += trees_dry
+                            drawn += trees_drag
+                        slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
                         for _ in range(CHORDS - 1):
                             if viscous > 0.0 and slowed > 0.0:
                                 viscous = law.viscous_coefficient(
                                     density, gravity, normal_stress, normal_thickness, slowed
                                 )
-                                slowed = _slowed_speed(
-                                    speed, dt, dry * per_mass, viscous * per_mass, drag / normal_thickness
-                                )
+                                slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
                         u, v = u * (slowed / speed), v * (slowed / speed)
                         if entrainment.entrainment_active():
                             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
                             wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / np.sqrt(c2)
-                            covered = min(grid_thickness / wet_thickness, 1.0)  # a hem of next to nothing takes nothing
+                            covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
                             most = MOST_GAIN * mass / (dx * dx)
                             if min(covered * wanted, erodible[j, i]) > most:
                                 report[c, GREEDY_MASS] += mass
@@ -160,7 +172,14 @@ def update_nodes(
                             bed[j, i] -= eroded * entrainment.bed_lowering()
                             report[c, LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
                         after = slowed / (1.0 + gain)
-                        report[c, FRICTION_LOSS] += 0.5 * own * (speed - slowed) * (before + after)
+                        loss = 0.5 * own * (speed - slowed) * (before + after)
+                        if forest.forest_active():
+                            share = share_of_resistance(
+                                trees_dry, trees_drag, decelerated, viscous * per_mass, drawn, slowed
+                            )
+                            report[c, FOREST_LOSS] += share * loss
+                            loss -= share * loss
+                        report[c, FRICTION_LOSS] += loss
                         report[c, MERGING_LOSS] += 0.5 * own * gain * before * after
                     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
                     if entrainment.entrainment_active():
@@ -181,7 +200,7 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
 
 @jit_parallel
 def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx):
-    """Gradients at the touched nodes anew, after erosion has lowered the bed."""
+    """Recompute the gradients at the touched nodes after erosion has lowered the bed."""
     rows, columns = bed.shape[0], bed.shape[1]
     for k in prange(n_touched):
         j_first = (touched[k] // (width + 1) + south) * BLOCK

@@ -63,7 +63,7 @@ def beds_at(bed, x, y, dx):
 
 @jit
 def grid_areas(rows, shape, dx):
-    """Area [m2] with which each column would be as thick as the grid where it stands: m / (rho h_g)."""
+    """Area [m2] with which each column would have the thickness of the grid at its place: m / (rho h_g)."""
     mass = np.zeros(shape)
     share = np.zeros((2, 3))
     areas = np.empty(rows.shape[0])
@@ -87,7 +87,7 @@ def grid_areas(rows, shape, dx):
 def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density, least, tilted):
     """Set the area of the columns in marked cells to m / (rho h_g): as thick as the grid sees all of them together.
 
-    Columns laid over others are each too thin and push too little (the push is the sum of A h^2).
+    Overlapping columns are each too thin and push too little (the push is the sum of A h^2).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
     least : float
         Only columns that become at least so many times as thick; 0 for all.
     tilted : bool
-        Thickness is normal to the bed: the middle of a column lies c^2 h / 2 above the bed, not h / 2.
+        Thickness is normal to the bed: the middle of a column is c^2 h / 2 above the bed, not h / 2.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx,
         The thickest of these columns [m], its |u| [m s-1] at most, and the sum of m c^2 (h after - h before) [kg m].
     """
     height, width = marked.shape[0] + 8, marked.shape[1] + 8
-    south, west = first_row - 2, first_column - 2  # nodes, and columns' base nodes, that bear on the window
+    south, west = first_row - 2, first_column - 2  # nodes, and base nodes of columns, that affect the window
     mass = np.zeros((height, width))
     share = np.zeros((2, 3))
     thickest, fastest, lifted = 0.0, 0.0, 0.0

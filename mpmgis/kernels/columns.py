@@ -48,8 +48,11 @@ from .column_clock import (
     note_fastest,
     stop_rule,
 )
+from .column_detrainment import detrain
+from .column_forest import break_forest, clear_shares, collect_forest, find_shares
 from .column_nodes import (
     ARMED,
+    FOREST_LOSS,
     NODE_REPORT,
     REACHED,
     accumulate_peaks,
@@ -131,7 +134,7 @@ class Settings(NamedTuple):
 
 
 class NodeFields(NamedTuple):
-    """What is known by place, at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
+    """Spatial fields at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
 
     bed: np.ndarray  # [m]
     gradient: np.ndarray  # [..., 2]
@@ -140,6 +143,10 @@ class NodeFields(NamedTuple):
     erodible: np.ndarray  # [kg m-2] that can still be taken up
     barriers: np.ndarray  # [..., BARRIER_ENTRIES]
     lake_level: np.ndarray  # cells; [m]
+    forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none
+    forest_state: np.ndarray  # [..., FOREST_STATE] mass that stopped [kg], and whether the trees are broken
+    forest_share: np.ndarray  # share of a node's mass that stops in this step
+    forest_sums: np.ndarray  # [FOREST_SUMS] over the run
     trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each
 
 
@@ -156,7 +163,7 @@ def next_time_step(clock, step, settings):
 
 @jit
 def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
-    """Add the columns that left in this step of `dt` [s] to `left_cells`, where they came to (see `book_left`)."""
+    """Add the columns that left in this step of `dt` [s] to `left_cells` at their new places (see `book_left`)."""
     for q in range(alive):
         p = order[q]
         if keys[p] == GONE:
@@ -174,13 +181,14 @@ def advance(
     It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
     empty where nothing is watched.
 
-    Everything that changes lives in the arrays (clock, counts, rows...), so that a call goes on exactly where the
-    last one ended. Returns the reason to stop.
+    Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
+    ended. Returns the reason to stop.
     """
     dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
     barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_LOSS + 1))
+    broken = np.zeros(CHUNKS)
     bounds = np.zeros(CHUNKS + 1, np.int64)
     histogram = np.zeros((CHUNKS, 16), np.int32)
     slot = np.zeros(16, np.int32)
@@ -197,6 +205,7 @@ def advance(
         n = counts[ROWS]
         west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]
         width, height = east - west + 1, north - south + 1
+        window = west, south, width
         if width * height > slot.size:
             size = 2 * width * height
             histogram = np.zeros((CHUNKS, size), np.int32)
@@ -224,7 +233,7 @@ def advance(
         last = dt >= left * (1.0 - 1e-12)
         if last:
             dt = left
-        elif dt > 0.5 * left:  # two equal steps rather than one whole and one tiny
+        elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny
             dt = 0.5 * left
         # leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end
         # where a frame is due; second order in time, also where steps change
@@ -233,9 +242,8 @@ def advance(
         clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt
 
         particles_to_grid(
-            rows, order, start, block, bounds, west, south, width, tiles, fields.bed, fields.lake_level, report,
-            dx, kick, density, gravity,
-            effects.metric, effects.still_water, effects.earth_pressure, effects.viscosity,
+            rows, order, start, block, bounds, window, tiles, fields, report, kick, settings, effects.metric,
+            effects.still_water, effects.earth_pressure, effects.viscosity,
         )  # fmt: skip
         if wall:
             clear_ghosts(nodes)
@@ -247,13 +255,21 @@ def advance(
                 nodes, fields.bed, fields.gradient, slot, touched, n_touched, west, south, width, height,
                 barrier_report, dx, kick, density, gravity, wall, fields.barriers, effects.barrier, effects.metric,
             )  # fmt: skip
+        if effects.forest.forest_active():
+            break_forest(
+                nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric
+            )  # fmt: skip
         update_nodes(
-            nodes, fields.bed, fields.gradient, wet, touched, n_touched, west, south, width, node_report,
-            dx, kick, density, gravity, settings.thickness_floor, settings.wet_thickness, fields.trigger_thickness,
-            fields.zone_values, fields.erodible, wall,
-            effects.friction, effects.zones, effects.cohesion, effects.metric, effects.curvature,
-            effects.entrainment,
+            nodes, fields, wet, touched, n_touched, window, node_report, kick, settings, effects.friction,
+            effects.zones, effects.cohesion, effects.metric, effects.curvature, effects.entrainment,
+            effects.forest,
         )  # fmt: skip
+        if effects.forest.forest_active():
+            find_shares(
+                nodes, fields, touched, n_touched, window, dt, settings, effects.forest, effects.metric,
+                effects.entrainment,
+            )  # fmt: skip
+            collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
         if effects.entrainment.bed_lowering() > 0.0:
             regrade(fields.bed, fields.gradient, touched, n_touched, west, south, width, dx)
         if settings.keep_peaks:
@@ -264,10 +280,9 @@ def advance(
         if wall:
             mirror_walls(nodes)
         grid_to_particles(
-            rows, keys, order, start, block, bounds, west, south, width, nodes, fields.bed, fields.inside, report,
-            dx, dt, behind, clock[KICK_BEFORE], density, gravity, settings.clamp, wall, settings.holes,
-            clock[BOUND_BED], clock[BOUND_ENERGY],
-            effects.earth_pressure.largest_factor(), effects.metric, effects.curvature, effects.entrainment,
+            rows, keys, order, start, bounds, nodes, fields, report, (dt, behind, clock[KICK_BEFORE]), settings,
+            (clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
+            effects.metric, effects.curvature, effects.entrainment,
         )  # fmt: skip
 
         counts[STEP] += 1
@@ -281,6 +296,11 @@ def advance(
             return NOT_FINITE_STATE
         if gone > 0:
             book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
+        if effects.forest.forest_active():
+            detrain(
+                rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric
+            )  # fmt: skip
+            clear_shares(fields.forest_share, touched, n_touched, west, south, width)
         if clock[WILD_NOW] > settings.wild_stop:
             return TOO_FAST
         if counts[ALIVE] == 0:

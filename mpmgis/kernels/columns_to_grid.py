@@ -92,7 +92,7 @@ def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, d
         kinetic = 0.5 * mass * (u * u + v * v + w * w)
         mdx = mass * dx
         cxx, cxy, cyx, cyy = mdx * cxx, mdx * cxy, mdx * cyx, mdx * cyy
-        # momentum at the column's own place, carried to the first node: -f cells away in each axis
+        # momentum at the place of the column, extrapolated to the first node: -f cells away in each axis
         qx = mass * u - pull * slope_x - fx * cxx - fy * cxy
         qy = mass * v - pull * slope_y - fx * cyx - fy * cyy
         put(scratch, L_WX0, k, wx0)
@@ -151,14 +151,18 @@ def _spread_one(scratch, quads, place, k, tile):
 
 @jit_parallel
 def particles_to_grid(
-    rows, order, start, block, bounds, west, south, width, tiles, bed, lake_level, report, dx, dt, density, gravity,
-    metric, lake, earth_pressure, viscosity,
+    rows, order, start, block, bounds, window, tiles, fields, report, dt, settings, metric, lake, earth_pressure,
+    viscosity,
 ):  # fmt: skip
     """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
     P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
+
+    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
     """
+    bed, lake_level, (west, south, width) = fields.bed, fields.lake_level, window
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
     for c in prange(CHUNKS):
         scratch = np.empty(LINES)
         quads = np.empty(QUADS)
@@ -182,7 +186,7 @@ def particles_to_grid(
 
 @jit_inline
 def _stretching_rate(u, v, dxx, two_dxy, dyy):
-    """Rate at which the flow stretches along its own direction [s-1]; its divergence while it is at rest."""
+    """Stretching rate of the flow along its direction [s-1]; its divergence at rest."""
     speed2 = u * u + v * v
     along = u * u * dxx + u * v * two_dxy + v * v * dyy
     return along / speed2 if speed2 > 1e-12 else dxx + dyy

@@ -29,7 +29,7 @@ def fill_stacks(
         Vertical stress for each metre under the surface.
     parent : uint64[k]
     position, velocity, mass, volume, point_parent, depth, stress : out
-        A row a point; `depth` and `stress` may be empty, and are then not wanted.
+        One row per point; `depth` and `stress` can be empty and are then not computed.
     """
     p = 0
     wanted = depth.shape[0] > 0

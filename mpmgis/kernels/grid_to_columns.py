@@ -182,8 +182,8 @@ def _give_rows(rows, order, first, count, moved):
 
 
 @jit
-def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine):
-    """Blocks of the next step, and the window of blocks that hold columns."""
+def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part):
+    """Blocks of the next step, and the window of blocks with columns."""
     for k in range(count):
         put(place, 0, k, block_key(get(moved, L_X, k), get(moved, L_Y, k), inverse_dx))
     last = GONE
@@ -196,15 +196,13 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
         if key != last:
             last = key
             column, line = float(key & 0xFFFF), float(key >> 16)
-            mine[BLOCK_WEST], mine[BLOCK_EAST] = min(mine[BLOCK_WEST], column), max(mine[BLOCK_EAST], column)
-            mine[BLOCK_SOUTH], mine[BLOCK_NORTH] = min(mine[BLOCK_SOUTH], line), max(mine[BLOCK_NORTH], line)
+            part[BLOCK_WEST], part[BLOCK_EAST] = min(part[BLOCK_WEST], column), max(part[BLOCK_EAST], column)
+            part[BLOCK_SOUTH], part[BLOCK_NORTH] = min(part[BLOCK_SOUTH], line), max(part[BLOCK_NORTH], line)
 
 
 @jit_parallel
 def grid_to_particles(
-    rows, keys, order, start, block, bounds, west, south, width, nodes, bed, inside, report,
-    dx, dt, behind, ahead, density, gravity, clamp, wall, holes, bound_bed, bound_energy, pressure_factor,
-    metric, curvature, entrainment,
+    rows, keys, order, start, bounds, nodes, fields, report, times, settings, limits, metric, curvature, entrainment
 ):  # fmt: skip
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
@@ -213,15 +211,22 @@ def grid_to_particles(
     No column is faster than its drop in height allows. Velocities are those of `ahead` [s] before the end of the step
     (leapfrog). Columns that leave through an open edge or onto nodata (looked
     for only if the terrain has `holes`) go to the ledger and get the key GONE.
+
+    `fields` are NodeFields, `times` = (dt, time behind the last kick, time ahead of the next) [s], `limits` = (highest
+    bed [m], energy [m2 s-2], largest pressure factor) of the speed bound.
     """
+    bed, inside, dx, density, gravity = fields.bed, fields.inside, settings.dx, settings.density, settings.gravity
+    clamp, wall, holes = settings.clamp, settings.wall, settings.holes
+    dt, behind, ahead = times
+    bound_bed, bound_energy, pressure_factor = limits
     inverse_dx = 1.0 / dx
     ny, nx = inside.shape
     for c in prange(CHUNKS):
-        mine = report[c]
-        mine[:STIFF] = 0.0
-        mine[ENTRAINED:] = 0.0
-        mine[BLOCK_WEST] = mine[BLOCK_SOUTH] = 1 << 16
-        mine[BLOCK_EAST] = mine[BLOCK_NORTH] = -1
+        part = report[c]
+        part[:STIFF] = 0.0
+        part[ENTRAINED:] = 0.0
+        part[BLOCK_WEST] = part[BLOCK_SOUTH] = 1 << 16
+        part[BLOCK_EAST] = part[BLOCK_NORTH] = -1
         scratch = np.empty(LINES)
         moved = np.empty(LINES)
         quads = np.empty(QUADS)
@@ -235,26 +240,26 @@ def grid_to_particles(
             _weigh(scratch, place, count, nodes.shape[1], inverse_dx)
             _read_nodes(scratch, quads, place, count, nodes)
             factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
-            mine[HELD_STRETCH] += factors
-            mine[HELD_THIN] += thin
+            part[HELD_STRETCH] += factors
+            part[HELD_THIN] += thin
             if clamp > 0.0:
-                mine[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
+                part[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
             if wall:
-                mine[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
+                part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
             if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
                 driven = 1.0 - ahead / dt
-                book_out(scratch, moved, stays, count, bed, inside, mine, dx, driven, density, gravity, metric)
+                book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric)
             _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
             _read_bed(moved, quads, place, count, bed)
             turn(
                 scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
                 pressure_factor, metric, curvature, entrainment,
             )  # fmt: skip
-            survey(moved, stays, count, mine, dx, gravity, entrainment)
+            survey(moved, stays, count, part, dx, gravity, entrainment)
             _give_rows(rows, order, first, count, moved)
-            _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, mine)
+            _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)
             first += count
-        mine[SIGNAL_MAX], mine[SPEED_MAX] = sqrt(mine[SIGNAL_MAX]), sqrt(mine[SPEED_MAX])
-        mine[KINETIC] *= 0.5
-        if mine[NOT_FINITE] > 0.0:
-            mine[BOUND_RATIO] = 0.0
+        part[SIGNAL_MAX], part[SPEED_MAX] = sqrt(part[SIGNAL_MAX]), sqrt(part[SPEED_MAX])
+        part[KINETIC] *= 0.5
+        if part[NOT_FINITE] > 0.0:
+            part[BOUND_RATIO] = 0.0

@@ -10,7 +10,7 @@ from .jit import jit, jit_parallel, prange
 from .point_ground import AWAY, EXACT_X, EXACT_Y, EXACT_Z
 from .point_rows import GHOSTS
 
-TOUCHING = 1e-6  # [cells] from the ground, within which a node lies on it
+TOUCHING = 1e-6  # [cells] from the ground, within which a node is on it
 SAME = 1e-3  # upward parts of normals that differ by less belong to one side of a fold
 
 
@@ -102,7 +102,7 @@ def distances_to_ground(height, dx, rows, columns, firsts, lowest, levels, reach
     rows, columns, firsts, lowest, levels : int64[k]
         Place of each node column, where its nodes begin in `exact`, their lowest level and how many there are.
     reach : int
-        Cells to each side in which the nearest ground is looked for.
+        Cells to each side in which the nearest ground is searched.
     """
     for c in prange(rows.shape[0]):
         j, i = rows[c], columns[c]
@@ -113,6 +113,6 @@ def distances_to_ground(height, dx, rows, columns, firsts, lowest, levels, reach
             if away > TOUCHING * dx:
                 sx, sy, sz = -outwards * qx, -outwards * qy, outwards * (z - qz)
             size = sqrt(sx * sx + sy * sy + sz * sz)
-            mine = exact[firsts[c] + level]
-            mine[AWAY] = outwards * away
-            mine[EXACT_X], mine[EXACT_Y], mine[EXACT_Z] = sx / size, sy / size, sz / size
+            part = exact[firsts[c] + level]
+            part[AWAY] = outwards * away
+            part[EXACT_X], part[EXACT_Y], part[EXACT_Z] = sx / size, sy / size, sz / size

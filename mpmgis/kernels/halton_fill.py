@@ -6,6 +6,7 @@ Everything works in *lattice coordinates* (u, v): a cell of the lattice is a uni
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,27 +27,42 @@ def _in_whole_cell(u, v, columns, spans, span_start):
     return in_span(spans, span_start[row], span_start[row + 1], column)
 
 
-@jit
-def covered(u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index):
-    """Is (u, v) inside the polygon? Edges are tested in rim cells only.
+class Sequence(NamedTuple):
+    """Points of Halton's sequence (bases 2 and 3), moved by `shift` and mapped to `box` (u0, v0, width, height).
 
-    Kernels ask `_in_whole_cell` first: a call with so many arrays costs more than that answer.
+    With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta), by random numbers of
+    `seed`, and stands for an area in inverse proportion. `slope` float64[rows, columns] is tan of the slope and
+    `slope_map` the affine from (u, v) to its pixels; `area` [m2] is that of a point of weight 1.
     """
-    if _in_whole_cell(u, v, columns, spans, span_start):
+
+    shift: np.ndarray
+    box: np.ndarray
+    beta: float
+    slope: np.ndarray
+    slope_map: np.ndarray
+    seed: int
+    area: float
+
+
+@jit
+def covered(u, v, cover, edges):
+    """Is (u, v) inside the polygon of `cover` and `edges` (Edges)? Edges are tested in rim cells only.
+
+    Kernels call `_in_whole_cell` first, because a call with many arrays is more expensive.
+    """
+    columns, rim_start = cover.columns, cover.rim_start
+    if _in_whole_cell(u, v, columns, cover.spans, cover.span_start):
         return True
     row, column = math.floor(v), math.floor(u)
     if row < 0 or row >= rim_start.size - 1 or column < 0 or column >= columns:
         return False
-    if find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
+    if find(cover.rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
         return False
-    return is_inside(u, v, edges, edge_start, edge_index)
+    return is_inside(u, v, edges.ends, edges.start, edges.index)
 
 
 @jit
-def halton_chunk(
-    index, size, quota, shift, box, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index, beta,
-    slope, slope_map, seed, area, points,
-):  # fmt: skip
+def halton_chunk(index, size, quota, sequence, cover, edges, points):
     """Fill points float64[:, 3] (u, v, area [m2]) with those of `size` Halton points from `index` on that lie inside.
 
     Returns
@@ -55,40 +71,35 @@ def halton_chunk(
         Their number (at most `quota`) and sum of weights.
     """
     taken, weights = 0, 0.0
+    columns, spans, span_start = cover.columns, cover.spans, cover.span_start
+    shift, box, beta, slope = sequence.shift, sequence.box, sequence.beta, sequence.slope
     for k in range(index, index + size):
         if taken >= quota:
             break
         s, t = halton(k)
         s, t = s + shift[0], t + shift[1]
         u, v = box[0] + box[2] * (s - math.floor(s)), box[1] + box[3] * (t - math.floor(t))
-        if not _in_whole_cell(u, v, columns, spans, span_start) and not covered(
-            u, v, columns, rim_key, rim_start, spans, span_start, edges, edge_start, edge_index
-        ):
+        if not _in_whole_cell(u, v, columns, spans, span_start) and not covered(u, v, cover, edges):
             continue
         weight = 1.0
         if beta > 0.0:
-            i, j = mapped(slope_map, u, v)
+            i, j = mapped(sequence.slope_map, u, v)
             density = 1.0 + beta * min(valid_at(slope, i, j), 1.0)
-            if uniform(seed, k, 7, 7) * (1.0 + beta) >= density:
+            if uniform(sequence.seed, k, 7, 7) * (1.0 + beta) >= density:
                 continue
             weight = 1.0 / density
-        points[taken, 0], points[taken, 1], points[taken, 2] = u, v, weight * area
+        points[taken, 0], points[taken, 1], points[taken, 2] = u, v, weight * sequence.area
         taken += 1
         weights += weight
     return taken, weights
 
 
 @jit_parallel
-def halton_chunks(
-    first, last, size, quota, write, offsets, shift, box, columns, rim_key, rim_start, spans, span_start, edges,
-    edge_start, edge_index, beta, slope, slope_map, seed, area, place, bed, bed_map, thick, thick_map, law, position,
-    out,
-):  # fmt: skip
-    """Points of Halton's sequence (bases 2 and 3, shifted) inside a polygon; chunks of `size` indices.
+def halton_chunks(first, last, size, quota, offsets, sequence, cover, edges, ground, out):
+    """Columns at points of Halton's sequence inside a polygon; chunks of `size` indices.
 
-    With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta) and stands for an area
-    in inverse proportion. `area` [m2] is that of a point of weight 1; `quota` int64[chunks] the most
-    points that a chunk gives; `box` is (u0, v0, width, height).
+    `quota` int64[chunks] is the most points that a chunk gives; chunk `first + c` is written from number
+    ``offsets[c]`` on.
 
     Returns
     -------
@@ -99,10 +110,8 @@ def halton_chunks(
     sums[:, 1] = np.inf
     for c in prange(last - first):
         points = np.empty((size, 3))
-        taken, weights = halton_chunk(
-            (first + c) * size + 1, size, quota[first + c], shift, box, columns, rim_key, rim_start, spans, span_start,
-            edges, edge_start, edge_index, beta, slope, slope_map, seed, area, points,
-        )  # fmt: skip
-        evaluate(points, taken, offsets[c], write, place, bed, bed_map, thick, thick_map, law, position, out, sums[c])
+        index = (first + c) * size + 1
+        taken, weights = halton_chunk(index, size, quota[first + c], sequence, cover, edges, points)
+        evaluate(points, taken, offsets[c], ground, out, sums[c])
         sums[c, 3], sums[c, 4] = taken, weights
     return sums

@@ -1,6 +1,7 @@
 """Points in polygons, in lattice coordinates, by edges that are sorted by row."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,9 +9,18 @@ from .jit import jit, jit_inline
 from .random_numbers import uniform
 
 
+class Edges(NamedTuple):
+    """Edges of a polygon: `ends` float64[n, 4] (u0, v0, u1, v1), and by rows of cells `start`, `index`: the edges that
+    touch row r are ``index[start[r]:start[r + 1]]``."""
+
+    ends: np.ndarray
+    start: np.ndarray
+    index: np.ndarray
+
+
 @jit
 def edges_by_row(edges, rows):
-    """(starts int64[rows + 1], index int64[m]): the edges that each row of cells meets."""
+    """(starts int64[rows + 1], index int64[m]): the edges in each row of cells."""
     starts = np.zeros(rows + 1, np.int64)
     for e in range(edges.shape[0]):
         low, high = min(edges[e, 1], edges[e, 3]), max(edges[e, 1], edges[e, 3])
@@ -44,7 +54,7 @@ def is_inside(u, v, edges, starts, index):
 
 @jit
 def inside(points, edges, starts, index):
-    """bool[n]: which of the points float64[n, 2] lie inside the polygon of `edges`."""
+    """bool[n]: whether the points float64[n, 2] are inside the polygon of `edges`."""
     result = np.empty(points.shape[0], np.bool_)
     for n in range(points.shape[0]):
         result[n] = is_inside(points[n, 0], points[n, 1], edges, starts, index)
@@ -84,7 +94,7 @@ def points_in_squares(corners, sizes, edges, starts, index):
 
 @jit
 def scatter_in_pieces(points, width, height, keys, seed, edges, starts, index):
-    """Move each rim point to a random place of its sub-square that lies inside the polygon; it stays if 32 tries fail.
+    """Move each boundary point to a random place of its sub-square inside the polygon; it stays if 32 trials fail.
 
     `points` float64[n, 2] is changed in place; the squares of `width` x `height` [cells] hold them; `keys` int64[n, 3]
     are (cell column, cell row, number) for the random numbers.

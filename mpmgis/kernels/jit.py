@@ -10,14 +10,13 @@ from types import FunctionType
 
 from .code_cache import cache_folder, choose, given_cache_folder
 
-# Threads that wait spin for some tens of microseconds and then sleep. Asleep at once, 25 600 columns take 0.83 ms a
-# step on 2 threads instead of 0.23, for waking takes a tenth of a millisecond; spinning without end, they take 7.4 ms
-# instead of 1.7 where others use the cores too (measured 2026-11-21). Read by GCC's OpenMP runtime at its start.
+# Waiting threads spin for some tens of microseconds and then sleep. Without spinning, 25 600 columns take 0.83 ms per
+# step on 2 threads instead of 0.23, because waking takes a tenth of a millisecond; with unlimited spinning 7.4 ms
+# instead of 1.7 on busy cores (measured 2026-11-21). Read by GCC's OpenMP runtime at its start.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("GOMP_SPINCOUNT", "2000")
-# OpenMP before TBB, which numba would take first wherever some program has installed it: late in a session of tests a
-# step of 500 columns took some 80 ms with TBB; two plain runs side by side take 0.8 ms, with OpenMP 0.3 (measured
-# 2026-11-22).
+# OpenMP before TBB, which numba would prefer if it is installed: late in a session of tests a step of 500 columns took
+# about 80 ms with TBB; two simultaneous runs take 0.8 ms, with OpenMP 0.3 (measured 2026-11-22).
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 GIVEN_CACHE_DIR = given_cache_folder()
@@ -31,18 +30,18 @@ from numba.extending import overload, overload_method, register_jitable  # noqa:
 
 from .code_cache import keep_checked  # noqa: E402
 
-# It may have been imported already, by whoever imports us.
+# numba may have been imported before this module.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
 numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORITY"].split()
-# LLVM's SLP pass stays off, as numba has it: it makes odd vectors inside loops that then cannot become vectors as a
+# LLVM's SLP pass stays off, the default of numba: it vectorises parts of loops, which then cannot be vectorised as a
 # whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
 
 
 def _without_a_look_at_blas():
     """Import numba's functions of arrays, which it needs at the first kernel, without scipy.linalg (0.2 s).
 
-    It is imported there to know whether there is a BLAS. SciPy is one of our dependencies, so there is; what calls BLAS
-    imports it when it is compiled.
+    It is imported there to detect a BLAS. SciPy is a dependency, so there is one; code that calls BLAS imports it when
+    it is compiled.
     """
     from numba.np import linalg
 
@@ -57,7 +56,7 @@ def _without_a_look_at_blas():
 if not numba.config.DISABLE_JIT:
     _without_a_look_at_blas()
 
-# Only what leaves every result as IEEE 754 has it. "contract" lets the compiler choose which product of a*b + c*d goes
+# Only flags that keep IEEE 754 results. "contract" lets the compiler choose which product of a*b + c*d goes
 # into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
 # between two compilations (measured). "nnan" and "ninf" fold x != x to False, and kernels count non-finite values.
 FASTMATH = {"nsz"}
@@ -66,13 +65,13 @@ prange = numba.prange
 
 _kernels = []  # all that have a cache on disk
 _single = {}  # function -> the same with constants of single precision
-_own_laws = set()  # digests of the files of users' own laws in this process
+_own_laws = set()  # digests of the files of user-defined laws in this process
 
 
 def include_own_laws(sha256):
-    """From now on keep compiled kernels in a folder of their own, named also by the digest of a file of own laws.
+    """Use a separate cache folder from now on, whose name includes the digest of a file of user-defined laws.
 
-    Must come before the first kernel that is compiled with one of these laws; kernels that are compiled stay so.
+    Must be called before the first kernel is compiled with one of these laws; compiled kernels stay valid.
     """
     if sha256 in _own_laws:
         return
@@ -89,7 +88,7 @@ def include_own_laws(sha256):
 
 
 def _kept(kernel):
-    """`kernel`, remembered if it has a cache (it has none where NUMBA_DISABLE_JIT leaves it plain)."""
+    """`kernel`, registered if it has a cache (it has none with NUMBA_DISABLE_JIT)."""
     if hasattr(kernel, "enable_caching"):
         _kernels.append(kernel)
         keep_checked(kernel)
@@ -108,39 +107,39 @@ def jit_inline(function):
 
 
 def jit_borrowing(function):
-    """Compile a serial function that only works on the arrays it is given: it makes none and answers none.
+    """Compile a serial function that works on its array arguments only: it neither creates nor returns arrays.
 
-    References to arrays are not counted in it. Counting costs as much as twenty additions each time, and the compiler
-    leaves some of it in loops: it was half of the 3D step (measured 2026-11-21).
+    References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
+    of them in loops: they took half of the 3D step (measured 2026-11-21).
     """
     options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False}
     return _kept(numba.njit(**options)(function))
 
 
 def kernel_part(function):
-    """A part of kernels, for either precision: it has constants of single precision where its first array has."""
+    """A part of kernels for both precisions; its constants have single precision if its first array has."""
     law_function(function, inlined=False)
     return function
 
 
 def jit_parallel(function):
-    """Compile a kernel with `prange` loops, cached on disk. No atomics anywhere: every loop owns what it writes."""
+    """Compile a kernel with `prange` loops, cached on disk. No atomics: each loop writes only its own data."""
     options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "parallel": True}
     return _kept(numba.njit(**options)(function))
 
 
 def set_threads(count):
-    """Use `count` threads (None: all that there are); answers the number in use."""
+    """Use `count` threads (None: all that there are); returns the number in use."""
     available = numba.config.NUMBA_NUM_THREADS
     numba.set_num_threads(available if count is None else max(1, min(int(count), available)))
     return numba.get_num_threads()
 
 
 def ready_threads():
-    """Start the threads before a kernel is called that comes from the disk cache.
+    """Start the threads before a kernel from the disk cache is called.
 
-    Numba notes with a cached kernel that it needs them, but not where the parallel loops in it came from the cache when
-    it was compiled (a first run that was interrupted is enough); called without them, the process dies.
+    A cached kernel does not start them if its parallel loops came from the cache when it was compiled (for example
+    after an interrupted first run); called without them, the process crashes.
     """
     numba.get_num_threads()
 
@@ -149,8 +148,8 @@ def law_method(name, inlined=False):
     """Let kernels call method `name` of any law.
 
     A law is a NamedTuple of numbers with plain methods; the kernel is specialised by the law's type, so that an
-    absent law costs nothing and new parameter values compile nothing (architecture.md). `inlined` puts it into the
-    caller's loop whatever its length, without which no loop over points becomes vectors: 12 ns instead of 130 for
+    absent law has no cost and new parameter values need no compilation. `inlined` puts it into the loop of the
+    caller whatever its length; otherwise loops over points are not vectorised: 12 ns instead of 130 for
     Drucker-Prager (measured 2026-11-21).
     """
     options = {"forceinline": True} if inlined else {}

@@ -1,6 +1,6 @@
 """Four numbers as one value: a grid node's entries move through the processor together.
 
-A numba type whose data model is LLVM's <4 x double> or <4 x float>, as the array has it that they are loaded from.
+A numba type whose data model is LLVM's <4 x double> or <4 x float>, as in the array that they are loaded from.
 LLVM splits it where the processor has narrower registers. The compiler finds this form by itself only now and then;
 written down, it halves the transfer loops (measured 2026-11-21).
 """
@@ -137,7 +137,7 @@ def load(typingctx, array, index):
 
 
 def _place(context, builder, kind, array, line, index, step=1):
-    """Pointer to array.flat[line + step * index]; told the compiler so that it sees how loops over `index` walk."""
+    """Pointer to array.flat[line + step * index]; in this form the compiler sees the stride of loops over `index`."""
     struct = context.make_array(kind)(context, builder, array)
     start = builder.gep(struct.data, [line], inbounds=True)
     if step > 1:
@@ -234,7 +234,7 @@ def store(typingctx, array, index, value):
 
 @intrinsic
 def prefetch(typingctx, array, index):
-    """Ask for the cache line that holds array.flat[index] of a C-contiguous array; it will be needed soon."""
+    """Prefetch the cache line of array.flat[index] of a C-contiguous array."""
 
     def codegen(context, builder, signature, arguments):
         struct = context.make_array(signature.args[0])(context, builder, arguments[0])

@@ -14,7 +14,7 @@ METHODS = (
     "dry_stress",  # friction
     "viscous_coefficient",
     "drag_coefficient",
-    "placed",
+    "at_node",
     "basal_stress",
     "plug_ratio",  # friction and viscosity
     "local",  # zones
@@ -34,6 +34,10 @@ METHODS = (
     "entrainment_active",  # entrainment
     "erosion_rate",
     "bed_lowering",
+    "forest_active",  # forest
+    "forest_breaks",
+    "forest_only_detrains",
+    "forest_detrained",
     "barrier_active",  # barriers
     "weir_discharge",
     "opening_discharge",
@@ -52,7 +56,7 @@ METHODS = (
     "only_turns",  # transfer of points
 )
 
-# of every point in every step, and so written into the kernels' loops
+# called for every point in every step, and therefore inlined into the loops of kernels
 INLINED_METHODS = (
     "stress_step",  # material
     "returned_strain",
@@ -92,18 +96,18 @@ TOLERANCE = 1e-9  # of compiled against plain: the compiler may take another roo
 
 
 def use_own_laws(own_laws):
-    """Let kernels be compiled with the laws of `own_laws` (`effects.own_law.OwnLaws`), in a cache of their own."""
+    """Prepare the compilation of kernels with `own_laws` (`effects.own_law.OwnLaws`), in a separate cache."""
     if own_laws.laws:
         include_own_laws(own_laws.sha256)
 
 
 def require_compiled(law, name):
-    """Refuse a law that does not compile, or that gives other results when it is compiled.
+    """Refuse a law that does not compile, or whose compiled results differ.
 
     Raises
     ------
     SceneError
-        With the most informative line of the compiler's message.
+        With the most informative line of the message of the compiler.
     """
     clash = sorted(set(law._fields) & set(METHODS))
     if clash:
@@ -116,18 +120,18 @@ def require_compiled(law, name):
         for inputs in tried_inputs():
             _require_same(_stresses(law, node, *inputs), compiled(law, node, *inputs), inputs, name)
     except numba.core.errors.NumbaError as error:
-        cure = "use arithmetic, math and if only, and no other functions"
-        raise SceneError(f"{name} does not compile: {_telling_line(error)}; {cure}") from error
+        fix = "use arithmetic, math and if only, and no other functions"
+        raise SceneError(f"{name} does not compile: {_informative_line(error)}; {fix}") from error
 
 
 def _stresses(law, node, density, gravity, normal_stress, thickness_normal, speed):
-    """Everything that the solver computes with a law, directly and as made from a node's values."""
-    placed = law.placed(node, 0, 0)
+    """All results of a law that the solver uses, directly and with the parameters of a node."""
+    law_here = law.at_node(node, 0, 0)
     return (
         law.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
         law.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed),
         law.drag_coefficient(gravity, thickness_normal, speed),
-        placed.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
+        law_here.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
     )
 
 
@@ -141,9 +145,9 @@ def _require_same(plain, compiled, inputs, name):
             )
 
 
-def _telling_line(error):
-    """Of the compiler's many lines the one that names what it does not know."""
+def _informative_line(error):
+    """The line of the message of the compiler that names the unsupported construct."""
     lines = [one_line(line) for line in str(error).splitlines() if line.strip()]
     words = ("Untyped", "Unknown attribute", "No implementation", "not defined", "nsupported", "Cannot", "Invalid use")
-    telling = [line for line in lines if any(word in line for word in words)]
-    return (telling or lines)[-1][:200]
+    informative = [line for line in lines if any(word in line for word in words)]
+    return (informative or lines)[-1][:200]

@@ -2,7 +2,7 @@
 
 Columns give their sums to the nodes of the lattice with quadratic B-splines, as their solver does (Steffen et al.
 2008). Between the nodes the sums are bilinear. Each raster cell takes the exact integral of that field, so that the
-cells together hold what the columns hold, whatever the size of the cells.
+cells together have the mass of the columns, for any cell size.
 
 Places are in lattice units: `across` counts along the raster's columns, `down` along its rows, one per node spacing.
 """
@@ -18,7 +18,7 @@ LEVEL = 1e-9  # share of a node's value by which another of the same height may 
 
 @jit_inline
 def spline(place):
-    """First of the three nodes that a column at `place` gives to, and the quadratic B-spline weight of each."""
+    """First of the three nodes of the stencil of a column at `place`, and their quadratic B-spline weights."""
     first = int(np.floor(place + 0.5)) - 1
     f = place - first
     return first, 0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2
@@ -62,9 +62,9 @@ def spread_columns(place, row, window, share, gain, pixel, gradient, velocity, m
 
     Parameters
     ----------
-    place, row, window : as `lattice_places` answers
+    place, row, window : as `lattice_places` returns
     share : float64[rows, columns]
-        Part of each node's bilinear hat that lies on cells of the raster that may hold flow.
+        Part of the bilinear hat function of each node on cells of the raster that can contain flow.
     gain : float64[rows, columns]
         One over the part of each node's spline that lies there; 1 inside the flow's ground.
     pixel, gradient : int64[n], float64[pixels, 2]
@@ -153,9 +153,9 @@ def add_cells(
     Parameters
     ----------
     nodes : float64[rows, columns, s]
-        What each node holds.
+        Values of each node.
     measure : int
-        Column of `nodes` whose largest mean per area is wanted.
+        Column of `nodes` whose largest mean per area is computed.
     factor : float64[a, b]
         Cells are cut into parts that are no wider than the node spacing. What `measure` is multiplied by in each part;
         0 where no flow may be.

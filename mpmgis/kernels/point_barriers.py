@@ -13,11 +13,12 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 # of a node column with a barrier: outward unit normal of its nearest side, elevation of the crest above the domain's
 # lowest level [m], depth behind that side [m], friction [1], weight with which what passes above is counted [m-1],
 # place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of openings (`spatial.openings`)
-# the share that is open, how much passes at most, to which side it lies
+# the share that is open, how much passes at most, to which side it lies; last of smooth faces (`point_faces`) 1 + the
+# number of the face that this node column belongs to (0: none), and the elevation up to which rows are held there [m]
 (
     WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
-    POINT_BARRIER_ENTRIES,
-) = range(14)  # fmt: skip
+    ROWED, ROW_TOP, POINT_BARRIER_ENTRIES,
+) = range(16)  # fmt: skip
 # of a node column, what passes an opening is judged by: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
@@ -95,8 +96,10 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
 
     The nearest face holds: a side, or the top if that is nearer. What moves into it loses that speed, and mu times as
     much of the speed along it; what moves away is free. A node that is partly open keeps the share `passing` of its
-    speed through the opening.
+    speed through the opening. Nodes around smooth faces have been dealt with (`point_faces`).
     """
+    if place[ROWED] > 0.0 and z <= place[ROW_TOP]:
+        return u, v, w
     book = booked[int(place[BARRIER]) - 1]
     beneath = place[CREST] - z
     if beneath < 0.0:
@@ -107,7 +110,8 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
         across, along = u * nx + v * ny, u * ny - v * nx
         u1, v1 = barrier.let_through(u, v, nx, ny, place[SIDE], place[WALL_MU], passing * abs(across))
         pressed = abs(across - (u1 * nx + v1 * ny)) + abs(along - (u1 * ny - v1 * nx))
-        _book(book, place, mass * (u - u1), mass * (v - v1), 0.0, mass * pressed, z)
+        jx, jy = mass * (u - u1), mass * (v - v1)
+        book_impulse(book, jx, jy, 0.0, mass * pressed, place[ARM_X], place[ARM_Y], z - place[FOOT])
         return u1, v1, w
     sideways = place[DEPTH] <= beneath
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
@@ -118,21 +122,21 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
     kept = barrier.kept_along(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
     u1, v1, w1 = kept * u1, kept * v1, kept * w1
-    _book(book, place, mass * (u - u1), mass * (v - v1), mass * (w - w1), -mass * into, z)
+    jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
+    book_impulse(book, jx, jy, jz, -mass * into, place[ARM_X], place[ARM_Y], z - place[FOOT])
     return u1, v1, w1
 
 
 @jit_inline
-def _book(book, place, jx, jy, jz, normal, z):
-    """Add the impulse (jx, jy, jz) [N s] that a node at height `z` [m] gives, `normal` of it into the face."""
+def book_impulse(book, jx, jy, jz, normal, arm_x, arm_y, up):
+    """Add an impulse (jx, jy, jz) [N s] at (arm_x, arm_y, up) [m] from the foot, `normal` of it into the face."""
     book[NORMAL] += normal
     book[IMPULSE_X] += jx
     book[IMPULSE_Y] += jy
     book[IMPULSE_Z] += jz
-    up = z - place[FOOT]
-    book[MOMENT_X] += place[ARM_Y] * jz - up * jy
-    book[MOMENT_Y] += up * jx - place[ARM_X] * jz
-    book[MOMENT_Z] += place[ARM_X] * jy - place[ARM_Y] * jx
+    book[MOMENT_X] += arm_y * jz - up * jy
+    book[MOMENT_Y] += up * jx - arm_x * jz
+    book[MOMENT_Z] += arm_x * jy - arm_y * jx
 
 
 @jit

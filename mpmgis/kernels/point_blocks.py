@@ -1,7 +1,7 @@
-"""Points sorted by blocks of 4 x 4 x 4 nodes, and which blocks lie beside which.
+"""Points sorted by blocks of 4 x 4 x 4 nodes, and the neighbours of blocks.
 
-Blocks are counted upwards from the ground under them, so that a long flow down a mountain needs no tall empty box: the
-window of blocks is as wide as the flow and as high as it stands above the ground, whatever the domain.
+Blocks are counted upwards from the ground below them: the window of blocks is as wide as the flow and as high as the
+flow is above the ground, whatever the relief of the domain.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from .jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
 from .point_rows import BLOCK, GHOSTS, X, Y, Z
 
 SORT_PIECES = 8  # of the sort; fixed, so that the order does not depend on the number of threads
-# int64 window: blocks that hold points, and the largest height above the lowest block that they reach to
+# int64 window: blocks with points, and their largest height above the lowest block
 WEST, SOUTH, EAST, NORTH, TALL, WINDOW = range(6)
 
 
@@ -59,7 +59,7 @@ def no_window(window):
 
 @jit
 def widen(window, key, lowest):
-    """Let `window` include the block of `key`, with its neighbours' heights above their own ground."""
+    """Extend `window` to the block of `key`, with the heights of its neighbours above their ground."""
     window[WEST], window[EAST] = min(window[WEST], key_column(key)), max(window[EAST], key_column(key))
     window[SOUTH], window[NORTH] = min(window[SOUTH], key_row(key)), max(window[NORTH], key_row(key))
     window[TALL] = max(window[TALL], key_level(key) + lowest[key_row(key), key_column(key), 1])
@@ -101,7 +101,7 @@ def window_of(keys, lowest, window):
 
 @jit_inline
 def place_of(key, window, width, depth):
-    """Where a block stands in the arrays over the window, which have room for a neighbour behind, beside and above."""
+    """Index of a block in the arrays over the window, which have space for a neighbour behind, beside and above."""
     return ((key_row(key) - window[SOUTH]) * width + key_column(key) - window[WEST]) * depth + key_level(key)
 
 
@@ -114,7 +114,7 @@ def _count(keys, n, window, width, depth, size, histogram):
 
 @jit_borrowing
 def _count_piece(keys, first, end, window, width, depth, histogram, c):
-    """Neighbours in memory mostly share a block: their number stays in a register until another block comes."""
+    """Neighbours in memory mostly share a block: they are counted in a register until the block changes."""
     p = first
     while p < end:
         key, begun = keys[p], p
@@ -154,7 +154,7 @@ def sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, b
     """Stable counting sort of indices by block.
 
     Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to
-    `start[a + 1]` its points. Answers (active blocks, points alive).
+    `start[a + 1]` its points. Returns (active blocks, points alive).
     """
     _count(keys, n, window, width, depth, size, histogram)
     active, total = rank_blocks(histogram, SORT_PIECES, size, slot, block, start)
@@ -168,7 +168,7 @@ def link_blocks(block, active, window, width, depth, lowest, touched_slot, size,
 
     `touched` int32[., 3] are their row, column and level above the domain's lowest; `targets[a, o]` is the number of
     neighbour o of active block a, `sources[t, o]` the active block whose neighbour o it is, or -1. The bits of o are
-    x, y, z. Answers how many there are.
+    x, y, z. Returns their number.
     """
     touched_slot[:size] = -1
     count = 0
@@ -195,7 +195,7 @@ def link_blocks(block, active, window, width, depth, lowest, touched_slot, size,
 
 @jit
 def comes_near(touched, n_touched, watched):
-    """Is one of the touched blocks over a block column that is marked in `watched` uint8[block rows, block columns]?"""
+    """Whether a touched block is above a block column that is marked in `watched` uint8[block rows, block columns]."""
     for k in range(n_touched):
         row, column = touched[k, 0], touched[k, 1]
         if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
@@ -208,7 +208,7 @@ def lowest_blocks(ground, dx):
     blocks deeper its neighbours behind and beside begin.
 
     `ground` float64[rows, columns] [m] is the elevation above the domain's lowest level at all nodes. A point is never
-    more than two cells under the ground; columns near by are looked at too, so that what a block reaches is there.
+    more than two cells below the ground; neighbouring columns are included, so that all nodes of a block exist.
     """
     rows, columns = (-(-n // BLOCK) for n in ground.shape)
     padded = np.pad(ground, ((0, rows * BLOCK - ground.shape[0]), (0, columns * BLOCK - ground.shape[1])), mode="edge")

@@ -1,11 +1,11 @@
 """Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
 
-from math import exp, sqrt
+from math import exp, floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_barriers import BARRIER, CREST, DEPTH, SHARE, WALL_X, WALL_Y
+from .point_barriers import BARRIER, CREST, DEPTH, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
 from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, edge_at, leaning_edge
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
@@ -35,13 +35,22 @@ def spline_at(foot, offset):
 
 
 @jit_inline
-def deals_with(level, first, below):
-    """Is the column, nearest to the ground at `level`, dealt with in the block of lowest level `first`?
+def is_column_of_block(level, first, below):
+    """Is the column whose node nearest to the ground is at `level` processed in the block of lowest level `first`?
 
-    That is the block of the node there. Where it is not touched (`below` -1), mass begins at the next node, in the
-    block above it.
+    It is processed in the block of that node. If there is no such block (`below` is -1), the mass of the column begins
+    at the next node, in the block above.
     """
     return (level >= first and level < first + BLOCK) or (level == first - 1 and below < 0)
+
+
+@jit_inline
+def is_sunk_below_block(level, first, above):
+    """Is all mass of the column whose node nearest to the ground is at `level` in the block of lowest level `first`?
+
+    Such a column is up to two levels below its ground, and there is no block around its ground (`above` is -1).
+    """
+    return above < 0 and level >= first + BLOCK and level <= first + BLOCK + 1
 
 
 @jit_borrowing
@@ -71,12 +80,18 @@ def _pushed_mass(mass, weight, heaviest):
 
 
 @jit_borrowing
-def _heaviest(nodes, below, own, above, first, column, level):
-    """Mass [kg] of the heaviest node of a column near the ground: that of the flow's interior there."""
-    heaviest = 0.0
-    for offset in range(-1, 3):
-        heaviest = max(heaviest, _node_of(nodes, below, own, above, level + offset, first, column)[2])
-    return heaviest
+def _mass_near(nodes, below, own, above, first, column, level):
+    """(mass [kg] of the heaviest node of a column near the ground, centre of the masses there [levels above `level`]).
+
+    The heaviest is that of the flow's interior there.
+    """
+    heaviest = total = moment = 0.0
+    for offset in range(-2, 3):
+        mass = _node_of(nodes, below, own, above, level + offset, first, column)[2]
+        total += mass
+        moment += offset * mass
+        heaviest = max(heaviest, mass)
+    return heaviest, moment / max(total, 1e-300)
 
 
 @jit_borrowing
@@ -100,11 +115,13 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
 
 
 @jit_borrowing
-def _push(nodes, below, own, above, first, column, level, foot, heaviest, jx, jy, jz, nx, ny, nz, mine):
-    """Give the impulse (jx, jy, jz) [N s] at the ground, of unit normal (nx, ny, nz), to the nodes around it.
+def _push(nodes, below, own, above, first, column, level, foot, heaviest, impulse, normal, mine):
+    """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
 
     It is booked with its work, and with the work of its part along the ground.
     """
+    jx, jy, jz = impulse
+    nx, ny, nz = normal
     into = jx * nx + jy * ny + jz * nz
     for offset in range(-1, 2):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
@@ -235,30 +252,34 @@ def _face_at(place, height, wall_x, wall_y):
 
 @jit_parallel
 def press_on_ground(
-    nodes, touched, n_touched, free, slots, window_west, window_south, width, depth, lowest, ground, zone_values,
-    barriers, yields, step, report, dx, dt, density, signal_speed, gravity, wall, cells_x, cells_y, contact, zones,
-    barrier,
+    grid, window, free, ground, zone_values, barriers, yields, step, report, dt, settings, contact, zones, barrier
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
     The flow's velocity at the ground, v_b = sum N_k v_k over the three nodes of a column around it, is what contact
     acts on; the impulse J is given back with the same weights, dv_k = N_k J / m_k, so that the bed's reaction reaches
-    every node that feels the ground (a Lagrange multiplier at one point for each node column). Each column is dealt
-    with in the block of the node that is nearest to the ground. Columns on folds are left alone. Ground with friction
-    yields a little (see `yielding_impulse`), ground without is rigid.
+    every node that feels the ground (a Lagrange multiplier at one point for each node column). If the centre of the
+    column's mass near the ground is below the ground, the contact acts at that centre: at the ground it would let a
+    single layer of points sink further. Each column is processed in the block of the node that is nearest to the
+    ground. Columns on folds, and those at smooth faces of barriers (`point_faces`), are not changed. Ground with
+    friction yields a little (see `yielding_impulse`), ground without is rigid.
 
     Parameters
     ----------
-    slots : int32[.]
-        Touched block at each place of the window, or -1 (see `point_blocks.link_blocks`).
+    grid : NodeBlocks
+    window : BlockWindow
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
-        What they and the `wall` around the domain of `cells_x` by `cells_y` take themselves comes later; the ground
-        beside them bears as if they held at the same time (see `between_faces`).
+        What they and the wall around the domain take themselves comes later; the ground beside them bears as if they
+        held at the same time (see `between_faces`).
     yields : float64[2, rows, columns, YIELD_ENTRIES]
         Of the last step and of this one, by turns.
     step : int
         Number of this step, from 1.
     """
+    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
+    slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
+    dx, density, signal_speed, gravity = settings.dx, settings.density, settings.signal_speed, settings.gravity
+    wall, cells_x, cells_y = settings.wall, settings.cells_x, settings.cells_y
     before, after = yields[(step - 1) % 2], yields[step % 2]
     back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
     for c in prange(CHUNKS):
@@ -268,7 +289,7 @@ def press_on_ground(
                 continue
             row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
             first = block_level * BLOCK
-            place = ((row - window_south) * width + block_column - window_west) * depth
+            place = ((row - window.south) * width + block_column - window.west) * depth
             up = block_level - lowest[row, block_column, 0]
             below = slots[place + up - 1] if up > 0 else -1
             above = slots[place + up + 1] if up + 1 < depth else -1
@@ -277,9 +298,16 @@ def press_on_ground(
                 ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
                 height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
                 level, foot = foot_of(height, dx)
-                if not deals_with(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
+                if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
                     continue
-                heaviest = _heaviest(nodes, below, t, above, first, column, level)
+                if fold_at(ground.folds, jj, ii)[2] > 0:
+                    continue
+                if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
+                    continue
+                heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
+                if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
+                    lower = floor(centre + 0.5)
+                    level, foot = level + lower, centre - lower
                 u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
                 if here < LEAST_SHARE * heaviest or give <= 0.0:
                     continue
@@ -303,4 +331,4 @@ def press_on_ground(
                     after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
                 jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
                 jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-                _push(nodes, below, t, above, first, column, level, foot, heaviest, jx, jy, jz, nx, ny, nz, mine)
+                _push(nodes, below, t, above, first, column, level, foot, heaviest, (jx, jy, jz), (nx, ny, nz), mine)

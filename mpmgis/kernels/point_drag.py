@@ -1,11 +1,10 @@
-"""Drag of the bed on a 3D flow: which mass of each node column it slows (design notes 4.7, Voellmy's term).
+"""Drag of the bed on a 3D flow (Voellmy's term): the mass of each node column on which it acts.
 
 The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows its mean speed (`point_layers`);
-on folds of the ground, the nodes that touch it, whose summed mass is M_c. At a steep rim a column stands on less bed
-than that: splines carry a flow's mass a cell and a half beyond it, and three columns too many would drag at its two
-sides, whatever its width. A column with less than RIM of the mass of the heaviest beside it is taken to stand on the
-share of the bed that this tells, so that a steep side has an eighth of a column too much and a flow whose thickness
-changes by less than a fifth a cell none.
+on folds of the ground, the nodes that touch it, whose summed mass is M_c. At a steep margin a column has less bed than
+that: splines spread the mass of a flow a cell and a half beyond it, which would add three columns of drag to a flow of
+any width. A column with less than RIM of the mass of its heaviest neighbour has the corresponding share of the bed:
+a steep margin then adds an eighth of a column, and a flow whose thickness changes by less than a fifth per cell none.
 """
 
 from .block_order import CHUNKS
@@ -13,7 +12,7 @@ from .jit import jit, jit_inline, jit_parallel, prange
 from .point_ground import exact_at, fold_at, plane_at
 from .point_rows import BLOCK, GHOSTS, NODE_MASS
 
-# of a node column [kg]: what touches the ground, and all; so many numbers has a block of such columns
+# entries of a node column [kg]: mass that touches the ground, total mass; numbers of a block of columns
 TOUCHING, WHOLE, COLUMN_MASSES = range(3)
 BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
 RIM = 5.0 / 6.0
@@ -24,7 +23,7 @@ def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
     """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            block, mine = nodes[t], masses[t]
+            block, part = nodes[t], masses[t]
             j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
                 for i in range(BLOCK):
@@ -39,8 +38,8 @@ def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
                             away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
                         touching += mass if away <= clearance else 0.0
                         whole += mass
-                    mine[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
-                    mine[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
+                    part[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
+                    part[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
 
 
 @jit
@@ -66,13 +65,13 @@ def clear_contact(touched, n_touched, columns):
 
 @jit_inline
 def bed_per_mass(columns, j, i, area):
-    """Bed [m2 kg-1] that a node column of bed `area` [m2] stands on, over the mass of it that touches the bed."""
+    """Bed [m2 kg-1] of a node column of bed `area` [m2], over its mass that touches the bed."""
     return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], 1e-30)
 
 
 @jit_inline
 def bed_under(columns, j, i, area):
-    """Bed [m2] that the flow over a node column stands on, of the column's `area` [m2]."""
+    """Bed [m2] below the flow of a node column, of its `area` [m2]."""
     heaviest = 0.0
     for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
         for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):

@@ -1,8 +1,8 @@
-"""The ground as the nodes of the 3D grid know it: how far each is above it, and which way is up there (note 4.7).
+"""The ground at the nodes of the 3D grid: their distance from it and its normal.
 
-On smooth ground that is the plane at the foot of a node column. Where the ground folds within a cell (a cliff's edge
-and foot, a kink) the plane is wrong by up to the cliff's height, and the columns there keep, for every node that the
-flow can reach, the distance from the nearest ground and its direction (`ground_distance`).
+Smooth ground is the plane at the foot of a node column. Where the ground folds within a cell (edge and foot of a cliff,
+a kink) the error of the plane is up to the height of the cliff. Columns there store, for every node that the flow can
+reach, the distance from the nearest ground and its direction (`ground_distance`).
 """
 
 from math import sqrt
@@ -12,17 +12,17 @@ import numpy as np
 
 from .jit import jit_inline
 
-# of the ground under a node column: height [m], slopes, and how low near it a point may be before it is looked at [m]
+# ground below a node column: height [m], slopes, and height [m] below which a point near it is checked
 GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, GROUND_DEEP, GROUND_ENTRIES = range(5)
-# of a node column on a fold: where its nodes begin in `exact`, their lowest level, how many there are (0: no fold)
+# node column on a fold: first of its nodes in `exact`, their lowest level, their number (0: no fold)
 FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS, FOLD_ENTRIES = range(4)
-# of a node of such a column: distance from the ground [m], negative under it, and the unit normal there
+# node of such a column: distance from the ground [m], negative below it, and the unit normal there
 AWAY, EXACT_X, EXACT_Y, EXACT_Z, EXACT_ENTRIES = range(5)
 FAR_ABOVE = 1e30  # [m]
 
 
 class Ground(NamedTuple):
-    """What a 3D run knows of its ground.
+    """Ground of a 3D run.
 
     Parameters
     ----------

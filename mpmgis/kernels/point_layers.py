@@ -2,8 +2,8 @@
 
 The law is that of `effects/layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
 acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb friction and turbulence. The
-solution is implicit in the speeds, with links of the step's first speeds: stable at any step, exact in momentum, and
-never gaining energy.
+solution is implicit in the speeds, with links from the speeds at the start of the step: stable at any step, exact in
+momentum, without gain of energy.
 """
 
 from math import sqrt
@@ -15,27 +15,27 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST
-from .point_contact import LEAST_SHARE, deals_with, foot_of, spline_at
+from .point_contact import LEAST_SHARE, foot_of, is_column_of_block, spline_at
 from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
-# of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at the bed;
-# what of the drag it bears [N s]; tangential velocity before and after [m s-1]; link to the next one [kg]; the solver's
+# entries of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at
+# the bed; its part of the drag [N s]; tangential velocity before and after [m s-1]; link to the next [kg]; elimination
 SLOT, PLACE, LAYER_MASS, HEIGHT, AT_BED, PUSH_X, PUSH_Y, PUSH_Z, OLD_X, OLD_Y, OLD_Z, LINK, CARRY = range(13)
 NEW_X, NEW_Y, NEW_Z, LAYER_ENTRIES = range(13, 17)
-HOLLOW = 0.25  # of a full node's mass: above a node with less, a heavier one belongs to another flow
+HOLLOW = 0.25  # share of the mass of a full node: above a lighter node, a heavier one belongs to another flow
 MIXED = 0.5  # [cells] above the bed, up to which the flow is one layer
-CREEP = 1e-3  # slip between layers over sqrt(g dx), under which Coulomb friction goes with the slip
+CREEP = 1e-3  # slip between layers over sqrt(g dx), below which Coulomb friction is proportional to the slip
 
 
 @jit_borrowing
 def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, layers):
-    """Read the contiguous nodes of a column from the bed up into `layers`; answers how many there are.
+    """Read the contiguous nodes of a column from the bed up into `layers`; returns their number.
 
-    `place` is that of the column's lowest block in `slots`, whose lowest level is `lowest`; `full` [kg] is the mass of
-    a node within the flow, `top` the level above which nothing belongs to it.
+    `place` is the index in `slots` of the lowest block of the column, `lowest` the lowest level of that block; `full`
+    [kg] is the mass of a node inside the flow, `top` the highest level of the column.
     """
     count, before = 0, 0.0
     for k in range(level - 1, min(lowest + depth * BLOCK, top + 1)):
@@ -60,7 +60,7 @@ def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, la
 
 @jit_inline
 def _read_speeds(nodes, layers, count, nx, ny, nz):
-    """Tangential velocities of the layers; answers their mass [kg], momentum [N s], and mass weighted at the bed."""
+    """Tangential velocities of the layers; returns their mass [kg], momentum [N s], and mass weighted at the bed."""
     mass = px = py = pz = at_bed = 0.0
     for k in range(count):
         slot, entry, own = int(layers[SLOT, k]), int(layers[PLACE, k]), layers[LAYER_MASS, k]
@@ -78,9 +78,9 @@ def _read_speeds(nodes, layers, count, nx, ny, nz):
 
 @jit_inline
 def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, creep, dt):
-    """Links [kg] between neighbours: stress times bed and time over slip, from the speeds as they are.
+    """Links [kg] between neighbours, stress times bed area and time over slip, from the present speeds.
 
-    The stress of a steady flow falls from the bed up as the mass above does; `weight` [N] is what mu acts on, times mu.
+    The stress of a steady flow decreases from the bed upwards with the mass above; `weight` [N] is mu times the load.
     """
     above = mass
     rough = roughness * mass / (density * bed)
@@ -98,7 +98,7 @@ def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, 
 
 @jit_inline
 def _solve(layers, count):
-    """Tangential velocities after it all: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
+    """New tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
     link = carry = x = y = z = 0.0
     for k in range(count):
         mass = layers[LAYER_MASS, k]
@@ -116,8 +116,8 @@ def _solve(layers, count):
 
 
 @jit_inline
-def _give(nodes, layers, count, mine):
-    """Give the layers' velocities to their nodes, and book the drag, its work, and what the links take."""
+def _give(nodes, layers, count, report):
+    """Write the velocities of the layers to their nodes; add drag, its work and the loss in the links to `report`."""
     for k in range(count):
         slot, entry, mass = int(layers[SLOT, k]), int(layers[PLACE, k]), layers[LAYER_MASS, k]
         u, v, w = layers[NEW_X, k], layers[NEW_Y, k], layers[NEW_Z, k]
@@ -125,17 +125,18 @@ def _give(nodes, layers, count, mine):
         nodes[slot, entry + NODE_X] += du
         nodes[slot, entry + NODE_Y] += dv
         nodes[slot, entry + NODE_Z] += dw
-        mine[GROUND_X] += layers[PUSH_X, k]
-        mine[GROUND_Y] += layers[PUSH_Y, k]
-        mine[GROUND_Z] += layers[PUSH_Z, k]
+        report[GROUND_X] += layers[PUSH_X, k]
+        report[GROUND_Y] += layers[PUSH_Y, k]
+        report[GROUND_Z] += layers[PUSH_Z, k]
         drag = layers[PUSH_X, k] * u + layers[PUSH_Y, k] * v + layers[PUSH_Z, k] * w
-        mine[GROUND_WORK] -= drag
-        mine[LAYER_WORK] -= mass * (du * u + dv * v + dw * w) - drag
+        report[GROUND_WORK] -= drag
+        report[LAYER_WORK] -= mass * (du * u + dv * v + dw * w) - drag
 
 
 @jit_borrowing
-def _couple(nodes, layers, count, nx, ny, nz, covered, law, dx, dt, density, gravity, slack, mine):
-    """Drag and links of one column, whose flow stands on the share `covered` of its bed."""
+def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report):
+    """Drag and links of one column, whose flow covers the share `covered` of its bed."""
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
     mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
     bed = covered * dx * dx / nz
     speed = sqrt(px * px + py * py + pz * pz) / mass
@@ -143,16 +144,16 @@ def _couple(nodes, layers, count, nx, ny, nz, covered, law, dx, dt, density, gra
     for k in range(count):
         share = lost * layers[AT_BED, k] * layers[LAYER_MASS, k] / at_bed
         layers[PUSH_X, k], layers[PUSH_Y, k], layers[PUSH_Z, k] = -share * px, -share * py, -share * pz
-    weight = slack * law.layer_friction() * mass * gravity * nz
+    weight = settings.slack * law.layer_friction() * mass * gravity * nz
     creep = CREEP * sqrt(gravity * dx) + 1e-300
     _link_layers(layers, count, mass, dx * nz, bed, density, weight, law.layer_roughness(gravity), creep, dt)
     _solve(layers, count)
-    _give(nodes, layers, count, mine)
+    _give(nodes, layers, count, report)
 
 
 @jit_inline
 def _touches(layers, count):
-    """Is a quarter of the interior's mass at the bed, so that the flow touches it?"""
+    """Whether enough of the mass of the interior is at the bed for the flow to touch it."""
     here = heaviest = 0.0
     for k in range(min(count, 4)):
         heaviest = max(heaviest, layers[LAYER_MASS, k])
@@ -162,36 +163,43 @@ def _touches(layers, count):
 
 @jit_parallel
 def couple_layers(
-    nodes, touched, n_touched, slots, window_west, window_south, width, depth, lowest, ground, zone_values, barriers,
-    column_mass, report, dx, dt, density, gravity, slack, contact, zones, barrier,
+    grid, window, ground, zone_values, barriers, column_mass, report, dt, settings, contact, zones, barrier
 ):  # fmt: skip
     """Voellmy's drag, and links between the layers of a flow, on velocities at the nodes of all touched blocks.
 
-    Each column is dealt with in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
-    Columns on folds are left alone. In a barrier a column ends at its crest. `slack` is 1 where the links bear mu p,
-    0 where the material has a strength of its own.
+    Each column is computed in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
+    Columns on folds are skipped. In a barrier a column ends at its crest. `settings.slack` is 1 where the links
+    transfer mu p, 0 where the material has a strength of its own.
+
+    Parameters
+    ----------
+    grid : NodeBlocks
+    window : BlockWindow
+    column_mass : float64[rows, columns, COLUMN_MASSES] [kg]
     """
+    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
+    slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
     for c in prange(CHUNKS):
-        mine = report[c]
+        part = report[c]
         layers = np.zeros((LAYER_ENTRIES, depth * BLOCK))
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
             first, base = block_level * BLOCK, lowest[row, block_column, 0]
-            place = ((row - window_south) * width + block_column - window_west) * depth
+            place = ((row - window.south) * window.width + block_column - window.west) * depth
             below = slots[place + block_level - base - 1] if block_level > base else -1
             for column in range(BLOCK * BLOCK):
                 jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
                 ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
                 height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
                 level, foot = foot_of(height, dx)
-                if not deals_with(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
+                if not is_column_of_block(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
                     continue
                 covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
                 if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
                     top = int(barriers[jj, ii, CREST] / dx) + GHOSTS
-                full = covered * density * dx * dx * dx
+                full = covered * settings.density * dx * dx * dx
                 count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
                 if count == 0 or covered <= 0.0 or not _touches(layers, count):
                     continue
                 law = zones.local(contact, zone_values, jj, ii)
-                _couple(nodes, layers, count, nx, ny, nz, covered, law, dx, dt, density, gravity, slack, mine)
+                _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, part)

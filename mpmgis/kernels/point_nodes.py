@@ -1,4 +1,4 @@
-"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls (design notes 4)."""
+"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls."""
 
 from math import sqrt
 
@@ -6,7 +6,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
-from .point_barriers import BARRIER, SHARE, at_barrier, passing_share
+from .point_barriers import BARRIER, ROWED, SHARE, at_barrier, passing_share
 from .point_drag import bed_per_mass
 from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
 from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
@@ -82,11 +82,11 @@ def _is_near_ground(first, row, column, ground, dx):
 
 @jit_borrowing
 def _has_barrier(row, column, barriers):
-    """Does a barrier stand on a node column of the block column?"""
+    """Does a barrier stand on a node column of the block column, or reach one with its face?"""
     for j in range(BLOCK):
         for i in range(BLOCK):
             jj, ii = min(row * BLOCK + j, barriers.shape[0] - 1), min(column * BLOCK + i, barriers.shape[1] - 1)
-            if barriers[jj, ii, BARRIER] > 0.0:
+            if barriers[jj, ii, BARRIER] > 0.0 or barriers[jj, ii, ROWED] > 0.0:
                 return True
     return False
 
@@ -170,10 +170,7 @@ def _fastest(block):
 
 
 @jit_parallel
-def move_nodes(
-    nodes, tiles, sources, touched, n_touched, gathered, free, ground, barriers, report, dx, dt, gravity, wall, nx, ny,
-    barred,
-):  # fmt: skip
+def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, dt, settings, barred):
     """Velocities at the nodes of all touched blocks after gravity and walls, before any contact with the ground.
 
     Walls come first, because friction acts along what they leave, and once more in the end.
@@ -181,6 +178,8 @@ def move_nodes(
     Nodes are `gathered` already where something had to know their masses; `barred`: there are `barriers`. `free`
     uint8[n_touched] becomes 1 for blocks whose nodes touch nothing: they are finished.
     """
+    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
+    dx, gravity, wall, nx, ny = settings.dx, settings.gravity, settings.wall, settings.cells_x, settings.cells_y
     for c in prange(CHUNKS):
         mine = report[c]
         mine[:] = 0.0
@@ -207,20 +206,22 @@ def move_nodes(
 
 @jit_parallel
 def hold_nodes(
-    nodes, touched, n_touched, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dx, dt,
-    density, gravity, clearance, wall, nx, ny, contact, zones, barrier,
+    grid, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dt, settings, contact, zones,
+    barrier,
 ):  # fmt: skip
     """Contact node by node, in the blocks that are not `free`: ground on folds and deep under it, barriers, walls.
 
-    On folds a node touches the ground up to `clearance` [m] above it, elsewhere from BENEATH cells under it; what
-    moves into it keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t max(0, 1 - mu |v_n| /
+    On folds a node touches the ground up to `settings.clearance` [m] above it, elsewhere from BENEATH cells under it;
+    what moves into it keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t max(0, 1 - mu |v_n| /
     |v_t|). Barriers come after it. On walls the velocity outwards is taken away. `flow` are mass and momentum of the
     node columns, which limit what passes openings.
     """
+    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
+    dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
+    wall, nx, ny = settings.wall, settings.cells_x, settings.cells_y
     for c in prange(CHUNKS):
         mine = report[c]
         booked = barrier_report[c]
-        booked[:] = 0.0
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             if free[t] == 1:
                 continue

@@ -5,6 +5,7 @@ Everything works in *lattice coordinates* (u, v): a cell of the lattice is a uni
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,40 @@ _ROUNDING = 1e-9
 _NOTHING = 1e-13
 
 
+class Cover(NamedTuple):
+    """Cells that a polygon covers: rim cells one by one, whole ones in spans of rows.
+
+    `rim_key` int64[m] is row * columns + column, `rim` float64[m, 4] (covered share, its centroid (u, v) in the cell,
+    edge pieces in the cell); `spans` int64[s, 3] (row, first column, column after the last). `rim_start` and
+    `span_start` int64[rows + 1] hold the start of each row.
+    """
+
+    rows: int
+    columns: int
+    rim_key: np.ndarray
+    rim: np.ndarray
+    rim_start: np.ndarray
+    spans: np.ndarray
+    span_start: np.ndarray
+
+    @property
+    def area(self):
+        """Covered area [cells]."""
+        return float(self.rim[:, 0].sum() + (self.spans[:, 2] - self.spans[:, 1]).sum())
+
+    def cells(self):
+        """int64[n, 2]: (row, column) of every cell that is covered in part or whole."""
+        rim = np.column_stack((self.rim_key // self.columns, self.rim_key % self.columns))
+        lengths = self.spans[:, 2] - self.spans[:, 1]
+        rows = np.repeat(self.spans[:, 0], lengths)
+        first = np.repeat(self.spans[:, 1], lengths)
+        within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        return np.vstack((rim, np.column_stack((rows, first + within))))
+
+
 @jit_inline
 def _emit(n, row, column, sign, xa, ya, xb, yb, columns, key, terms):
-    """One edge piece within cell (row, column): what lies to its right inside the cell, by Green's theorem."""
+    """One edge piece within cell (row, column): the area to its right inside the cell, by Green's theorem."""
     xa, xb = min(max(xa - column, 0.0), 1.0), min(max(xb - column, 0.0), 1.0)
     ya, yb = ya - row, yb - row
     dy = sign * (yb - ya)
@@ -156,19 +188,19 @@ def row_starts(rows, count):
 
 
 @jit_inline
-def _mark(status, row, rows, columns, rim_key, share, sliver, rim_start, spans, span_start):
+def _mark(status, row, cover, share, sliver):
     """Status of the cells of `row`: 0 outside, 1 whole, 2 rim, 3 rim with a sliver in it."""
     status[:] = 0
-    if row < 0 or row >= rows:
+    if row < 0 or row >= cover.rows:
         return
-    for s in range(span_start[row], span_start[row + 1]):
-        status[spans[s, 1] : spans[s, 2]] = 1
-    for i in range(rim_start[row], rim_start[row + 1]):
-        status[rim_key[i] - row * columns] = 3 if sliver[i] else 2 if share[i] < 1.0 else 1
+    for s in range(cover.span_start[row], cover.span_start[row + 1]):
+        status[cover.spans[s, 1] : cover.spans[s, 2]] = 1
+    for i in range(cover.rim_start[row], cover.rim_start[row + 1]):
+        status[cover.rim_key[i] - row * cover.columns] = 3 if sliver[i] else 2 if share[i] < 1.0 else 1
 
 
 @jit
-def split_cells(rows, columns, rim_key, share, sliver, rim_start, spans, span_start):
+def split_cells(cover, share, sliver):
     """Part the covered cells into spans that need no care and cells at or near the rim.
 
     Cells beside one with a sliver are cut into pieces like rim cells, because the sliver may join them. `share` and
@@ -181,11 +213,12 @@ def split_cells(rows, columns, rim_key, share, sliver, rim_start, spans, span_st
     near : int64[m, 2]
         (row, column), ascending.
     """
-    inner = np.empty((spans.shape[0] + 9 * rim_key.size + 1, 3), np.int64)
-    near = np.empty((9 * rim_key.size + 1, 2), np.int64)
+    rows, columns = cover.rows, cover.columns
+    inner = np.empty((cover.spans.shape[0] + 9 * cover.rim_key.size + 1, 3), np.int64)
+    near = np.empty((9 * cover.rim_key.size + 1, 2), np.int64)
     below, here, above = np.zeros(columns, np.uint8), np.zeros(columns, np.uint8), np.zeros(columns, np.uint8)
-    _mark(here, 0, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
-    _mark(above, 1, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
+    _mark(here, 0, cover, share, sliver)
+    _mark(above, 1, cover, share, sliver)
     s, m = 0, 0
     for row in range(rows):
         start = -1
@@ -209,7 +242,7 @@ def split_cells(rows, columns, rim_key, share, sliver, rim_start, spans, span_st
             inner[s, 0], inner[s, 1], inner[s, 2] = row, start, columns
             s += 1
         below, here, above = here, above, below
-        _mark(above, row + 2, rows, columns, rim_key, share, sliver, rim_start, spans, span_start)
+        _mark(above, row + 2, cover, share, sliver)
     return inner[:s], near[:m]
 
 

@@ -29,13 +29,16 @@ def cells_with_slivers(cell_key, columns, rim_key, share, across, down):
 
 
 @jit
-def gather_pieces(cells, across, down, columns, rim_key, rim, rim_start, spans, span_start):
+def gather_pieces(cells, across, down, cover):
     """The pieces of polygon in the across x down sub-squares of each cell.
 
     Parameters
     ----------
     cells : int64[m, 2]
-        (row, column); `columns` of the sub-lattice, whose cover the other arguments hold.
+        (row, column).
+    across, down : int
+    cover : Cover
+        Of the sub-squares.
 
     Returns
     -------
@@ -48,15 +51,16 @@ def gather_pieces(cells, across, down, columns, rim_key, rim, rim_start, spans, 
     owner = np.empty(cells.shape[0] * across * down, np.int64)
     pieces = np.empty((owner.size, 5))
     unit = 1.0 / (across * down)
+    rim, spans, columns = cover.rim, cover.spans, cover.columns
     for m in range(cells.shape[0]):
         for sy in range(down):
             row = cells[m, 0] * down + sy
             for sx in range(across):
                 column = cells[m, 1] * across + sx
-                at = find(rim_key, rim_start[row], rim_start[row + 1], row * columns + column)
+                at = find(cover.rim_key, cover.rim_start[row], cover.rim_start[row + 1], row * columns + column)
                 if at >= 0:
                     share, cu, cv, edges = rim[at, 0], rim[at, 1], rim[at, 2], rim[at, 3]
-                elif in_span(spans, span_start[row], span_start[row + 1], column):
+                elif in_span(spans, cover.span_start[row], cover.span_start[row + 1], column):
                     share, cu, cv, edges = 1.0, 0.5, 0.5, 0.0
                 else:
                     continue

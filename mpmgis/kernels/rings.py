@@ -51,7 +51,7 @@ def label_parts(part, parent):
                 parent[max(a, b)] = min(a, b)
                 part[i, j] = min(a, b)
     parts = 0
-    for k in range(1, labels + 1):  # a root comes before all that belong with it
+    for k in range(1, labels + 1):  # a root precedes all its members
         if parent[k] == k:
             parts += 1
             parent[k] = parts

@@ -2,29 +2,30 @@
 
 import numpy as np
 
+from ..effects.forest import STRENGTH
 from ..effects.metric import cosine_squared
 from ..errors import FormatError
-from ..kernels import column_clock
+from ..kernels import column_clock, column_forest, column_report
 from ..kernels import columns as kernel
 from ..peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
 from ..spatial.outflow import left_places
-from .particle_store import EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from .bed_change import bed_change_of
+from .particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from .restart import LEFT_STATE, require_column_state
 
-EDGE_NAMES = ("west", "south", "east", "north", "nodata")
-# of what left over an edge [kg, kg m s-1, J]; potential energy counts from elevation 0
+# outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
-# of what a barrier took up [N s, N s, N s, kg, N]; the force is the largest of a single step
+# sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
 BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
 # what came in after the start: columns, and their energy when they did [J]
 INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
-LOSSES = {  # what takes energy of a flow, and the clock's entry for it
+LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": column_clock.FRICTION_TOTAL,
     "eroded_mass": column_clock.MERGING_TOTAL,
     "barriers": column_clock.BARRIER_TOTAL,
     "speed_limit": column_clock.LIMITED_TOTAL,
 }
-CLIPS = {  # what holds a column's state within bounds, and the clock's count of the column-steps that it acted on
+CLIPS = {  # limits on the state of columns, and the clock entries that count the column-steps in which they acted
     "area_factor": column_clock.STRETCH_TOTAL,
     "thinnest_column": column_clock.THIN_AREA_TOTAL,
     "thickness_clamp": column_clock.CLAMPED_TOTAL,
@@ -38,7 +39,7 @@ CLIPS = {  # what holds a column's state within bounds, and the clock's count of
 
 
 class ColumnState(ParticleStore):
-    """State of columns that a restart needs, and what is reported of it; see `solvers.columns.ColumnSolver`."""
+    """State of columns for a restart, and its balances; see `solvers.columns.ColumnSolver`."""
 
     def state(self):
         """State for a restart in addition to the frame's particles: the arrays that change, unmodified."""
@@ -51,7 +52,7 @@ class ColumnState(ParticleStore):
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
-        """Name -> array of all that changes except rows and reached nodes, and that this scene has."""
+        """Name -> array of the state besides rows and reached nodes, as far as this scene has it."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
         if self.effects.barrier.barrier_active():
             arrays["barriers"] = self._barrier_sums
@@ -59,6 +60,8 @@ class ColumnState(ParticleStore):
             arrays["erodible"] = self.fields.erodible
             if self.effects.entrainment.bed_lowering() > 0.0:
                 arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
+        if self.effects.forest.forest_active():
+            arrays |= {"forest": self.fields.forest_state, "forest_sums": self.fields.forest_sums}
         return arrays
 
     def restore(self, frame, known=False):
@@ -127,6 +130,21 @@ class ColumnState(ParticleStore):
         grid, inner = self.grid, self._peaks[1:-1, 1:-1]
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 
+    def bed_change(self):
+        """What the flow made of its bed so far (`solvers.bed_change`); empty without erosion and forest."""
+        erodes, forest = self.effects.entrainment.entrainment_active(), None
+        if not (erodes or self.effects.forest.forest_active()):
+            return {}
+        grid, inner = self.grid, (slice(1, -1), slice(1, -1))
+        if self.effects.forest.forest_active():
+            state = self.fields.forest_state[inner]
+            broken = (state[..., column_forest.TREES] == column_forest.BROKEN).astype(float)
+            forest = state[..., column_forest.STOPPED] / grid.cell_size**2, broken
+        eroded = np.zeros((grid.bed.shape[0] - 2, grid.bed.shape[1] - 2))
+        if erodes:
+            eroded = self.places.erodible[inner] - self.fields.erodible[inner]
+        return bed_change_of(eroded, forest, grid.x0, grid.y0, grid.cell_size)
+
     def energy(self):
         """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.
 
@@ -147,20 +165,23 @@ class ColumnState(ParticleStore):
         return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
 
     def balances(self):
-        """Mass, energy and outflow so far, in plain numbers [kg, J, kg m s-1], with the checks a reader wants first."""
+        """Mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
         rows, _, _ = self._alive()
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
         clock = self._clock
         released = float(clock[column_clock.TOTAL_MASS] - clock[column_clock.ENTRAINED_TOTAL])
         over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
+        forest = self._forest_balance(mass_now)
         return {
             "mass_start": self.mass_start,
             "mass_now": mass_now,
             "mass_out": mass_out,
             "mass_released": released,
             "mass_entrained": float(clock[column_clock.ENTRAINED_TOTAL]),
-            "mass_error_relative": (mass_now + mass_out - clock[column_clock.TOTAL_MASS])
+            "mass_error_relative": (
+                mass_now + mass_out + forest.get("mass_detrained", 0.0) - clock[column_clock.TOTAL_MASS]
+            )
             / (clock[column_clock.TOTAL_MASS] or 1.0),
             "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
             "left_places": left_places(self.grid, self._left),
@@ -183,15 +204,50 @@ class ColumnState(ParticleStore):
             "viscosity_capped_share_max": float(clock[column_clock.STIFF_WORST]),
             "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
             "footprint_area": float(self._counts[column_clock.WET]) * self.grid.cell_size**2,
+            **forest,
         }
 
+    def _forest_balance(self, mass_now):
+        """Mass that stopped in forest, that stands still and that flows [kg], broken area; empty without forest.
+
+        `mass_at_rest` is that of columns slower than MOVING_SPEED.
+        """
+        if not self.effects.forest.forest_active():
+            return {}
+        flow, sums = self.flow(), self.fields.forest_sums
+        at_rest = float(flow.mass[flow.speed <= column_report.MOVING_SPEED].sum())
+        cell = self.grid.cell_size**2
+        return {
+            "mass_detrained": float(sums[column_forest.DETRAINED]),
+            "mass_at_rest": at_rest,
+            "mass_flowing": mass_now - at_rest,
+            "forest_area": float((self.fields.forest[..., STRENGTH] > 0.0).sum()) * cell,
+            "forest_broken_area": float(sums[column_forest.BROKEN_NODES]) * cell,
+        }
+
+    def _losses(self):
+        """Energy taken from the flow so far [J], by what took it."""
+        forest = {}
+        if self.effects.forest.forest_active():
+            forest = {"forest": float(self.fields.forest_sums[column_forest.RESISTED])}
+        return {name: float(self._clock[entry]) for name, entry in LOSSES.items()} | forest
+
+    def _energy_gone(self):
+        """(kinetic, potential) energy [J] of the mass that left the terrain or stopped in forest."""
+        ledger, sums, datum = self._ledger, self.fields.forest_sums, self.numerics.gravity * float(self.grid.bed.min())
+        kinetic, potential = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
+        if self.effects.forest.forest_active():
+            kinetic += float(sums[column_forest.KINETIC])
+            potential += float(sums[column_forest.POTENTIAL] - sums[column_forest.DETRAINED] * datum)
+        return kinetic, potential
+
     def energy_look(self):
-        """The EnergyLook now, of kinetic energy and of what weight and pressure did: heights need no guard, see
+        """The present EnergyLook, of kinetic energy and of the work of weight and pressure: heights need no guard, see
         `_energy_balance`."""
         clock, kinetic = self._clock, self.energy()[0]
-        work, taken = clock[column_clock.WORK_TOTAL], sum(clock[entry] for entry in LOSSES.values())
+        work, taken = clock[column_clock.WORK_TOTAL], sum(self._losses().values())
         put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
-        made = kinetic + self._ledger[:, 3].sum() - work - put_in
+        made = kinetic + self._energy_gone()[0] - work - put_in
         gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
         least = least_kinetic(clock[column_clock.KINETIC_PEAK], clock[column_clock.TOTAL_MASS], gravity, cell_size)
         work = float(work), float(taken), float(put_in)
@@ -206,13 +262,13 @@ class ColumnState(ParticleStore):
         for them. The error is what is left then: the potential energy that came in and is gone, less that work, over
         all energy that came in.
         """
-        clock, ledger, gravity = self._clock, self._ledger, self.numerics.gravity
+        clock, gravity = self._clock, self.numerics.gravity
         (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
         datum = gravity * float(self.grid.bed.min())
-        kinetic_out, potential_out = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
+        kinetic_out, potential_out = self._energy_gone()
         kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
         taken = float(clock[column_clock.ENTRAINED_POTENTIAL_TOTAL] - clock[column_clock.ENTRAINED_TOTAL] * datum)
-        lost_to = {name: float(clock[entry]) for name, entry in LOSSES.items()}
+        lost_to = self._losses()
         work = float(clock[column_clock.WORK_TOTAL])
         lost_to["mixing"] = work + kinetic_start + kinetic_later - kinetic - kinetic_out - sum(lost_to.values())
         lost_to["bends"] = -float(clock[column_clock.BENT_TOTAL])
@@ -242,7 +298,7 @@ class ColumnState(ParticleStore):
         return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
 
     def trouble(self):
-        """What stopped a run: map E and N, columns not finite, worst speed over its bound, share of mass over twice."""
+        """Where a run stopped: map E, N, columns not finite, largest speed over its bound, share of mass over twice."""
         clock = self._clock
         return (
             float(clock[column_clock.BOUND_NOW_X]) + self.grid.x0,

@@ -18,13 +18,13 @@ from ..spatial.features import Places
 from ..spatial.node_grid import ColumnGrid
 from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
 
-NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks that hold columns where none does
-LAID_OVER = 1.05  # a column lies on others where the grid is thicker than itself by this factor
+NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
+LAID_OVER = 1.05  # a column overlaps others where the grid is thicker than the column by this factor
 NO_WALLS = (-9, -9, -9, -9)
 SHOWN_RANGE = 2.0
 THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
-WILD_STOP = 0.05  # share of the mass at over twice the speed that energy allows at which a run stops itself
-CFL_ALONE = 0.6  # Courant number of a flow that meets no wall, takes up no ground and has no inflow
+WILD_STOP = 0.05  # share of the mass with over twice the speed that energy allows, at which a run stops
+CFL_ALONE = 0.6  # Courant number of a flow without walls, entrainment and inflow
 SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
 
 
@@ -34,7 +34,7 @@ class ColumnNumerics:
 
     `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step`
     fixes the step [s] (None: by CFL).
-    `reference_thickness` [m] is what thin is measured against (None: the mean over the columns at the start).
+    `reference_thickness` [m] is the reference for thin flow (None: the mean over the columns at the start).
     """
 
     cell_size: float
@@ -62,7 +62,7 @@ class ColumnSolver(ColumnState):
     effects : ColumnEffects
     numerics : ColumnNumerics
     places : Places
-        What the effects know by place, on this solver's grid.
+        Spatial features of the effects on the grid of this solver.
     grid : ColumnGrid, optional
         That of `terrain` and the cell size, where it is known already.
     gradient : float64[n, 2, 2], optional [s-1]
@@ -156,10 +156,10 @@ class ColumnSolver(ColumnState):
         return x, y
 
     def insert(self, frame, window, slab=True):
-        """Let the columns of `frame` in, now: what `advance` does next it does with them.
+        """Insert the columns of `frame` at the present time.
 
-        Columns that come to lie on others would each be too thin: in the cells of `window` (CellWindow) areas are set
-        to what the grid sees of all of them together. Of a `slab` only those that lie on others, so that its own rim
+        Columns that overlap others would each be too thin: in the cells of `window` (CellWindow) areas are set to those
+        that the grid gives for all of them together. Of a `slab` only those that overlap others, so that its own rim
         stays as steep as it is. Ids go on after those that are there.
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
@@ -200,7 +200,7 @@ class ColumnSolver(ColumnState):
         return bed
 
     def _note_start(self, x, y, thickness, speed2):
-        """Note where columns that come in now at `x`, `y` [m] are thicker or faster than any before."""
+        """Record a new largest thickness or speed of columns that are inserted at `x`, `y` [m]."""
         clock = self._clock
         for values, at, largest in (
             (thickness, column_clock.DEEPEST_X, clock[column_clock.DEPTH_WORST]),
@@ -215,7 +215,7 @@ class ColumnSolver(ColumnState):
         """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
         `velocity_gradient` in its state, or None where there are none.
 
-        Mass and energy at the start are less by what they have now.
+        Mass and energy at the start are reduced by those of the removed columns.
         """
         rows, _, _ = self._alive()
         out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
@@ -253,7 +253,7 @@ class ColumnSolver(ColumnState):
             clock[entry] = max(clock[entry], value)
 
     def _forget_peaks(self):
-        """Stop rules compare with peaks of the past; what has just come in has none yet."""
+        """Reset the stop rules, which compare with past peaks: inserted columns have none yet."""
         clock = self._clock
         clock[column_clock.KINETIC_PEAK] = clock[column_clock.MOVING_PEAK] = 0.0
         clock[column_clock.KINETIC_LOW_SINCE] = -1.0
@@ -264,7 +264,7 @@ class ColumnSolver(ColumnState):
 
     def _settle(self, window, least):
         """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
-        answers the potential energy that this adds [J]."""
+        returns the added potential energy [J]."""
         n = self._counts[column_clock.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
@@ -285,7 +285,7 @@ class ColumnSolver(ColumnState):
         return 0.5 * self.numerics.gravity * lifted
 
     def arm(self, number, nodes, thickness):
-        """Let `advance` come back with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
+        """Let `advance` stop with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
 
         `number`, from 1, identifies the area; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
         below what counts as flow, means any flow.
@@ -313,7 +313,7 @@ class ColumnSolver(ColumnState):
     def advance(self, until, max_steps=1 << 62, may_stop=True):
         """Advance to time `until` [s] or by `max_steps`; returns the kernel's reason to stop.
 
-        Without `may_stop` no stop rule ends it before (more is to come).
+        Without `may_stop` the stop rules are off (more inflow follows).
         """
         if not self.columns:
             return column_clock.ALL_LEFT
@@ -325,8 +325,8 @@ class ColumnSolver(ColumnState):
             settings, self.fields, self.effects, self._watched,
         )  # fmt: skip
 
-    def _march_with(self, effects, places, walls):
-        """Go on with other `effects` and `places`; what is left of the bed and sums of barriers that stay are kept."""
+    def _integrate_with(self, effects, places, walls):
+        """Continue with other `effects` and `places`; the state of the bed and sums of unchanged barriers are kept."""
         before, trigger = self._changing(), self.fields.trigger_thickness
         self.effects, self.places = effects, places
         fields = places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
@@ -338,7 +338,7 @@ class ColumnSolver(ColumnState):
 
     @staticmethod
     def _on_kernel_nodes(values):
-        """`values` [ny + 3, nx + 3] on the nodes that blocks are made of."""
+        """`values` [ny + 3, nx + 3] at the nodes of the blocks."""
         return values
 
     def _map_places(self, rows, keys):
@@ -346,10 +346,10 @@ class ColumnSolver(ColumnState):
         return rows[:, [kernel.X, kernel.Y]] + (self.grid.x0, self.grid.y0)
 
     def frame(self):
-        """The columns now, as a Frame: z is the bed, velocities are tangent to it.
+        """The present columns as a Frame: z is the bed, velocities are tangent to it.
 
-        After the first step areas are shown within a factor of SHOWN_RANGE of what the grid sees: a column that was
-        stretched a hundred cells long is a thin line on the ground, not a square of that area. Masses are exact.
+        After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
+        stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.
         """
         rows, ids, _ = self._alive()
         grid, density = self.grid, self.numerics.density
@@ -368,4 +368,5 @@ class ColumnSolver(ColumnState):
         return replace(
             self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids),
             time=self.time, step=self.step, solver="columns", header=header, maxima=self.maxima(), state=self.state(),
+            bed_change=self.bed_change(),
         )  # fmt: skip

@@ -7,15 +7,16 @@ import numpy as np
 from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.column_rows import ROW
-from ..kernels.points import GROUND_ENTRIES, ROW_LONG, ROW_SHORT
+from ..kernels.point_ground import GROUND_ENTRIES
+from ..kernels.point_rows import ROW_LONG, ROW_SHORT
 from ..machine import memory_lack
 from ..scene.points import FEWEST_CELLS
-from .points import courant_number
+from .point_numerics import courant_number
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the points of a stage resolve what moves at its start.
+    """Resolution of the flow by the points of a stage at its start.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Resolution:
 
     @property
     def coarse(self):
-        """Whether a 3D run wants smaller cells."""
+        """Whether a 3D run requires smaller cells."""
         over_wall = self.cells_over_wall
         return self.cells_over_depth < FEWEST_CELLS or (over_wall is not None and over_wall < FEWEST_CELLS)
 
@@ -72,23 +73,23 @@ def resolution_of(columns, cell_size, wall_height=None):
 BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
 BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
-BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and what it is made of
+BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and its properties
 BYTES_PER_GRID_NODE = 110  # of a grid on the map while it is made (measured 105 with 1.1e8 nodes, 2026-11-22)
 BYTES_PER_START = 320  # of a point while columns become points
-BYTES_PER_SWITCHED = 640  # of a point while columns become points amid a run, or points columns (measured 2026-11-22)
-MEMORY_SHARE = 0.8  # of what is free, above which a run needs confirmation
-NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: enough to ask before an hour is spent, no promise
+BYTES_PER_SWITCHED = 640  # of a point during a conversion within a run (measured 2026-11-22)
+MEMORY_SHARE = 0.8  # share of the free memory or disk above which a run requires confirmation
+NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: a rough estimate, for the confirmation of long runs
 NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
 # Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles; disks, other programs add to it)
-SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain as the frames know it
+SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain of the frames
 SECONDS_PER_FRAME = 0.02  # of a file that is whole or not there
 NANOSECONDS_PER_WRITTEN = {"columns": 900.0, "points": 700.0}  # of one particle in a frame that is written
-NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that somebody looks at
+NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that is displayed
 SECONDS_PER_SWITCH = 0.02
 NANOSECONDS_TO_POINTS, NANOSECONDS_TO_COLUMNS = 1700.0, 900.0  # of a point that is made or taken back, sums included
 NANOSECONDS_PER_NODE = 300.0  # of a grid's table of the ground
-NANOSECONDS_PER_LOOK = {"reach": 100.0, "calm": 700.0}  # of a particle, when it is looked whether a stage is over
+NANOSECONDS_PER_LOOK = {"reach": 100.0, "calm": 700.0}  # of a particle, at a check of the end of a stage
 
 
 def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_time, line_speed, threads):
@@ -127,7 +128,7 @@ def slower_than_nominal(solver_name, pace, particles, threads, precision="float6
 
 
 def seconds_of_frames(solver_name, particles, frames, written=True):
-    """Wall time [s] of `frames` of as many particles each, written or only looked at."""
+    """Wall time [s] of `frames` of as many particles each, written or only displayed."""
     if not written:
         return frames * particles * NANOSECONDS_PER_SHOWN * 1e-9
     return frames * (SECONDS_PER_FRAME + particles * NANOSECONDS_PER_WRITTEN[solver_name] * 1e-9)
@@ -144,12 +145,12 @@ def seconds_to_columns(points, nodes):
 
 
 def seconds_of_looks(particles, looks, conditions):
-    """Wall time [s] of `looks` at whether a stage is over, which ends under `conditions` (keys of its `until`)."""
+    """Wall time [s] of `looks` checks of the end of a stage with `conditions` (keys of its `until`)."""
     return looks * particles * 1e-9 * sum(NANOSECONDS_PER_LOOK.get(name, 0.0) for name in conditions)
 
 
 def require_memory_for_points(count, cell_size):
-    """Refuse, before they are made, points that this machine cannot hold.
+    """Refuse points that exceed the memory of this machine, before they are created.
 
     Raises
     ------

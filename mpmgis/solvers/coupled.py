@@ -14,12 +14,12 @@ from ..particles import Particles
 from ..peaks import together
 from .particle_store import Flow
 
-EXCHANGE_SECONDS = 0.1  # simulated time between two looks for columns that have come into the window
+EXCHANGE_SECONDS = 0.1  # simulated time between two checks for columns that entered the window
 PREFIX = "outside_"  # of the columns' state in a frame
 SHOWN_ID = 1 << 60  # from here on ids are of columns that a frame shows as points
 MOST_SHOWN = 16  # bits of the number of such a point in its column
 RUNNING, REACHED_TIME, ALL_LEFT = point_kernel.RUNNING, point_kernel.REACHED_TIME, point_kernel.ALL_LEFT
-OF_COLUMNS = 1000  # added to the columns' reasons to come back, which mean other things than the points'
+OF_COLUMNS = 1000  # added to the reasons of columns to stop, which differ from those of points
 _TIME = 1e-9  # [s], and in exchanges, by which a time may be missed for rounding
 
 
@@ -36,11 +36,11 @@ class _Kept(NamedTuple):
 
 
 class CoupledSolver:
-    """A PointSolver `points` with the ColumnSolver `columns` of what lies outside its window.
+    """A PointSolver `points` with the ColumnSolver `columns` of the flow outside its window.
 
-    Both are at the same time whenever somebody looks. What a column is to a wall of points it does not feel: it pushes
-    nothing and nothing pushes it until it is in the window, where it becomes points. Points stay points wherever they
-    go. In a frame all of it is points, so that it is read as one flow; the columns' true state lies in its `state`.
+    Both have the same time after each call. Columns do not interact with points until they enter the window, where they
+    are converted to points. Points remain points everywhere. A frame contains points only, so that it is read as one
+    flow; the state of the columns is in its `state`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class CoupledSolver:
         """Number of points and columns on the terrain now."""
         return self.points_solver.points + self.columns_solver.columns
 
-    # ------------------------------------------------------------------------------------- what happens between steps
+    # ------------------------------------------------------------------------------------------------- between steps
 
     def insert(self, frame, window, slab=True):
         """As `ColumnSolver.insert`."""
@@ -89,7 +89,7 @@ class CoupledSolver:
         return self.columns_solver.fired(number, nodes)
 
     def wait(self, until):
-        """Let time pass to `until` [s] with nothing on the terrain."""
+        """Set the time to `until` [s] on an empty terrain."""
         self.points_solver.wait(until)
         self.columns_solver.wait(until)
 
@@ -107,9 +107,9 @@ class CoupledSolver:
             exchange = _next_exchange(self.time)
             target = exchange if exchange < until - _TIME else until
             then = min(after if target == until else until, _next_exchange(target))
-            code = self._march_points(target, then, max_steps - (self.step - first))
+            code = self._integrate_points(target, then, max_steps - (self.step - first))
             if code == REACHED_TIME:
-                code = self._march_columns(target)
+                code = self._integrate_columns(target)
             if code != REACHED_TIME:
                 return code
             if abs(target - exchange) < _TIME:
@@ -118,7 +118,7 @@ class CoupledSolver:
                 return RUNNING
         return REACHED_TIME
 
-    def _march_points(self, target, then, max_steps):
+    def _integrate_points(self, target, then, max_steps):
         solver = self.points_solver
         if solver.time >= target - _TIME:
             return REACHED_TIME
@@ -128,7 +128,7 @@ class CoupledSolver:
             return REACHED_TIME
         return code
 
-    def _march_columns(self, target):
+    def _integrate_columns(self, target):
         solver = self.columns_solver
         code = solver.advance(target, may_stop=False)
         if code == column_clock.ALL_LEFT:
@@ -137,7 +137,7 @@ class CoupledSolver:
         return code if code == column_clock.REACHED_TIME else OF_COLUMNS + code
 
     def _exchange(self):
-        """Columns that have come into the window become points."""
+        """Convert columns that entered the window to points."""
         taken = self.columns_solver.take_out(self.inside) if self.columns_solver.columns else None
         if taken is None:
             return
@@ -158,7 +158,7 @@ class CoupledSolver:
         speed2 = (particles.velocity**2).sum(axis=1)
         return float((particles.mass * (0.5 * speed2 + self.numerics.gravity * middle)).sum())
 
-    # ------------------------------------------------------------------------------------------------- what it is like
+    # --------------------------------------------------------------------------------------------- frames and balances
 
     def flow(self):
         """The Flow now, of both."""
@@ -188,7 +188,7 @@ class CoupledSolver:
         return self.points_solver.frame(), self.columns_solver.frame()
 
     def started(self):
-        """Numbers that both count from, and what went from one to the other so far."""
+        """Initial sums of both solvers, and the mass and energy exchanged so far."""
         return {
             "points": self.points_solver.started(), "columns": self.columns_solver.started(), "next_id": self._next_id,
             "exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns,
@@ -212,7 +212,7 @@ class CoupledSolver:
         self.start_from(json.loads(bytes(state["started"])))
 
     def share_step(self, share):
-        """From now on take steps of `share` [1] of what they would be."""
+        """Use steps of `share` [1] of their normal length from now on."""
         self.points_solver.share_step(share)
         self.columns_solver.share_step(share)
 
@@ -222,7 +222,7 @@ class CoupledSolver:
         return rests if self.columns_solver.energy()[0] <= share * self.points_solver.kinetic_peak else 0.0
 
     def balances(self):
-        """Those of the points, with masses of both; `outside_columns` are the columns' own."""
+        """Balances of the points, with masses of both; `outside_columns` are those of the columns."""
         points, columns = self.points_solver.balances(), self.columns_solver.balances()
         both = {name: points[name] + columns[name] for name in ("mass_start", "mass_now", "mass_out")}
         both["mass_released"] = points["mass_start"] + columns["mass_released"]
@@ -243,7 +243,7 @@ class CoupledSolver:
 def parts_of(frame):
     """(Frame of the points, Frame of the columns) that a coupled `frame` with its state shows.
 
-    Of the columns only state and ids are what they were.
+    Of the columns only state and ids are restored.
 
     Raises
     ------

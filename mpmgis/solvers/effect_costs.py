@@ -21,9 +21,9 @@ CHOICES = ("metric",)  # slots that hold one of two forms, neither of which is t
 
 
 class EffectCosts(NamedTuple):
-    """What was measured, and on what."""
+    """Measured costs of effects, and the measured scene."""
 
-    shares: dict  # effect -> share of a step [1] that goes into it
+    shares: dict  # effect -> its share of a step [1]
     noise: float  # [1] by which two measurements of the whole scene differ
     step_seconds: float  # [s] of the whole scene
     columns: int
@@ -33,7 +33,7 @@ class EffectCosts(NamedTuple):
 def without_each(effects):
     """Effect, as decisions name it -> `effects` with its null form in its place.
 
-    Zones go where friction goes; turbulent drag is what Voellmy's laws have more than Coulomb's.
+    Zones are switched with friction; turbulent drag is the difference of Voellmy's law to Coulomb's.
     """
     null = ColumnEffects()
     present = [name for name in effects._fields if type(getattr(effects, name)) is not type(getattr(null, name))]
@@ -56,7 +56,7 @@ def under_way(solver, events, end_time, clock=perf_counter):
     events.let_in(solver)
     while not solver.columns:
         if events.next_time(solver.time) >= end_time:
-            raise SceneError("nothing moves before [output] end_time; there is no step to measure")
+            raise SceneError("nothing moves before [output] end_time, so that no step can be measured")
         solver.wait(events.next_time(solver.time))
         events.let_in(solver)
     start, began = solver.frame(), clock()

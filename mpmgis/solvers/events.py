@@ -12,30 +12,30 @@ from .restart import StateCheck
 
 LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
 
-# Columns of an inlet take turns by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
-# dither): batches of one layer each are as even as they can be, and eight of them fill the lattice once.
+# Order of the columns of an inlet by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
+# dither): batches of one layer each are evenly distributed, and eight of them fill the lattice once.
 _TURNS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) // 2
 
 
 @dataclass(frozen=True, eq=False)
 class Inlet:
-    """Columns that come in through one area in batches, each at a fixed time.
+    """Columns that flow in through one area in batches, each at a fixed time.
 
     Parameters
     ----------
     frame : Frame
         The inlet's columns, 1 m thick.
     layers : tuple of int arrays
-        Which of the columns come in together; the batches take the layers in turn.
+        Indices of the columns that enter together; the batches use the layers in turn.
     times : float64[k, 2] [s]
-        When a batch comes in, and until when it is the inflow.
+        Time at which a batch enters, and end of the interval whose inflow it is.
     volumes : float64[k] [m3]
     velocity : callable
-        (time [s], int[n] columns) -> float64[n, 3] [m s-1] with which they come in.
+        (time [s], int[n] columns) -> float64[n, 3] [m s-1], velocity of inflow.
     reference_thickness : float [m]
-        About what stands in the inlet.
+        Approximate thickness in the inlet.
     slabs : bool
-        Each batch is a slab of its own, not part of a steady flow.
+        Each batch is a separate slab, not part of a steady flow.
     """
 
     frame: Frame
@@ -60,8 +60,8 @@ class Inlet:
         return replace(self.frame, particles=batch, time=float(self.times[k, 0]))
 
     def fastest_velocity(self):
-        """float64[n, 3] [m s-1]: velocity of all its columns in the batch that comes in with the largest speed."""
-        first = np.zeros(1, int)  # of the columns: the others enter as fast, each along its own ground
+        """float64[n, 3] [m s-1]: velocity of all its columns in the fastest batch."""
+        first = np.zeros(1, int)  # the other columns have the same speed, each along its ground
         speeds = [float(np.linalg.norm(self.velocity(time, first))) for time in self.times[:, 0]]
         return self.velocity(self.times[int(np.argmax(speeds)), 0], np.arange(len(self.frame.particles)))
 
@@ -74,9 +74,9 @@ class Inlet:
 def inlet_of(frame, hydrograph, grid, end_time):
     """The Inlet through which `hydrograph` flows up to `end_time` [s].
 
-    `frame` holds the inlet's columns, 1 m thick in the scene's thickness mode, `grid` is the solver's. A discharge
-    comes in batches of an eighth (BATCH_SHARE) of what the inlet holds, estimated by `terrain.inflow.clearing_time`,
-    each at the start of the interval whose exact inflow it is; slabs come whole at their times.
+    `frame` has the columns of the inlet, 1 m thick in the thickness mode of the scene, `grid` is that of the solver. A
+    discharge enters in batches of an eighth (BATCH_SHARE) of the content of the inlet, estimated by
+    `terrain.inflow.clearing_time`, each at the start of the interval whose exact inflow it is; slabs enter as a whole.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _entry_velocity(hydrograph, grid, frame):
 
 
 def _batch_interval(hydrograph, grid, frame):
-    """Time between batches [s], and the thickness [m] that the inlet then holds, both at the largest discharge."""
+    """Time between batches [s], and the thickness [m] in the inlet, both at the largest discharge."""
     peak = int(np.argmax(hydrograph.discharge))
     discharge, time = float(hydrograph.discharge[peak]), hydrograph.time[peak]
     gradient = grid.gradients_at(frame).mean(axis=0)
@@ -163,7 +163,7 @@ def secondary_releases(named_frames, grid):
     Raises
     ------
     SceneError
-        Too many, or one that lies within the cells of others.
+        Too many, or one within the cells of others.
     """
     if len(named_frames) > MAX_AREAS:
         raise SceneError(f"{len(named_frames)} [[secondary_release]], expected at most {MAX_AREAS}; unite some of them")
@@ -174,7 +174,7 @@ def secondary_releases(named_frames, grid):
         free = ~taken[rows, columns]
         if not free.any():
             raise SceneError(
-                f"[[secondary_release]] '{name}' lies within cells of others; unite them, or take a smaller cell_size"
+                f"[[secondary_release]] '{name}' is within cells of others; unite them or use a smaller cell_size"
             )
         nodes = rows[free], columns[free]
         taken[nodes] = True
@@ -183,9 +183,9 @@ def secondary_releases(named_frames, grid):
 
 
 class Events:
-    """All that happens between the steps of one run, and how far it has got.
+    """All events between the steps of a run, and their state.
 
-    While it is not `awake`, in a stage of points, nothing happens.
+    There are no events while it is not `awake`, in a stage of points.
 
     Parameters
     ----------
@@ -195,21 +195,21 @@ class Events:
 
     def __init__(self, inlets=(), secondary=()):
         self.inlets, self.secondary = tuple(inlets), tuple(secondary)
-        self.ended = 0  # why the run ended, in the kernel's words
+        self.ended = 0  # reason of the kernel for the end of the run
         self.awake = True
         self._batches = np.zeros(len(self.inlets), np.int64)
         self._released = np.zeros(len(self.secondary), np.int64)
         self._window = {}
 
     def columns_to_come(self):
-        """Number of columns that may come in over the whole run."""
+        """Number of columns that can enter over the whole run."""
         inflow = sum(inlet.columns for inlet in self.inlets)
         return inflow + sum(len(release.frame.particles) for release in self.secondary)
 
     def next_time(self, time):
-        """The next time [s] after `time` at which something is due; infinite if nothing is.
+        """The next time [s] after `time` of an event; infinite if there is none.
 
-        That is a batch, or the end of the inflow: from then on the run may come to rest.
+        An event is a batch, or the end of the inflow, from which on the run can come to rest.
         """
         if not self.awake:
             return float("inf")
@@ -218,7 +218,7 @@ class Events:
         return float(min(due, default=np.inf))
 
     def over(self, time):
-        """Has everything come in that comes by itself?"""
+        """Whether the inflow is complete."""
         return self.next_time(time) == np.inf
 
     def _unfinished(self):
@@ -229,12 +229,12 @@ class Events:
         return max((float(inlet.times[-1, 1]) for inlet in self.inlets), default=0.0)
 
     def move_to(self, grid):
-        """Go on with a solver on another `grid`: areas are reached where its nodes stand."""
+        """Continue with a solver on another `grid`, whose nodes determine when areas are reached."""
         named = [(area.name, area.frame, area.trigger_thickness) for area in self.secondary]
         self.secondary, self._window = secondary_releases(named, grid), {}
 
     def let_in(self, solver):
-        """Let in the batches that are due at the solver's time."""
+        """Insert the batches that are due at the time of the solver."""
         if not self.awake:
             return
         for number, inlet in enumerate(self.inlets):
@@ -250,13 +250,13 @@ class Events:
                 self._released[number] = 1
 
     def _window_of(self, solver, source):
-        """Cells in which the columns of `source` and others may overlap: its own and one beside."""
+        """Cells in which the columns of `source` and others can overlap: its cells and their neighbours."""
         if id(source) not in self._window:
             self._window[id(source)] = solver.grid.cells_of(source.frame, grown=1)
         return self._window[id(source)]
 
     def arm(self, solver):
-        """Ask the solver to come back when the flow reaches an area that is not released yet."""
+        """Let the solver stop when the flow reaches an area that is not released yet."""
         if not self.awake:
             return
         for number, area in enumerate(self.secondary):
@@ -269,11 +269,11 @@ class Events:
         return {"batches": int(self._batches.sum()), "secondary_releases": released}
 
     def state(self):
-        """What a restart needs, beside the solver's state."""
+        """State of a restart in addition to that of the solver."""
         return {"events": np.concatenate([[self.ended], self._batches, self._released]).astype(np.int64)}
 
     def batches_in(self, frame):
-        """int64[inlets]: how many batches of each inlet had come in when a `frame` of the same run was written.
+        """int64[inlets]: number of batches of each inlet that had entered when a `frame` of the same run was written.
 
         Raises
         ------
@@ -290,12 +290,12 @@ class Events:
         check.array("events", np.int64, state.shape)
         check.within("the reason to end", state[0], 0, LARGEST_REASON)
         for inlet, count in zip(self.inlets, state[1 : 1 + inlets], strict=True):
-            check.within("the number of batches that have come in", count, 0, len(inlet.times))
+            check.within("the number of batches that have entered", count, 0, len(inlet.times))
         check.within("whether an area is released", state[1 + inlets :], 0, 1)
         return state
 
     def restore(self, frame):
-        """Go on from a `frame` of the same run.
+        """Continue from a `frame` of the same run.
 
         Raises
         ------

@@ -1,8 +1,8 @@
 """Folds of the ground within a cell, and the distance of the nodes there from the ground.
 
-At a cliff's edge the plane under a node column leaves the ground by up to the cliff's height. Such columns, and those
-beside them, keep the exact distance and direction of the nearest ground for each node that the flow can reach; all
-others cost nothing.
+At the edge of a cliff the plane below a node column deviates from the ground by up to the height of the cliff. Such
+columns and their neighbours store the exact distance and direction of the nearest ground for each node that the flow
+can reach.
 """
 
 import numpy as np
@@ -10,26 +10,27 @@ from scipy import ndimage
 
 from ..errors import SceneError
 from ..kernels.ground_distance import distances_to_ground
-from ..kernels.points import EXACT_ENTRIES, FOLD_ENTRIES, GHOSTS, Ground
+from ..kernels.point_ground import EXACT_ENTRIES, FOLD_ENTRIES, Ground
+from ..kernels.point_rows import GHOSTS
 
-FOLD_CELLS = 0.5  # [cells] by which the ground leaves a node's plane at its neighbours to be a fold
-REACH = 3  # [cells] to each side in which the nearest ground is looked for; a node with mass is nearer
+FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
+REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
 MOST_NODES = 1 << 27  # on folds, 2 GiB
-SUNK = 3  # [cells] under the lowest ground near by, of the lowest node that can have mass
+SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
 
 def folded_ground(nodes, height, dx, clearance):
-    """The `Ground` of node columns `nodes`, with what is known of its folds.
+    """The `Ground` of node columns `nodes`, with its folds.
 
     Parameters
     ----------
     nodes : float[rows, columns, GROUND_ENTRIES]
         Height [m] and slopes first.
     height : float[rows, columns] [m]
-        Of the terrain at the nodes: a cliff there is a cell wide, and its foot no ramp, as that of the spline is.
+        Of the terrain at the nodes: a cliff is one cell wide there and has no ramp, unlike that of the spline.
     dx : float [m]
     clearance : float [cells]
-        Height above the ground at which a node touches it.
+        Height above the ground at which a node is in contact with it.
 
     Raises
     ------
@@ -48,8 +49,8 @@ def folded_ground(nodes, height, dx, clearance):
     if levels.sum() > MOST_NODES:
         share = 100.0 * len(rows) / folded.size
         raise SceneError(
-            f"the DTM folds within a cell of {dx:g} m on {share:.0f} % of the terrain, {levels.sum():.3g} nodes to "
-            f"keep the nearest ground of, expected at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
+            f"the DTM folds within a cell of {dx:g} m on {share:.0f} % of the terrain, {levels.sum():.3g} nodes "
+            f"with a nearest ground, expected at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
             "take larger cells"
         )
     firsts = np.cumsum(levels) - levels
@@ -61,7 +62,7 @@ def folded_ground(nodes, height, dx, clearance):
 
 
 def departure(nodes, height, dx):
-    """float[rows, columns] [m]: by how much the ground leaves a node's plane, normal to it, at its neighbours."""
+    """float[rows, columns] [m]: deviation of the ground from the plane of a node, normal to it, at its neighbours."""
     foot, slope_x, slope_y = (nodes[..., k] for k in range(3))
     padded, worst = np.pad(height, 1, mode="edge"), np.zeros(height.shape)
     rows, columns = height.shape
@@ -71,6 +72,6 @@ def departure(nodes, height, dx):
             apart = np.abs(there - foot - dx * (i * slope_x + j * slope_y))
             worst = np.maximum(worst, apart)
     worst /= np.sqrt(1.0 + slope_x**2 + slope_y**2)
-    rim = np.zeros(height.shape, bool)  # where the ground is only continued, nothing is known of folds
+    rim = np.zeros(height.shape, bool)  # the ground is only extended beyond, without folds
     rim[GHOSTS : -GHOSTS - 2, GHOSTS : -GHOSTS - 2] = True
     return np.where(rim, worst, 0.0)

@@ -1,8 +1,8 @@
 """Time integration of a solver: frames at their times, progress, smaller steps after a failure, the reason for the end.
 
-The last good state is that of the last frame, which holds all that a restart needs: keeping it costs no time. Going
-back is what a restart does, and the step is whole again from the next frame on. So a run that is resumed at any frame
-meets the same trouble, and gets over it in the same way to the same bits, with nothing of this in its frames.
+The last valid state is that of the last frame, which contains the state for a restart: keeping it costs no time. After
+a failure the run continues from it with smaller steps, and with full steps again from the next frame on. A run that is
+resumed at any frame fails and continues in the same way, bitwise identical.
 """
 
 import math
@@ -15,7 +15,7 @@ from .events import Events
 from .stage_end import StageEnd
 from .stepping import stepper_of
 
-HALVINGS = 5  # of the time step, before a run gives up
+HALVINGS = 5  # of the time step, before a run is stopped
 
 
 class Guard:
@@ -23,21 +23,21 @@ class Guard:
 
     Attributes
     ----------
-    told : list of str
-        What went wrong and was got over, one line each time.
+    resolved : list of str
+        Failures that were resolved with smaller steps, one line each.
     """
 
     def __init__(self, solver, side, events, stage_end):
         self._solver, self._side, self._events, self._stage_end = solver, side, events, stage_end
         self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
-        self._look = None  # energies at the last good state
-        self.told = []
+        self._look = None  # energies of the last valid state
+        self.resolved = []
 
     def keep(self, frame):
-        """`frame`, with the state of solver and events, is good: from here on steps are whole again."""
+        """Keep `frame`, with the state of solver and events, as the last valid one; continue with full steps."""
         if self._halvings:
             self._solver.share_step(1.0)
-            self.told.append(
+            self.resolved.append(
                 f"{self._first}: continued from t = {self._kept.time:.3f} s on with steps of 1/{2**self._halvings}"
             )
         ids = SimpleNamespace(id=frame.particles.id)
@@ -46,19 +46,19 @@ class Guard:
         self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
 
     def trouble(self, code, at_frame):
-        """What is wrong now, in words with E and N; '' where nothing. Energy is looked at where frames are."""
+        """Message with E and N for a present error; '' for none. Energy is checked at the times of frames."""
         trouble = self._side.trouble(code)
         if trouble or not at_frame or self._look is None or not self._side.particles:
             return trouble
         return self._side.energy_trouble(self._look)
 
     def go_back(self, trouble):
-        """Back to the last good state, with half the step.
+        """Return to the last valid state, with half the step.
 
         Raises
         ------
         UnphysicalError
-            Steps of 1/32 have not helped, or there is no good state.
+            Steps of 1/32 failed too, or there is no valid state.
         """
         solver = self._solver
         self._first = self._first or f"step {solver.step}, t = {solver.time:.3f} s, {trouble}"
@@ -79,38 +79,38 @@ class Guard:
         solver.share_step(0.5**self._halvings)
 
 
-SLICE_SECONDS = 0.25  # wall time between two looks at progress and Ctrl+C
+SLICE_SECONDS = 0.25  # wall time between two checks of progress and Ctrl+C
 
 
-class March:
-    """An iterator of frames at 0, interval, 2 interval, ... end, and at the end itself if the flow stops before.
+class TimeIntegration:
+    """Iterator of frames at 0, interval, 2 interval, ... end, and at the end itself if the flow stops before.
 
     `solver` is a ColumnSolver or a PointSolver.
 
-    Steps end exactly at the times of `events`, which happen between them; a frame of the same time shows what has come
-    in. While nothing is on the terrain there is no frame. A run that is `resumed` goes on after the frame that solver
-    and events were restored from. After the last frame `reason` is the reason for the end.
-    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it may end earlier: then `switch`
-    is the reason, there is no frame of that time, and the next stage of the run goes on. Where the flow comes to a
-    feature that the solver watches (`spatial.watch`), its effect is turned on, and `tell_taken_in(TakenIn)` is called.
+    Steps end exactly at the times of `events`, which act between steps; a frame of the same time includes the inflow.
+    There are no frames while the terrain is empty. A run that is `resumed` continues after the frame that solver and
+    events were restored from. After the last frame `reason` is the reason for the end.
+    `observe(solver)` is called a few times a second. With `stage_end`, a StageEnd, it can end earlier: then `switch`
+    is the reason, there is no frame of that time, and the next stage of the run continues. If the flow reaches a
+    feature that the solver watches (`spatial.watch`), its effect is switched on and `tell_taken_in(TakenIn)` called.
 
     Attributes
     ----------
     reason, switch : str
     steps : int
     particle_steps : int
-        Sum over the steps of the particles there were.
+        Number of particles, summed over the steps.
     step_seconds : float [s]
         Wall time of the steps.
     troubles : list of str
-        What went wrong and was got over with shorter steps.
+        Failures that were resolved with shorter steps.
 
     Raises
     ------
     UnphysicalError
         A state that is not finite; columns with 5 % of the mass over twice the speed that energy allows; points that
-        leak through the ground or gain energy; and going back to the last frame with shorter steps has not helped
-        (`solvers.integrate`). Frames before are whole.
+        leak through the ground or gain energy; if shorter steps from the last frame fail too
+        (`solvers.integrate`). Earlier frames are complete.
     """
 
     def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None,
@@ -126,14 +126,14 @@ class March:
 
     @property
     def troubles(self):
-        return self._guard.told
+        return self._guard.resolved
 
     def __iter__(self):
         solver, events, side = self.solver, self.events, self._side
         events.arm(solver)
         if self.resumed:
             if events.ended == side.REACHED_TIME and solver.time < self.end_time:
-                events.ended = 0  # it ended at the earlier end_time of a run that now goes on
+                events.ended = 0  # the run ended at an earlier end_time and is now continued
             self.reason = side.END_REASONS.get(events.ended, "")
             self._guard.keep(self._frame())
         else:
@@ -178,7 +178,7 @@ class March:
     def _advance(self, until, after):
         """Advance to `until`, from event to event, in slices of a quarter second of wall time.
 
-        `after` is the time of the frame that comes next.
+        `after` is the time of the next frame.
         """
         solver, events, side, steps = self.solver, self.events, self._side, 10
         after = after if after > until else math.inf
@@ -218,7 +218,7 @@ class March:
                 return code
 
     def _target(self, until, time):
-        """What comes next after `time`: an event, a look whether the stage is over, or `until` [s]."""
+        """The next time [s] after `time`: an event, a check of the end of the stage, or `until`."""
         due = min(self.events.next_time(time), self.stage_end.next_time(time))
         return due if due < until - 1e-9 * self.interval else until
 

@@ -1,4 +1,4 @@
-"""Particle arrays, energies and sums that both solvers have in common."""
+"""Particle arrays, energies and sums common to both solvers."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from .restart import LEFT_STATE, StateCheck
 
 
 class Flow(NamedTuple):
-    """Arrays float64[n], one entry a column or point."""
+    """Arrays float64[n], one entry per column or point."""
 
     x: np.ndarray  # [m] on the map
     y: np.ndarray
@@ -28,9 +28,9 @@ class Flow(NamedTuple):
         return Flow(*(values[index] for values in self))
 
 
-GAIN_STOP = 0.1  # of kinetic energy and work since the last look, above which energy has been made out of nothing
-REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow rests: no less counts as kinetic energy
-REST_LIFT = 0.01  # [cells] by which all mass is lifted by the energy that counts as kinetic at the least
+GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
+REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
+REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
 
 
 class EnergyLook(NamedTuple):
@@ -39,14 +39,14 @@ class EnergyLook(NamedTuple):
     Parameters
     ----------
     made : float
-        All energy that there is and that has left, less all that was put in since the start: below 0 by what was lost,
-        and growing only where energy is made out of nothing.
+        Present and outflown energy minus all energy input since the start: negative by the losses, and increasing only
+        by errors.
     kinetic : float
-        Of what is on the terrain now.
+        Of the particles on the terrain.
     least : float
-        Kinetic energy that a flow at rest counts as, see `least_kinetic`.
+        Smallest kinetic energy for comparison, see `least_kinetic`.
     work : tuple of float
-        Done since the start: by the weight, by stress, on what was counted as lost; and kinetic energy put in.
+        Work since the start by weight, by stress, and of the recorded losses; and kinetic energy input.
     time : float [s]
     """
 
@@ -57,18 +57,21 @@ class EnergyLook(NamedTuple):
     time: float
 
     def gained_since(self, last):
-        """(share [1] of kinetic energy and work since the EnergyLook `last` that was made out of nothing; J)."""
+        """Energy gained since the EnergyLook `last`: (share of kinetic energy and work [1], gain [J])."""
         made = self.made - last.made
         work = sum(abs(now - before) for now, before in zip(self.work, last.work, strict=True))
         return made / max(max(last.kinetic, last.least) + work, 1e-300), made
 
 
 def least_kinetic(peak, mass, gravity, cell_size):
-    """Kinetic energy [J] that a flow of `mass` [kg] at rest counts as: 1 % of its `peak` [J], or what lifts it by 1 %
-    of a cell; rounding of single precision stays below a tenth of that."""
+    """Smallest kinetic energy [J] for comparison: 1 % of its `peak` [J], or lifting `mass` [kg] by 1 % of a cell.
+
+    Rounding of single precision is below a tenth of that.
+    """
     return max(REST_SHARE * peak, mass * gravity * REST_LIFT * cell_size)
 
 
+EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
@@ -78,7 +81,7 @@ class ParticleStore:
     Attributes
     ----------
     kernel : module
-        Of the compiled loop, whose constants are the indices in rows, clock and counts.
+        Module of the compiled loop; its constants are the indices in rows, clock and counts.
     """
 
     kernel = None
@@ -95,26 +98,26 @@ class ParticleStore:
         return int(self._counts[self.kernel.STEP])
 
     def wait(self, until):
-        """Let time pass to `until` [s] on a terrain with no particles."""
+        """Set the time to `until` [s] on a terrain without particles."""
         self._clock[self.kernel.TIME] = until
 
     def share_step(self, share):
-        """From the next step that is not chosen yet on take steps of `share` [1] of what they would be."""
+        """Use steps of `share` [1] of their normal length, from the next step that is not chosen yet."""
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
 
     def watch(self, watch):
-        """Look out for the features of `watch` (Watch); `advance` comes back before the flow touches one of them."""
+        """Watch the features of `watch` (Watch); `advance` stops before the flow touches one of them."""
         self._watch = watch
         self._mark_watched()
 
     @property
     def taken_in(self):
-        """tuple of TakenIn: features that were off, and that the flow has come to."""
+        """tuple of TakenIn: features that were off and that the flow has reached."""
         return () if self._watch is None else self._watch.taken_in
 
     def take_in(self):
-        """Turn on what the flow is about to touch; tuple of TakenIn."""
+        """Switch on the features that the flow is about to touch; tuple of TakenIn."""
         rows, _, keys = self._alive()
         reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
         state, before = self._watch.state, self._watch.taken_in
@@ -123,12 +126,12 @@ class ParticleStore:
             if first.size:
                 east, north = self._map_places(rows[first], keys[first])[0]
                 state[k, [TAKEN, TIME, EAST, NORTH]] = 1.0, self.time, east, north
-        self._march_with_taken_in()
+        self._integrate_with_inflow()
         return tuple(taken for taken in self._watch.taken_in if taken not in before)
 
-    def _march_with_taken_in(self):
-        """The effects and places that belong to what is taken in now."""
-        self._march_with(*self._watch.with_effects(tuple(taken.effect for taken in self._watch.taken_in)))
+    def _integrate_with_inflow(self):
+        """Continue with the effects and places of the features that are switched on."""
+        self._integrate_with(*self._watch.with_effects(tuple(taken.effect for taken in self._watch.taken_in)))
         self._mark_watched()
 
     def _mark_watched(self):
@@ -139,7 +142,7 @@ class ParticleStore:
             self._watched = block_marks(self._on_kernel_nodes(marks), self.kernel.BLOCK)
 
     def _watch_state(self):
-        """What a frame keeps of the watch, by name; nothing where nothing is watched."""
+        """State of the watch for a frame, by name; empty without a watch."""
         return {} if self._watch is None else {STATE: self._watch.state.copy()}
 
     def _restore_watch(self, frame):
@@ -151,10 +154,10 @@ class ParticleStore:
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         check = StateCheck(frame.time, frame.state)
         check.array(STATE, np.float64, state.shape)
-        check.require(np.isin(state[:, TAKEN], (0.0, 1.0)).all(), f"{STATE} tells more than whether")
+        check.require(np.isin(state[:, TAKEN], (0.0, 1.0)).all(), f"{STATE} has values other than 0 and 1")
         if not np.array_equal(state, self._watch.state):
             self._watch.state[:] = state
-            self._march_with_taken_in()
+            self._integrate_with_inflow()
 
     def _alive(self):
         """Rows, ids and keys of the particles that are on the terrain."""
@@ -163,13 +166,13 @@ class ParticleStore:
         return self._rows[:n][keep], self._ids[:n][keep], self._keys[:n][keep]
 
     def _counts_of_rows(self):
-        """Counts as a restart has them, whose rows lie together: the same however a run got there."""
+        """Counts for a restart, whose rows are contiguous: independent of the history of the run."""
         counts = self._counts.copy()
         counts[self.kernel.ROWS] = counts[self.kernel.ALIVE]
         return counts
 
     def _no_mass_left(self, grid):
-        """Sums of what leaves the terrain by blocks of the cells of `grid`, see `kernels.left_cells`."""
+        """Empty sums of the outflow by blocks of the cells of `grid`, see `kernels.left_cells`."""
         rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
         return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
 
@@ -180,23 +183,23 @@ class ParticleStore:
 
     @property
     def left_sums(self):
-        """float64[ways, block rows, block columns, entries]: what left the terrain, see `kernels.left_cells`."""
+        """float64[ways, block rows, block columns, entries]: outflow, see `kernels.left_cells`."""
         return self._left
 
     def _left_state(self):
-        """Where mass left, of the few blocks where any did."""
+        """Sums of the blocks with outflow."""
         sums = self._left.reshape(-1, self._left.shape[-1])
         blocks = np.flatnonzero(sums[:, 0])
         return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
 
     def _restore_left(self, state):
-        """Go on with what `_left_state` gave."""
+        """Restore the result of `_left_state`."""
         blocks, sums = (state[name] for name in LEFT_STATE)
         self._left[:] = 0.0
         self._left.reshape(-1, self._left.shape[-1])[blocks] = sums
 
     def _require_room(self, count):
-        """Make the arrays long enough for `count` rows, and some more."""
+        """Extend the arrays to at least `count` rows."""
         there = len(self._rows)
         if count <= there:
             return
@@ -209,5 +212,5 @@ class ParticleStore:
 
 
 def named_sums(names, rows, sums):
-    """Name -> (name of a sum -> number): `rows` float[n, m] hold for each of the n `names` the m `sums`."""
+    """Name -> (name of a sum -> number): `rows` float[n, m] have the m `sums` of each of the n `names`."""
     return {name: dict(zip(sums, map(float, row), strict=True)) for name, row in zip(names, rows, strict=True)}

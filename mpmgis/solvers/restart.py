@@ -1,7 +1,7 @@
 """Restarts: the digest of a run's input, and the checks of a saved state.
 
-A file's digest shows that it was not changed by accident. Compiled kernels do not check indices: an index out of range
-writes somewhere in memory. So all numbers of a state are checked before use.
+The digest of a file detects accidental changes. Compiled kernels do not check indices: an index out of range writes
+anywhere in memory. All numbers of a state are therefore checked before use.
 """
 
 import hashlib
@@ -10,14 +10,16 @@ import numpy as np
 import shapely
 
 from ..errors import FormatError
+from ..kernels.point_contact import MOST_YIELD
+from ..kernels.point_rows import BLOCK, GHOSTS, MASS, X
 from ..peaks import PEAK_STATE
 
 
 def start_digest(terrain, frame, events, *places, shapes=()):
     """Hex digest of all input that a run reads from the files of its scene.
 
-    It is made of what was read and not of files: a note in a table or statistics beside a raster change nothing, while
-    a height in a virtual raster's second file, or a layer of a database that is a folder, do.
+    It is computed from the data read, not from files: a comment in a table or statistics of a raster have no effect;
+    a height in the second file of a virtual raster, or a layer of a database in a folder, has.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ def start_digest(terrain, frame, events, *places, shapes=()):
     _add(digest, crs=np.frombuffer(("" if crs is None else crs.to_wkt()).encode(), np.uint8))
     _add_frame(digest, frame)
     for inlet in events.inlets:
-        first = np.zeros(1, int)  # of the columns: the others enter as fast, each along its own ground
+        first = np.zeros(1, int)  # the other columns have the same speed, each along its ground
         entry = [inlet.velocity(time, first) for time in inlet.times[:, 0]]
         _add_frame(digest, inlet.frame)
         _add(digest, times=inlet.times, volumes=inlet.volumes, entry=entry, slabs=inlet.slabs)
@@ -63,12 +65,12 @@ def _add(digest, **arrays):
 
 
 LARGEST_COUNT = 2**53
-YIELD_STATE = ("yield_columns", "yields")  # of points: where the ground yields, and by how much [m]
-LEFT_STATE = ("left_blocks", "left_sums")  # of a frame's state: where mass left the terrain
+YIELD_STATE = ("yield_columns", "yields")  # of points: node columns where the ground yields, and the yield [m]
+LEFT_STATE = ("left_blocks", "left_sums")  # of a frame: blocks with outflow and their sums
 
 
 class StateCheck:
-    """The state of the frame at `time` [s], looked at.
+    """Checks of the state of the frame at `time` [s].
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ class StateCheck:
         self._time, self._state = time, state
 
     def require(self, holds, what):
-        """Raise FormatError with `what` is wrong unless it `holds`."""
+        """Raise FormatError with the message `what` unless `holds`."""
         if not holds:
             raise FormatError(
                 f"the frame at t = {self._time:g} s has no valid state for a restart: {what}; start with --overwrite"
@@ -93,28 +95,28 @@ class StateCheck:
         got = f"{name} is {values.dtype}{list(values.shape)}, expected {np.dtype(dtype)}{list(shape)}"
         self.require(values.dtype == dtype and values.shape == tuple(shape), got)
         if finite and values.dtype.kind == "f":
-            self.require(np.isfinite(values).all(), f"{name} holds values that are NaN or infinite")
+            self.require(np.isfinite(values).all(), f"{name} has values that are NaN or infinite")
         return values
 
     def within(self, name, values, low, high):
-        """Require numbers `values`, of what is called `name`, from `low` to `high`."""
+        """Require `values`, called `name` in the message, from `low` to `high`."""
         values = np.asarray(values)
         if values.size:
             least, most = values.min(), values.max()
             self.require(low <= least and most <= high, f"{name} is {least} to {most}, expected {low} to {high}")
 
     def like(self, arrays):
-        """Require the state to hold each of `arrays` (name -> array) in its type and shape, finite where that is."""
+        """Require each of `arrays` (name -> array) with the same type and shape, finite where `arrays` are."""
         for name, now in arrays.items():
             values = self.array(name, now.dtype, now.shape, finite=False)
             if now.dtype.kind == "f":
                 known = np.isfinite(values) | ~np.isfinite(now)
-                self.require(known.all(), f"{name} holds values that are NaN or infinite")
+                self.require(known.all(), f"{name} has values that are NaN or infinite")
 
     def places(self, name, size):
         """The array `name` of flat indices into `size` entries, which ascend."""
         values = self._state.get(name)
-        self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is no list of places")
+        self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is not a list of indices")
         self.require(values.dtype.kind in "iu", f"{name} is {values.dtype}, expected whole numbers")
         self.within(name, values, 0, size - 1)
         self.require((np.diff(values.astype(np.int64)) > 0).all(), f"{name} is not in order")
@@ -128,23 +130,23 @@ class StateCheck:
             self.require(counts[place] == alive, f"{name} in counts is {counts[place]}, expected {alive}")
         self.within("the number of particles that are not finite", counts[kernel.BAD], 0, 0)
         self.within("the number of steps", counts[kernel.STEP], 0, LARGEST_COUNT)
-        self.within("the number of steps since rows were put in order", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)
-        self.require(self._state["clock"][kernel.TIME] == self._time, "its clock tells another time")
+        self.within("the number of steps since the last sort", counts[kernel.SINCE_REORDER], 0, LARGEST_COUNT)
+        self.require(self._state["clock"][kernel.TIME] == self._time, "the time in its clock differs")
 
     def peaks(self, peaks):
-        """Running peaks of some of the nodes of `peaks` [rows, columns, entries]."""
+        """Check running peaks at some of the nodes of `peaks` [rows, columns, entries]."""
         values, where = PEAK_STATE
         nodes = self.places(where, peaks[..., 0].size)
         self.array(values, peaks.dtype, (len(nodes), peaks.shape[-1]))
 
     def left(self, sums):
-        """Sums of what left the terrain, of some of the entries of `sums` [ways, blocks, blocks, entries]."""
+        """Check sums of the outflow at some of the entries of `sums` [ways, blocks, blocks, entries]."""
         blocks = self.places(LEFT_STATE[0], sums[..., 0].size)
         self.array(LEFT_STATE[1], sums.dtype, (len(blocks), sums.shape[-1]))
 
 
 def require_column_state(frame, solver, changing):
-    """Refuse a `frame` whose state is not one of the ColumnSolver `solver`, in which the arrays `changing` change.
+    """Refuse a `frame` without a valid state of the ColumnSolver `solver`; `changing` are the arrays of that state.
 
     Raises
     ------
@@ -171,7 +173,7 @@ def require_column_state(frame, solver, changing):
 
 
 def _require_window(check, kernel, rows, size, counts, last):
-    """The window of blocks in `counts` holds the columns of `rows`, and does not reach beyond the blocks `last`."""
+    """Require that the window of blocks in `counts` contains the columns of `rows` and ends at blocks `last`."""
     if not len(rows):
         return
     keys = np.zeros(len(rows), np.int32)
@@ -183,7 +185,7 @@ def _require_window(check, kernel, rows, size, counts, last):
 
 
 def require_point_state(frame, solver, changing, like):
-    """As `require_column_state`, of a PointSolver; `like` is an array of rows of its type and width.
+    """As `require_column_state`, for a PointSolver; `like` is an array of rows of its type and width.
 
     Raises
     ------
@@ -196,13 +198,13 @@ def require_point_state(frame, solver, changing, like):
     check.like(changing)
     check.counts(kernel, n)
     for axis in range(3):
-        check.within("the place of a point in its block [cells]", rows[:, kernel.X + axis], 0.0, kernel.BLOCK + 1.0)
+        check.within("the place of a point in its block [cells]", rows[:, X + axis], 0.0, BLOCK + 1.0)
     tiny = np.finfo(like.dtype).smallest_subnormal
-    check.within("the mass of a point [kg]", rows[:, kernel.MASS], tiny, np.finfo(like.dtype).max)
+    check.within("the mass of a point [kg]", rows[:, MASS], tiny, np.finfo(like.dtype).max)
     row, column = kernel.rows_and_columns(keys)
     for name, blocks, cells in (("row", row, solver.grid.inside.shape[0]), ("column", column,
                                 solver.grid.inside.shape[1])):  # fmt: skip
-        check.within(f"the block {name} of a point", blocks, 0, (cells + kernel.GHOSTS) // kernel.BLOCK)
+        check.within(f"the block {name} of a point", blocks, 0, (cells + GHOSTS) // BLOCK)
     check.left(solver.left_sums)
     _require_yields(check, solver)
     if solver.numerics.maxima:
@@ -213,9 +215,9 @@ def require_point_state(frame, solver, changing, like):
 
 
 def _require_yields(check, solver):
-    """Yields [m] of the ground under some node columns, from 0 to the largest that there can be."""
+    """Check the yields [m] of the ground at some node columns, from 0 to the largest possible yield."""
     where, yields = YIELD_STATE
     columns = check.places(where, solver.yields[0, ..., 0].size)
     values = check.array(yields, np.float64, (len(columns),))
-    most = solver.kernel.MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-9)
+    most = MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-9)
     check.within("the yield of the ground [m]", values, 0.0, most)

@@ -8,19 +8,19 @@ import shapely
 
 from ..terrain.reach import takes_off
 
-LOOK_SECONDS = 0.25  # simulated time between two looks at the flow: a restart sees the same
-DEPTHS, SECONDS = 3.0, 2.0  # near is within 3 flow depths, or what the flow covers in 2 s
-MOST_LOOKED_AT = 2000  # columns or points whose way is followed to a cliff
-FLYING_SHARE = 0.01  # of the mass that takes off, at which the flow has come to a cliff
-CALM_SHARE = 0.01  # of the mass that may still be near to something or off the bed in a calm flow
-CALM_NORMAL = 0.1  # of the speed along the slope that the speed across it may be in a calm flow
-_TIME = 1e-9  # [s], and in looks, by which a time may be missed for rounding
+LOOK_SECONDS = 0.25  # simulated time between two checks of the flow, also after a restart
+DEPTHS, SECONDS = 3.0, 2.0  # near: within 3 flow depths, or the distance of 2 s
+MOST_LOOKED_AT = 2000  # columns or points whose path to a cliff is computed
+FLYING_SHARE = 0.01  # share of the mass that takes off, at which the flow has reached a cliff
+CALM_SHARE = 0.01  # share of the mass that can be near a feature or off the bed in a calm flow
+CALM_NORMAL = 0.1  # largest speed across the slope in a calm flow, over the speed along it
+_TIME = 1e-9  # [s], and in intervals of checks, rounding of a time
 
 
 class Near(NamedTuple):
-    """What the flow is near to when it gets there within two seconds, or within three of its depths.
+    """Feature that the flow is near to if it is within two seconds or three flow depths.
 
-    `words` name it; `shape` (shapely) lies on the map; what is there has to be deeper than `least` [m].
+    `words` is its name, `shape` (shapely) is on the map; only flow deeper than `least` [m] counts.
     """
 
     words: str
@@ -47,7 +47,7 @@ class Cliff(NamedTuple):
     words: str = "a cliff"
 
     def share(self, flow):
-        """Share of the mass of a Flow that does [1], by some of it."""
+        """Share of the mass of a Flow that takes off [1], from a sample."""
         some = flow.take(slice(None, None, max(1, len(flow) // MOST_LOOKED_AT)))
         flying = takes_off(self.terrain, some.x, some.y, some.u, some.v, some.depth)
         return float(some.mass[flying].sum() / some.mass.sum())
@@ -61,7 +61,7 @@ class StageEnd:
     time : float, optional [s]
         At which it is over.
     reached : Near or Cliff, optional
-        To which the flow has to come.
+        Features that the flow has to reach.
     calm : float, optional [s]
         For how long the flow has to be calm: none of it near to anything of `disturbing`, and all on the bed.
     disturbing : sequence of Near and Cliff
@@ -71,7 +71,7 @@ class StageEnd:
     Attributes
     ----------
     calm_since : float [s]
-        Since when it is calm; -1: it is not. Part of what a restart needs.
+        Time [s] since which the flow is calm; -1: it is not. Part of the state of a restart.
     """
 
     def __init__(self, time=None, reached=None, calm=None, disturbing=(), unsettled=None):
@@ -80,7 +80,7 @@ class StageEnd:
         self.calm_since = -1.0
 
     def next_time(self, time):
-        """The next time [s] after `time` to look at the flow; infinite if there is nothing to look for."""
+        """The next time [s] after `time` to check the flow; infinite without conditions."""
         due = [self.time] if self.time > time + _TIME else []
         if self.reached is not None or self.calm is not None:
             due.append((math.floor(time / LOOK_SECONDS + _TIME) + 1) * LOOK_SECONDS)

@@ -8,8 +8,8 @@ from .coupled import OF_COLUMNS, CoupledSolver
 from .particle_store import GAIN_STOP
 from .points import PointSolver
 
-REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow rests when its kinetic energy is below this share of its peak so long
-STOPPED_AT_REST = 100  # beside the kernel's own reasons
+REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow is at rest below this share of its peak kinetic energy
+STOPPED_AT_REST = 100  # in addition to the reasons of the kernel
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
@@ -31,12 +31,12 @@ POINT_REASONS = {
 def stepper_of(solver):
     """The interface of `solver` for the time integration."""
     if isinstance(solver, CoupledSolver):
-        return MarchedCoupled(solver)
-    return MarchedPoints(solver) if isinstance(solver, PointSolver) else MarchedColumns(solver)
+        return IntegratedCoupled(solver)
+    return IntegratedPoints(solver) if isinstance(solver, PointSolver) else IntegratedColumns(solver)
 
 
-class MarchedColumns:
-    """The depth-averaged solver's side."""
+class IntegratedColumns:
+    """Interface of the depth-averaged solver."""
 
     RUNNING, REACHED_TIME = column_clock.RUNNING, column_clock.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = column_clock.ALL_LEFT, column_clock.TRIGGER_REACHED
@@ -56,15 +56,15 @@ class MarchedColumns:
         return self.solver.advance(until, max_steps, may_stop)
 
     def take_in(self, code):
-        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        """Features switched on because the flow reached them, for the reason `code` of the kernel."""
         return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code):
-        """The reason to end at a frame's time, else `code`: columns look at every step whether they rest."""
+        """The reason to end at the time of a frame, else `code`; columns check for rest in every step."""
         return code
 
     def trouble(self, code):
-        """What went wrong, in words with E and N; '' where nothing."""
+        """Message with E and N for an error of reason `code`; '' for none."""
         if code not in (column_clock.NOT_FINITE_STATE, column_clock.TOO_FAST):
             return ""
         east, north, bad, ratio, share = self.solver.trouble()
@@ -78,16 +78,16 @@ class MarchedColumns:
         return f"E {east:.1f} N {north:.1f}: {what}"
 
     def look(self):
-        """Energies now, to hold later ones against."""
+        """Present energies, for comparison with later ones."""
         return self.solver.energy_look()
 
     def energy_trouble(self, last):
-        """Energy made out of nothing since the look `last`, in words with E and N; '' where none was."""
+        """Message with E and N for energy gained since the look `last`; '' for none."""
         return _energy_trouble(self.solver, last, "columns")
 
 
-class MarchedPoints:
-    """The 3D solver's side; whether the flow rests is looked at where frames are, so that a restart sees the same."""
+class IntegratedPoints:
+    """Interface of the 3D solver; rest is checked at the times of frames only, so that a restart gives the same."""
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
@@ -103,20 +103,20 @@ class MarchedPoints:
         return self.solver.points
 
     def advance(self, until, after, max_steps, may_stop):
-        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps`; the kernel's reason."""
+        """Advance to `until` [s] (then `after` [s]) or by `max_steps`; returns the reason of the kernel."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
-        """What is turned on because the flow came to it, by the `code` with which the kernel came back."""
+        """Features switched on because the flow reached them, for the reason `code` of the kernel."""
         return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code):
-        """The reason to end at a frame's time, else `code`."""
+        """The reason to end at the time of a frame, else `code`."""
         self.solver.note_deepest()
         return _rested(self.solver, code)
 
     def trouble(self, code):
-        """What went wrong, in words with E and N; '' where nothing."""
+        """Message with E and N for an error of reason `code`; '' for none."""
         if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED, point_kernel.SCATTERED):
             return ""
         if code == point_kernel.SCATTERED:
@@ -130,22 +130,22 @@ class MarchedPoints:
             what = f"{bad} points have a place or speed that is not finite; take a smaller cfl"
         else:
             what = (
-                f"points with {100 * share:.2g} % of the mass came more than a cell under the ground; take a smaller "
+                f"points with {100 * share:.2g} % of the mass are more than a cell below the ground; take a smaller "
                 "cfl, smaller cells or a stiffer material"
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
     def look(self):
-        """As that of columns."""
+        """As for columns."""
         return self.solver.energy_look()
 
     def energy_trouble(self, last):
-        """As that of columns."""
+        """As for columns."""
         return _energy_trouble(self.solver, last, "points")
 
 
 def _energy_trouble(solver, last, name):
-    """Energy that `solver`, of particles called `name`, made out of nothing since the EnergyLook `last`, or ''."""
+    """Message for energy that `solver` (particles `name`) gained since the EnergyLook `last`, or ''."""
     share, made = solver.energy_look().gained_since(last)
     if share <= GAIN_STOP:
         return ""
@@ -158,13 +158,13 @@ def _energy_trouble(solver, last, name):
 
 
 def _rested(solver, code):
-    """STOPPED_AT_REST where points that may stop at rest do, else `code`."""
+    """STOPPED_AT_REST if the points are at rest and may stop, else `code`."""
     rests = solver.resting_for(REST_SHARE) >= REST_SECONDS
     return STOPPED_AT_REST if rests and solver.numerics.stop_at_rest else code
 
 
-class MarchedCoupled:
-    """Both solvers' side, of points with columns around them."""
+class IntegratedCoupled:
+    """Interface of the coupled solver, points with columns around them."""
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_clock.TRIGGER_REACHED
@@ -172,7 +172,7 @@ class MarchedCoupled:
 
     def __init__(self, solver):
         self.solver = solver
-        self._points, self._columns = MarchedPoints(solver.points_solver), MarchedColumns(solver.columns_solver)
+        self._points, self._columns = IntegratedPoints(solver.points_solver), IntegratedColumns(solver.columns_solver)
 
     @property
     def particles(self):
@@ -180,28 +180,28 @@ class MarchedCoupled:
         return self.solver.particles
 
     def advance(self, until, after, max_steps, may_stop):
-        """Advance to `until` [s], and be ready for `after` [s] then, or by `max_steps` of the points; the reason."""
+        """Advance to `until` [s] (then `after` [s]) or by `max_steps` of the points; returns the reason."""
         return self.solver.advance(until, after, max_steps)
 
     def take_in(self, code):
-        """What is turned on because points or columns came to it, by the `code` with which their kernel came back."""
+        """Features switched on because points or columns reached them, for the reason `code` of their kernel."""
         return self._columns.take_in(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.take_in(code)
 
     def at_frame(self, code):
-        """The reason to end at a frame's time, else `code`."""
+        """The reason to end at the time of a frame, else `code`."""
         self.solver.points_solver.note_deepest()
         return _rested(self.solver, code)
 
     def trouble(self, code):
-        """What went wrong, in words with E and N; '' where nothing."""
+        """Message with E and N for an error of reason `code`; '' for none."""
         return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
 
     def look(self):
-        """As that of columns, of both."""
+        """As for columns, of both solvers."""
         return self._points.look(), self._columns.look()
 
     def energy_trouble(self, last):
-        """As that of columns, of either."""
+        """As for columns, of either solver."""
         return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])
 
 
@@ -210,9 +210,9 @@ COMPILING_STEPS, FIRST_STEPS = 2, 4
 
 
 def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
-    """Wall time [s] of one step of one particle of `solver`, advanced for `seconds`; None where nothing moves in it.
+    """Wall time [s] per step and particle of `solver`, advanced for `seconds`; None if nothing moves.
 
-    Compiling is apart. The solver is worth nothing afterwards.
+    Compile time is excluded. The solver cannot be used afterwards.
     """
     side = stepper_of(solver)
     solver.advance(float("inf"), max_steps=COMPILING_STEPS)

@@ -30,7 +30,7 @@ def test_overlap_is_reported_with_its_fix_and_then_with_what_was_done():
     double = dataclasses.replace(p, mass=2 * p.mass, volume=2 * p.volume, area=2 * p.area)
     frame = dataclasses.replace(frame, particles=double)
     assert "too high in places (--relevel" in told(frame, PointOptions(cell=1.0))
-    assert "were raised to what their mass fills" in told(frame, PointOptions(cell=1.0, relevel=True))
+    assert "were raised to the height of their mass" in told(frame, PointOptions(cell=1.0, relevel=True))
 
 
 def test_thin_sampling_and_another_bed_are_reported():
@@ -39,7 +39,7 @@ def test_thin_sampling_and_another_bed_are_reported():
     assert "fewer than 4 points in the median cell" in "\n".join(account_of_points(report, options))
     frame = columns_on(GROUND, 2.0)
     frame.particles.position[:, 2] += 0.25
-    assert "beds lie up to 0.25 m off" in told(frame, PointOptions())
+    assert "beds of the columns are up to 0.25 m off" in told(frame, PointOptions())
 
 
 def test_columns_off_the_ground_are_reported_with_their_mass():
@@ -57,7 +57,7 @@ def test_the_way_back_is_reported():
     points = columns_to_points(columns_on(GROUND, 2.0), GROUND, PointOptions(cell=1.0)).frame
     for options, word in (
         (ColumnOptions(), "of the points of one parent"),
-        (ColumnOptions(cell=5.0), "cells of 5 m were not needed"),
+        (ColumnOptions(cell=5.0), "cells of 5 m were not used"),
         (ColumnOptions(by="cell", cell=5.0), "of a cell of 25 m2"),
     ):
         assert word in "\n".join(account_of_columns(points_to_columns(points, GROUND, options).report, options))

@@ -186,7 +186,7 @@ def test_overlapping_columns_are_raised_to_what_they_fill():
     assert max(conservation_error(level.report.before, level.report.after)) < 1e-13
     alone = columns_to_points(columns_on(ground, 1.0), ground, PointOptions(cell=1.0, relevel=True))
     assert alone.report.raised == 0 and alone.report.overlap < 1e-9
-    with pytest.raises(InputError, match="relevel needs"):
+    with pytest.raises(InputError, match="relevel requires"):
         PointOptions(relevel=True)
 
 

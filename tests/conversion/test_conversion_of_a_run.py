@@ -55,4 +55,4 @@ def test_a_state_of_another_shape_is_ignored(name, rows):
     ground = terrain_of(slope(0.3, 0.0))
     still = columns_on(ground, 2.0, (0.0, 0.0))
     assert not velocity_gradient(replace(still, state={name: rows})).any()
-    assert replace(still, state={"told": np.ones((len(still.particles), 3))}).told("told", 3).all()
+    assert replace(still, state={"told": np.ones((len(still.particles), 3))}).particle_state("told", 3).all()

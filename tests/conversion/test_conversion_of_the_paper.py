@@ -12,7 +12,7 @@ SPACINGS_X = (0.02, 0.01, 0.005, 0.0033, 0.0025, 0.0017)
 SPACINGS_Z = (0.01, 0.001, 0.0001, 0.00005, 0.00001)
 SPEED, DENSITY = 2.001, 1000.0
 VOLUME = 250.0 - 0.5 * (1.0 - np.cos(10.0)) * np.sin(5.0)
-QUADRATURE = (2.93e-7, 7.32e-8, 1.83e-8, 7.98e-9, 4.58e-9, 2.12e-9)  # design note 2.3 (b)
+QUADRATURE = (2.93e-7, 7.32e-8, 1.83e-8, 7.98e-9, 4.58e-9, 2.12e-9)
 LONG = [pytest.param(h, marks=pytest.mark.slow) if h < 0.003 else h for h in SPACINGS_X]
 
 

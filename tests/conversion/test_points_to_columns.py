@@ -158,7 +158,7 @@ def test_a_slow_settling_is_no_flight():
 
 
 def test_points_that_moved_apart_are_binned():
-    """A column whose points were strewn is none any more; --by parent insists."""
+    """A column whose points were strewn is none any more; --by parent enforces it."""
     ground = terrain_of(slope())
     points = columns_to_points(columns_on(ground, 2.0), ground, PointOptions(cell=1.0)).frame
     position = points.particles.position.copy()
@@ -195,7 +195,7 @@ def test_bad_points():
         points_to_columns(orphans, ground, ColumnOptions(by="parent"))
     assert points_to_columns(orphans, ground).report.by == "cell"
     sunk, _ = lifted(points, -5.0, east=-1.0)
-    with pytest.raises(InputError, match="lie under the bed"):
+    with pytest.raises(InputError, match="are below the bed"):
         points_to_columns(sunk, ground, ColumnOptions(by="parent"))
     bad = points.particles.velocity.copy()
     bad[7] = np.nan

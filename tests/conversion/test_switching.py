@@ -70,11 +70,11 @@ def test_what_is_outside_a_window_is_left_as_columns_with_its_gradient():
     assert outside.momentum[0] == pytest.approx((rest.mass * rest.velocity[:, 0]).sum(), rel=1e-12)
     assert made.rest.state["velocity_gradient"].shape == (len(rest), 2, 2)
     assert made.frame.map_xy()[0].min() > ORIGIN[0] + 37.3
-    with pytest.raises(InputError, match="none of the 768 columns lies in the window"):
+    with pytest.raises(InputError, match="none of the 768 columns is in the window"):
         switch_to_points(columns, TERRAIN, OPTIONS, everywhere, box(70.0, 100.0))
 
 
-def test_what_the_next_grid_does_not_hold_has_left_the_terrain():
+def test_particles_off_the_next_grid_have_left_the_terrain():
     columns = moving()
     points = switch_to_points(columns, TERRAIN, OPTIONS, east_of(30.0))
     require_kept(points.account)
@@ -83,7 +83,7 @@ def test_what_the_next_grid_does_not_hold_has_left_the_terrain():
     require_kept(back.account)
     assert 0.3 < back.account.off.mass / back.account.before.mass < 0.4
     assert (back.frame.map_xy()[0] > ORIGIN[0] + 40.0).all()
-    with pytest.raises(InputError, match="nothing of the flow lies on the grid"):
+    with pytest.raises(InputError, match="no flow is on the grid"):
         switch_to_columns(points.frame, TERRAIN, 1.0, east_of(90.0))
 
 
@@ -116,10 +116,10 @@ def test_points_in_the_air_are_laid_onto_the_bed_and_that_is_reported():
     np.testing.assert_allclose(over_bed(back.frame, TERRAIN), 0.0, atol=1e-9)
     assert back.account.before.potential - back.account.after.potential > 0.9 * back.account.laid * 9.81 * 12.0
     words = " ".join(back.account.lines())
-    assert "were laid onto it" in words and "kept to" in words and "kinetic energy" in words
+    assert "were moved onto it" in words and "kept to" in words and "kinetic energy" in words
 
 
-def test_columns_beside_the_points_go_on_as_they_are():
+def test_columns_next_to_the_points_continue_unchanged():
     columns = moving()
     points = switch_to_points(columns, TERRAIN, OPTIONS, everywhere, box(40.0, 100.0))
     back = switch_to_columns(points.frame, TERRAIN, 1.25, everywhere, beside=points.rest)

@@ -1,4 +1,4 @@
-"""Scenes of the verification catalogue (design notes 6) with their errors, for the tests and validation.md."""
+"""Scenes of the verification catalogue with their errors, for the tests and validation.md."""
 
 import numpy as np
 from column_scenes import node_thickness, relative_l1, seeded, solver_on, terrain_of

@@ -3,7 +3,7 @@
 import numpy as np
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import block_of, march_to, points_on, sorted_points
+from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic
@@ -51,7 +51,7 @@ def slab(degrees, time, cell=0.5, above=0.0, weighted=False, speed=0.0, material
     solver = points_on(
         terrain, frame, cell, material, CoulombContact(friction), stress=stress, edges="wall", **numerics
     )
-    march_to(solver, time)
+    integrate_to(solver, time)
     now = sorted_points(solver)
     pull = G * (np.sin(slope) - friction * np.cos(slope))
     if pull >= 0.0 and speed == 0.0:
@@ -80,7 +80,7 @@ def askew_slab(degrees, time, azimuth, cell=0.5, above=0.3):
     solver = points_on(
         terrain_of(bed, size, size, cell), frame, cell, SOIL, CoulombContact(friction), stress=stress, edges="wall"
     )
-    march_to(solver, time)
+    integrate_to(solver, time)
     now = sorted_points(solver)
     exact = max(0.5 * G * (np.sin(slope) - friction * np.cos(slope)) * time**2, 0.0)
     return ((now.position - start) @ down).mean(), (now.velocity @ down).mean(), exact, solver

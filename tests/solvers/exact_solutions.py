@@ -1,4 +1,4 @@
-"""Exact and near-exact answers of the depth-averaged equations (design notes 6), as small functions of place and time.
+"""Exact and near-exact answers of the depth-averaged equations, as small functions of place and time.
 
 Lengths in metres, times in seconds, angles in radians, depths and thicknesses as each function says. None of them knows
 the solver; `test_exact_solutions.py` substitutes every one into the equations that it claims to solve.

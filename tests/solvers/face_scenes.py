@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import march_to, points_on, sorted_points
+from point_scenes import integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic
 
@@ -53,10 +53,10 @@ def resting_in(bed, length, west, east, surface, material, walls=(), cell=CELL):
 
 def mean_stress(solver, start, end):
     """(normal stresses [n, 3] [Pa], places [n, 3] [m]) as means over LOOKS times from `start` to `end` [s]."""
-    march_to(solver, start)
+    integrate_to(solver, start)
     stress = place = 0.0
     for until in np.linspace(start, end, LOOKS + 1)[1:]:
-        march_to(solver, until)
+        integrate_to(solver, until)
         place = place + sorted_points(solver).position / LOOKS
         stress = stress + cauchy_stress(solver)[:, :3] / LOOKS
     return stress, place
@@ -118,7 +118,7 @@ def along_wall(degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, c
     wall = Wall("dam", shapely.Polygon(corners), height=60.0, mu=mu)
     terrain = terrain_of(bed, extent, extent, cell)
     solver = points_on(terrain, frame, cell, material, CoulombContact(0.0), walls=(wall,), edges="wall")
-    march_to(solver, time)
+    integrate_to(solver, time)
     down = np.array([-sin, cos, -fall]) / np.sqrt(1.0 + fall**2)
     bears = solver.mass_start * G * lean / (1.0 + fall**2)
     exact = 0.5 * max(G * fall / np.sqrt(1.0 + fall**2) - mu * bears / solver.mass_start, 0.0) * time**2

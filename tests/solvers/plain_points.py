@@ -9,7 +9,7 @@ GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 LEAST_SHARE, LIGHTEST = 0.35, 0.1
 LAYER, MOST_YIELD = 20.0, 0.2  # [cells] of the ground that yields
 BENEATH = 1.5  # [cells] under the ground, from which nodes are held one by one
-THIN, STILL, BENT = 0.75, 1e-3, 0.02  # where the affine velocity is limited
+GRIPPED, THIN, STILL, BENT = 2.0, 0.75, 1e-3, 0.02  # where the affine velocity is limited
 
 
 def stencil(place, dx):
@@ -144,9 +144,15 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             place = height / dx + GHOSTS
             level = int(place + 0.5)
             foot = place - level
+            around = np.arange(max(level - 2, 0), level + 3)
+            masses = nodes[around, j, i, 3]
+            heaviest, centre = masses.max(), masses @ (around - level) / max(masses.sum(), 1e-300)
+            if heaviest > 0.0 and centre < foot:
+                lower = int(np.floor(centre + 0.5))
+                level, foot = level + lower, centre - lower
             weights = 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2
             near = nodes[level - 1 : level + 3, j, i]
-            v, give, here, heaviest = np.zeros(3), 0.0, 0.0, near[:, 3].max()
+            v, give, here = np.zeros(3), 0.0, 0.0
             shares = []
             for k in range(3):
                 mass = near[k, 3]
@@ -160,7 +166,7 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
                 continue
             into = -(v @ normal)
             pressed = max(into, 0.0) / give
-            if mu > 0.0:
+            if 1.0 - mu < 1.0:  # as in the kernel: a smaller friction is none in floating point
                 back, thickness = LAYER * dx / sound, nodes[:, j, i, 3].sum() / (density * dx * dx)
                 weighed = min(back * gravity * thickness / (steep * steep * sound), MOST_YIELD * dx)
                 yielded = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx, weighed)
@@ -199,9 +205,8 @@ def limited(own, variance, mass_near, above, dx, density, signal_speed):
 
     `own` is |C|^2 dx^2 / 4, `variance` that of the nodes' velocities about the point's, `above` [cells] the height.
     """
-    d = min(max(above, 0.0), 1.8)
-    full = THIN * min(0.5 + 0.58 * d - 0.16 * d * d, 1.0) * density * dx**3
-    if mass_near >= full or own <= (STILL * signal_speed) ** 2 or own >= (1.0 - BENT) * variance:
+    dense, still = mass_near >= THIN * density * dx**3, own <= (STILL * signal_speed) ** 2
+    if above < GRIPPED or dense or still or own >= (1.0 - BENT) * variance:
         return 1.0
     return (own / variance) ** 4
 

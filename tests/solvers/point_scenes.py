@@ -8,7 +8,8 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.slots import PointEffects
 from mpmgis.kernels import points as kernel
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 
 def block_of(lengths, spacing, corner=(0.0, 0.0, 0.0), density=1000.0, velocity=(0.0, 0.0, 0.0), turned=0.0):
@@ -38,7 +39,7 @@ def points_on(terrain, frame, cell_size, material, contact=None, softening=None,
     )
 
 
-def march_to(solver, *times):
+def integrate_to(solver, *times):
     """Advance through `times`, as frames are; answers the last reason."""
     code = None
     for until, after in zip(times, (*times[1:], np.inf), strict=True):

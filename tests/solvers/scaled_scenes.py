@@ -13,7 +13,8 @@ from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import ColumnEffects, PointEffects
 from mpmgis.seeding.columns import seed_columns
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.release import ReleaseArea, ReleasePart

@@ -1,4 +1,4 @@
-"""The verification catalogue's cases with curved beds, spreading caps and swinging pools (design notes 6).
+"""The verification catalogue's cases with curved beds, spreading caps and swinging pools.
 
 V3 to V7, V10 and V19 (Voellmy) stand in `test_columns_exact.py`, V22 in `test_columns_step.py`. Columns are staggered,
 as `run` seeds them by default. Tolerances are what this solver reaches and a little more; the catalogue's own stand in

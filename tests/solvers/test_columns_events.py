@@ -13,7 +13,7 @@ from mpmgis.kernels import columns as kernel
 from mpmgis.kernels.jit import set_threads
 from mpmgis.particles import Frame, Particles
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
-from mpmgis.solvers.integrate import March
+from mpmgis.solvers.integrate import TimeIntegration
 from mpmgis.terrain.inflow import Hydrograph, batch_times, clearing_time
 
 RUNNY = Voellmy(0.1, 100.0)
@@ -72,7 +72,7 @@ def test_batches_cover_the_inflow_and_their_volumes_add_up_to_it():
     assert len(batch_times(flow, 2.0, 0.37)) == 0
 
 
-def test_the_next_event_is_later_than_the_time_asked_for():
+def test_the_next_event_is_later_than_the_given_time():
     """Also at the time of a batch that is not let in yet: a 3D step of no length was chosen there."""
     solver = slope_solver(nothing())
     events = Events([inlet_of(area(2, 6, 0, 4, 0.5), table([0, 5], discharge=[2, 2]), solver.grid, 5.0)])
@@ -101,7 +101,7 @@ def test_a_steady_inflow_into_a_pool_pushes_as_deep_water_does():
     inlet = inlet_of(area(0, source, 0, width, dx / 4), table([0, 1000], discharge=[q * width] * 2), solver.grid, 1e6)
     assert len(inlet.layers) == 8
     depth = []
-    for frame in March(solver, 36.0, 0.5, events=Events([inlet])):
+    for frame in TimeIntegration(solver, 36.0, 0.5, events=Events([inlet])):
         if frame.time >= 24.0:
             depth.append(node_thickness(solver)[2].mean(axis=0))
     x = node_thickness(solver)[0]
@@ -128,7 +128,7 @@ def test_a_steady_inflow_runs_down_a_slope_as_normal_flow():
     solver = slope_solver(nothing(), length=200.0)
     events = Events([inlet_of(area(4, 12, 0, width, 0.25), flow, solver.grid, end)])
     flux, thickness, beyond = [], [], []
-    for frame in March(solver, end, 1.0, events=events):
+    for frame in TimeIntegration(solver, end, 1.0, events=events):
         p = frame.particles
         beyond.append(p.volume[p.position[:, 0] > 50].sum() / width)
         if frame.time > end - 10:
@@ -149,7 +149,7 @@ def test_a_basin_fills_to_the_level_of_what_came_in():
     solver = pool_solver(length, width, 1.0, area(0, length, 0, width, 0.25))
     flow = table([0, 60, 120], discharge=[0, 1, 0], velocity=[[0.5, 0]] * 3)
     inlet = inlet_of(area(0, 8, 0, width, 0.25), flow, solver.grid, 1e6)
-    for frame in March(solver, 150.0, 15.0, events=Events([inlet])):
+    for frame in TimeIntegration(solver, 150.0, 15.0, events=Events([inlet])):
         volume = length * width + sum(inlet.volumes[inlet.times[:, 0] <= frame.time])
         assert frame.particles.volume.sum() == pytest.approx(volume, rel=1e-12)
         level = node_thickness(solver)[2].mean(axis=0)
@@ -163,7 +163,7 @@ def test_nothing_comes_in_between_two_pulses():
     flow = table([1, 2, 3, 7, 8, 9], discharge=[0, 8, 0, 0, 4, 0], speed=[3] * 6)
     events = Events([inlet_of(area(4, 12, 0, 4, 0.25), flow, solver.grid, 20.0)])
     numbers, released = {}, {}
-    for frame in March(solver, 12.0, 0.5, events=events):
+    for frame in TimeIntegration(solver, 12.0, 0.5, events=events):
         numbers[frame.time] = int(frame.particles.id.max()) + 1
         released[frame.time] = solver.balances()["mass_released"]
     pause = [time for time in numbers if 3.0 <= time < 7.0]
@@ -174,7 +174,7 @@ def test_nothing_comes_in_between_two_pulses():
     assert solver.balances()["mass_now"] == pytest.approx(12e3, rel=1e-12)
 
 
-def test_what_the_hydrograph_says_of_speed_is_what_comes_in():
+def test_the_inflow_has_the_speed_of_the_hydrograph():
     solver = slope_solver(nothing())
     frame = area(4, 12, 0, 4, 0.25)
     inlet = inlet_of(frame, table([0, 10], discharge=[1, 1], speed=[2, 6]), solver.grid, 100.0)
@@ -199,8 +199,8 @@ def test_one_slab_is_a_release_to_the_last_bit():
     frame = area(10, 30, 0, 4, 0.25, thickness=1.0)
     solver = slope_solver(nothing())
     events = Events([inlet_of(frame, table([0], thickness=[1.0]), solver.grid, 100.0)])
-    inflow = list(March(solver, 3.0, 1.0, events=events))
-    plain = list(March(slope_solver(frame), 3.0, 1.0))
+    inflow = list(TimeIntegration(solver, 3.0, 1.0, events=events))
+    plain = list(TimeIntegration(slope_solver(frame), 3.0, 1.0))
     assert [f.time for f in inflow] == [f.time for f in plain] == [0.0, 1.0, 2.0, 3.0]
     for a, b in zip(inflow, plain, strict=True):
         for name in ("position", "velocity", "mass", "area", "id"):
@@ -274,7 +274,7 @@ def avalanche(trigger=None, second=60.0, **numerics):
 
 def test_a_secondary_area_moves_when_the_flow_gets_there():
     solver, events = avalanche()
-    frames = list(March(solver, 20.0, 0.5, events=events))
+    frames = list(TimeIntegration(solver, 20.0, 0.5, events=events))
     front = [f.particles.position[f.particles.id < 1280, 0].max() for f in frames]
     number = [len(f.particles) for f in frames]
     first = int(np.argmax(np.array(number) > number[0]))
@@ -290,11 +290,11 @@ def test_a_secondary_area_moves_when_the_flow_gets_there():
     assert events.record() == {"batches": 0, "secondary_releases": ["lower"]}
 
 
-def test_a_secondary_area_waits_for_flow_as_thick_as_asked():
+def test_a_secondary_area_is_released_by_its_trigger_thickness():
     arrivals = []
     for trigger in (None, 0.2, 5.0):
         solver, events = avalanche(trigger)
-        times = [f.time for f in March(solver, 20.0, 0.25, events=events) if len(f.particles) > 1280]
+        times = [f.time for f in TimeIntegration(solver, 20.0, 0.25, events=events) if len(f.particles) > 1280]
         arrivals.append(times[0] if times else np.inf)
     assert arrivals[0] < arrivals[1] < arrivals[2] == np.inf
 
@@ -303,7 +303,7 @@ def test_areas_that_share_corners_are_all_released_and_those_within_others_refus
     solver = slope_solver(area(4, 24, 0, 4, 0.25))
     both = [("a", area(40, 50, 0, 4, 0.25), None), ("b", area(50, 60, 0, 4, 0.25), None)]
     events = Events((), secondary_releases(both, solver.grid))
-    list(March(solver, 20.0, 5.0, events=events))
+    list(TimeIntegration(solver, 20.0, 5.0, events=events))
     assert events.record()["secondary_releases"] == ["a", "b"]
     with pytest.raises(SceneError, match="within cells of others"):
         secondary_releases([*both, ("c", area(44, 45, 0, 1, 0.25), None)], solver.grid)
@@ -319,7 +319,7 @@ def test_no_stop_rule_ends_a_run_while_something_is_to_come():
     solver = solver_on(terrain, frame, 1.0, Voellmy(2.0, 100.0), stop_at_rest=True, edges="wall")
     flow = table([2, 6], discharge=[0.01, 0.01])
     events = Events([inlet_of(area(40, 48, 0, 4, 0.25), flow, solver.grid, 300.0)])
-    march = March(solver, 300.0, 1.0, events=events)
+    march = TimeIntegration(solver, 300.0, 1.0, events=events)
     list(march)
     assert 6.0 <= solver.time < 60.0 and "at rest" in march.reason
     assert solver.balances()["mass_released"] == pytest.approx(1000 * (0.32 + 0.04), rel=1e-12)
@@ -336,7 +336,7 @@ def busy():
 
 def test_a_run_goes_on_from_any_frame_to_the_same_bits():
     solver, events = busy()
-    frames = list(March(solver, 14.0, 1.0, events=events))
+    frames = list(TimeIntegration(solver, 14.0, 1.0, events=events))
     assert events.record()["secondary_releases"] == ["a", "b"] and events.record()["batches"] > 20
     counts = [len(f.particles) for f in frames]
     assert len(set(counts)) > 6
@@ -344,7 +344,7 @@ def test_a_run_goes_on_from_any_frame_to_the_same_bits():
         again, later = busy()
         again.restore(frames[k])
         later.restore(frames[k])
-        rest = list(March(again, 14.0, 1.0, resumed=True, events=later))
+        rest = list(TimeIntegration(again, 14.0, 1.0, resumed=True, events=later))
         assert [f.time for f in rest] == [f.time for f in frames[k + 1 :]]
         for name in ("position", "velocity", "mass", "area", "id"):
             assert getattr(rest[-1].particles, name).tobytes() == getattr(frames[-1].particles, name).tobytes(), name
@@ -360,13 +360,13 @@ def test_a_run_that_had_ended_when_it_was_killed_has_nothing_left_to_do():
         return solver, events
 
     solver, events = resting()
-    march = March(solver, 400.0, 7.0, events=events)
+    march = TimeIntegration(solver, 400.0, 7.0, events=events)
     last = list(march)[-1]
     assert "at rest" in march.reason and last.time % 7.0 != 0.0
     again, later = resting()
     again.restore(last)
     later.restore(last)
-    resumed = March(again, 400.0, 7.0, resumed=True, events=later)
+    resumed = TimeIntegration(again, 400.0, 7.0, resumed=True, events=later)
     assert list(resumed) == [] and resumed.reason == march.reason and again.step == solver.step
 
 
@@ -375,7 +375,7 @@ def test_threads_change_nothing():
     for threads in (1, 2):
         set_threads(threads)
         solver, events = busy()
-        last.append(list(March(solver, 10.0, 5.0, events=events))[-1].particles)
+        last.append(list(TimeIntegration(solver, 10.0, 5.0, events=events))[-1].particles)
     set_threads(None)
     assert last[0].position.tobytes() == last[1].position.tobytes()
     assert last[0].id.tobytes() == last[1].id.tobytes()
@@ -383,6 +383,6 @@ def test_threads_change_nothing():
 
 def test_the_state_of_other_events_is_refused():
     solver, events = busy()
-    frame = next(iter(March(solver, 14.0, 1.0, events=events)))
+    frame = next(iter(TimeIntegration(solver, 14.0, 1.0, events=events)))
     with pytest.raises(FormatError, match="another scene"):
         Events().restore(frame)

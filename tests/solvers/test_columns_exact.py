@@ -1,4 +1,4 @@
-"""The depth-averaged solver against exact answers (design notes 6; numbers in brackets are its prototype's).
+"""The depth-averaged solver against exact answers (numbers in brackets are the prototype's).
 
 The columns are staggered, as `run` seeds them by default. Tolerances are what this solver reaches and a little more;
 the catalogue's own stand in brackets after "asked".

@@ -12,7 +12,7 @@ from mpmgis.errors import FormatError, SceneError, UnphysicalError
 from mpmgis.kernels.jit import set_threads
 from mpmgis.particles import Frame
 from mpmgis.solvers.columns import ColumnSolver
-from mpmgis.solvers.integrate import March
+from mpmgis.solvers.integrate import TimeIntegration
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 
@@ -54,7 +54,7 @@ def bending(bed, node, dx):
 
 
 def plain_step(particles, solver, dt, law, curved):
-    """One step in plain Python, dense, in the order of design notes 3.7: the oracle."""
+    """One step in plain Python, dense, in the order of theory.md: the oracle."""
     dx, density, grid = solver.grid.cell_size, solver.numerics.density, solver.grid
     shape = grid.bed.shape
     mass, momentum = np.zeros(shape), np.zeros((*shape, 2))
@@ -150,7 +150,7 @@ def test_any_number_of_threads_gives_the_same_bits():
     assert results[0] == results[1] == results[2]
 
 
-def test_marching_in_slices_gives_the_same_bits():
+def test_integration_in_slices_gives_the_same_bits():
     whole, sliced = rough_solver(), rough_solver()
     whole.advance(6.0)
     while sliced.time < 6.0:
@@ -217,7 +217,7 @@ def test_outflow_is_summed_by_edge_and_the_run_continues():
     assert 0 < balances["mass_out"] < balances["mass_start"]
     assert abs(balances["mass_error_relative"]) <= 1e-12
     assert balances["outflow"]["east"]["particles"] + len(solver.frame().particles) == len(frame.particles)
-    march = March(solver, 60.0, 30.0)
+    march = TimeIntegration(solver, 60.0, 30.0)
     list(march)
     assert "left the terrain" in march.reason
 
@@ -245,7 +245,7 @@ def test_walls_keep_everything_in():
 
 def test_stop_rule_ends_a_run_that_rests_and_names_the_rule():
     solver = rough_solver(Coulomb(0.9), stop_at_rest=True)
-    march = March(solver, 300.0, 10.0)
+    march = TimeIntegration(solver, 300.0, 10.0)
     frames = list(march)
     assert "at rest" in march.reason
     assert frames[-1].time < 300.0
@@ -257,7 +257,7 @@ def test_friction_above_every_slope_moves_nothing_and_ends_early():
     terrain = terrain_of(lambda x, y: 0.2 * (400 - x), 400, 200, 5)
     frame = columns_of(0.05, 100, 200, 50, 150, 1.25)
     solver = solver_on(terrain, frame, 5.0, Coulomb(2.0), stop_at_rest=True)
-    march = March(solver, 300.0, 50.0)
+    march = TimeIntegration(solver, 300.0, 50.0)
     list(march)
     assert solver.time < 100.0 and "at rest" in march.reason
     p = solver.frame().particles
@@ -267,7 +267,7 @@ def test_friction_above_every_slope_moves_nothing_and_ends_early():
 def test_frames_are_at_their_times_exactly():
     """H39: a frame interval that no step divides is hit to the last bit."""
     solver = rough_solver()
-    march = March(solver, 2.0, 0.7)
+    march = TimeIntegration(solver, 2.0, 0.7)
     assert [f.time for f in march] == [0.0, 0.7, 1.4, 2.0]
 
 
@@ -288,7 +288,7 @@ def test_peaks_go_on_after_a_restart_and_are_stored_only_where_the_flow_was():
         rough_solver(maxima=True).restore(other)
 
 
-def test_peaks_of_every_step_are_kept_only_if_asked():
+def test_peaks_of_every_step_are_kept_only_on_request():
     solver = rough_solver(maxima=True)
     fastest = 0.0
     for _ in range(40):
@@ -302,7 +302,7 @@ def test_peaks_of_every_step_are_kept_only_if_asked():
     assert rough_solver().frame().maxima == {}
 
 
-def test_arrival_speed_and_pressure_are_of_flow_as_thick_as_asked():
+def test_arrival_speed_and_pressure_require_the_arrival_thickness():
     """The thickness peaks do not know the threshold; all else is there exactly where the flow was as thick."""
     kept = {}
     for thickness in (0.02, 1.5):
@@ -323,15 +323,15 @@ def test_arrival_speed_and_pressure_are_of_flow_as_thick_as_asked():
     assert (thin["arrival_time"] < thick["arrival_time"])[both].any()
 
 
-def test_a_run_that_becomes_unphysical_says_where_and_stops():
+def test_an_unphysical_run_stops_with_its_place():
     solver = rough_solver()
     solver._rows[7, 3] = np.nan
     with pytest.raises(UnphysicalError, match="not finite"):
-        list(March(solver, 5.0, 1.0))
+        list(TimeIntegration(solver, 5.0, 1.0))
     solver = rough_solver()
     solver._rows[:, 2] = 500.0
     with pytest.raises(UnphysicalError, match="as its drop in height allows") as error:
-        list(March(solver, 5.0, 1.0))
+        list(TimeIntegration(solver, 5.0, 1.0))
     assert "\n" not in str(error.value) and error.value.exit_code == 3
 
 
@@ -383,7 +383,7 @@ def test_water_does_not_heap_in_a_corner(form):
     assert sum(solver.energy()) <= 1.001 * sum(solver.energy_start)
 
 
-def test_a_clamp_may_be_asked_for_and_keeps_the_exact_answers():
+def test_an_optional_clamp_keeps_the_exact_solutions():
     _, h, exact, solver = dam_break(0.5, metric=WaterMetric(), clamp=2.0)
     assert relative_l1(h, exact) <= 0.006 and solver.balances()["speed_limited_share_max"] <= 1e-3
 
@@ -395,7 +395,7 @@ def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
     frame = columns_of(1.0, 50, 90, 30, 70, 1.25)
     solver = solver_on(terrain, frame, 5.0, Coulomb(0.05), curvature=Curvature())
     top = solver.bed_start.max()
-    march = March(solver, 20.0, 1.0)
+    march = TimeIntegration(solver, 20.0, 1.0)
     for state in march:
         p = state.particles
         drop = 2 * G * np.maximum(top - p.position[:, 2], 0) + 4 * G * 1.0
@@ -408,12 +408,12 @@ def test_a_thin_slow_flow_onto_a_steep_slope_is_not_outrun_by_its_time_step():
     terrain = terrain_of(lambda x, y: np.where(x < 100, 0.0, (100 - x) * np.tan(np.radians(35))), 400, 100, 5)
     frame = columns_of(1e-3, 50, 95, 30, 70, 1.25, velocity=(0.05, 0.0))
     solver = solver_on(terrain, frame, 5.0, curvature=Curvature())
-    list(March(solver, 30.0, 5.0))  # raised UnphysicalError when a step was as long as the slow flow allowed
+    list(TimeIntegration(solver, 30.0, 5.0))  # raised UnphysicalError when a step was as long as the slow flow allowed
     fall = np.sqrt(2 * 5.0 / (G * np.sin(np.radians(35)) * np.cos(np.radians(35))))
     assert solver.step >= 30.0 / (0.3 * fall)
 
 
-def test_ground_beside_a_turned_raster_is_outside():
+def test_ground_next_to_a_rotated_raster_is_outside():
     grid = Grid(None, Affine.rotation(45) * Affine.scale(5.0, -5.0), (80, 80))
     x, _ = grid.xy(*np.mgrid[0:80, 0:80])
     solver = solver_on(Terrain(grid, 0.1 * x), columns_of(1.0, 280, 290, -5, 5, 1.25), 5.0)
@@ -439,9 +439,9 @@ def test_every_particle_is_in_the_tile_of_its_block():
 
 def test_resuming_from_an_earlier_frame_in_memory():
     solver, again = rough_solver(maxima=True), rough_solver(maxima=True)
-    frames = list(March(solver, 4.0, 1.0))
+    frames = list(TimeIntegration(solver, 4.0, 1.0))
     again.restore(frames[2])
-    list(March(again, 4.0, 1.0, resumed=True))
+    list(TimeIntegration(again, 4.0, 1.0, resumed=True))
     a, b = solver.frame().particles, again.frame().particles
     assert a.position.tobytes() == b.position.tobytes() and a.velocity.tobytes() == b.velocity.tobytes()
     assert again.time == solver.time and again.step == solver.step

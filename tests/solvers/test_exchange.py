@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
-from point_scenes import block_of, march_to
+from point_scenes import block_of, integrate_to
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
@@ -11,7 +11,8 @@ from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import PointEffects
 from mpmgis.errors import SceneError
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -45,14 +46,14 @@ def test_points_that_come_onto_an_empty_terrain_are_a_start():
     empty.insert(frame, stress, affine)
     for time in (0.1, 0.2):
         for solver in (begun, empty):
-            march_to(solver, time, time + 0.1)
+            integrate_to(solver, time, time + 0.1)
         assert states_equal(begun, empty)
     assert begun.balances() == empty.balances() and empty.mass_start == begun.mass_start
 
 
 def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
     solver = solver_of(*block((28, 28, 0), (3.0, 0.0, 0.0)))
-    march_to(solver, 0.1, 0.2)
+    integrate_to(solver, 0.1, 0.2)
     frame, stress, affine = block((10, 10, 1.0), (0.0, 2.0, -1.0))
     frame.particles.id[:] += 1000
     own = solver.frame().particles
@@ -63,7 +64,7 @@ def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
     np.testing.assert_allclose(
         (now.mass[:, None] * now.velocity).sum(axis=0), before + 64e3 * np.array([0.0, 2.0, -1.0]), rtol=1e-12
     )
-    march_to(solver, 0.2, 0.3, 0.8)
+    integrate_to(solver, 0.2, 0.3, 0.8)
     balances = solver.balances()
     assert balances["mass_start"] == pytest.approx(128e3) and abs(balances["mass_error_relative"]) <= 1e-15
     assert abs(balances["momentum_error_relative"]) <= 1e-12
@@ -73,15 +74,15 @@ def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
 
 def test_a_restart_after_that_sees_the_same():
     solver = solver_of(*block((28, 28, 0), (3.0, 0.0, 0.0)))
-    march_to(solver, 0.1, 0.2)
+    integrate_to(solver, 0.1, 0.2)
     solver.insert(*block((10, 10, 1.0)))
-    march_to(solver, 0.2, 0.3)
+    integrate_to(solver, 0.2, 0.3)
     kept, started = solver.frame(), solver.started()
-    march_to(solver, 0.3, 0.4)
+    integrate_to(solver, 0.3, 0.4)
     again = solver_of(kept)
     again.restore(kept)
     again.start_from(started)
-    march_to(again, 0.3, 0.4)
+    integrate_to(again, 0.3, 0.4)
     assert states_equal(solver, again) and solver.balances() == again.balances()
 
 

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import block_of, march_to, plane, points_on, sorted_points
+from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic
 from mpmgis.errors import SceneError
-from mpmgis.kernels import points as kernel
 from mpmgis.kernels.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
+from mpmgis.kernels.point_rows import GHOSTS
 from mpmgis.solvers import ground_folds
 from mpmgis.solvers.ground_folds import departure, folded_ground
 
 ICE = Elastic(6.7e6, 4e6)
 DX, DROP, EDGE = 0.5, 10.0, 12.0
-NODES = np.arange(-kernel.GHOSTS, 67) * DX  # places of the columns of nodes [m]
+NODES = np.arange(-GHOSTS, 67) * DX  # places of the columns of nodes [m]
 PROFILE = np.where(NODES < EDGE, DROP, np.where(NODES > EDGE, 0.0, 0.5 * DROP))  # the edge is between two pixels
 
 
@@ -37,7 +37,7 @@ def entries(ground):
     for j, i in zip(rows, columns, strict=True):
         first, lowest, levels = ground.folds[j, i, [FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS]]
         for level in range(levels):
-            yield j, i, (lowest + level - kernel.GHOSTS) * DX, ground.exact[first + level]
+            yield j, i, (lowest + level - GHOSTS) * DX, ground.exact[first + level]
 
 
 def distance_from_lines(x, z, heights):
@@ -93,7 +93,7 @@ def test_distances_from_a_twisted_ground():
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 68.0])
-def test_planes_of_any_slope_keep_nothing(degrees):
+def test_planes_of_any_slope_have_no_folds(degrees):
     """On a plane (z - b) c is exact: no memory, and the solver looks nothing up."""
     ground = ground_of(plane(degrees, length=40.0, width=10.0, height=100.0, pixel=DX))
     assert ground.folds.shape[:2] == (1, 1) and ground.exact.shape[0] == 1
@@ -114,12 +114,12 @@ def falling(gap, mu=0.5, time=0.8):
     frame = block_of((2.0, 2.0, 2.0), DX / 2, (foot + gap * DX, 2.0, 6.0))
     solver = points_on(cliff(), frame, DX, ICE, CoulombContact(mu))
     start = sorted_points(solver).position
-    march_to(solver, time)
+    integrate_to(solver, time)
     return solver, start
 
 
 @pytest.mark.thorough
-def test_nodes_beside_a_cliff_are_not_held_by_ground_metres_below():
+def test_nodes_next_to_a_cliff_have_no_contact_with_ground_metres_below():
     """A block falls freely a cell and a half before the foot of a cliff: no touch, no push. One cell before it
     the nodes within half a cell of the face take 3 of 62 000 N s."""
     solver, start = falling(1.5)
@@ -134,7 +134,7 @@ def test_a_block_that_runs_into_a_cliff_is_stopped_by_its_face():
     terrain = cliff()
     frame = block_of((3.0, 2.0, 2.0), DX / 2, (16.0, 2.0, 0.0), velocity=(-8.0, 0.0, 0.0))
     solver = points_on(terrain, frame, DX, ICE, CoulombContact(0.0))
-    march_to(solver, 1.2)
+    integrate_to(solver, 1.2)
     now, balances = sorted_points(solver), solver.balances()
     assert now.position[:, 0].min() > EDGE - DX  # outside the face
     assert now.velocity[:, 0].mean() > -0.1  # stopped or thrown back

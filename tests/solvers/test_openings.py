@@ -138,7 +138,7 @@ def slit_dam(dx=2.0):
 
 
 @pytest.mark.thorough
-def test_a_slit_dam_holds_mass_behind_and_passes_the_same_through_slits_that_mirror_each_other():
+def test_a_slit_dam_retains_mass_and_passes_the_same_through_mirrored_slits():
     solver, frame = slit_dam()
     solver.advance(5.0)
     p = solver.frame().particles

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from contact_scenes import FRICTION, G, askew_slab, axes_of, slab
-from point_scenes import block_of, march_to, points_on, sorted_points
+from point_scenes import block_of, integrate_to, points_on, sorted_points
 from test_points_catalogue import level
 
 from mpmgis.effects.contact import CoulombContact
@@ -71,7 +71,7 @@ def test_single_precision_bears_as_much():
         pytest.param(0.0, 4.0, {"speed": 5.0}, marks=pytest.mark.thorough),
     ],
 )
-def test_what_friction_takes_is_what_the_law_says(degrees, time, start):
+def test_friction_loss_is_that_of_the_law(degrees, time, start):
     """mu m g cos(slope) times the path within 1 %, measured 0.2 %; and no more than all that the ground takes."""
     moved, _, _, solver = slab(degrees, time, above=0.3, **start)
     weight = solver.mass_start * G * np.cos(np.radians(degrees))
@@ -102,6 +102,6 @@ def test_what_falls_comes_to_rest_on_the_ground(layers, above):
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
     solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")
-    march_to(solver, 4.0)
+    integrate_to(solver, 4.0)
     gap = sorted_points(solver).position[:, 2].min() - above - 0.25
     assert -0.02 <= gap <= 0.3

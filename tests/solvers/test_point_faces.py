@@ -5,7 +5,7 @@ import pytest
 from contact_scenes import SOIL as SLAB
 from exact_solutions import G
 from face_scenes import CELL, DEEP, DENSITY, SOIL, along_wall, between_walls, mean_stress, resting_in
-from point_scenes import march_to
+from point_scenes import integrate_to
 
 from mpmgis.effects.fluid import Fluid
 from mpmgis.kernels.point_contact import between_faces
@@ -37,11 +37,11 @@ def test_a_body_on_level_ground_presses_evenly_beside_walls():
 
 @pytest.mark.parametrize("above", [0.625, pytest.param(0.125, marks=pytest.mark.thorough)])
 def test_sloping_ground_does_not_push_a_body_against_walls_without_end(above):
-    """20 degrees between walls: the stored energy keeps within 4 % and the body rests. The acute corner is 4 % off at
-    most of eight offsets, the obtuse one, where the bed cuts the cells, up to 21 %. One after the other, ground and
+    """20 degrees between walls: the stored energy keeps within 4 % and the body rests. The acute corner is 9 % off at
+    most of four offsets, the obtuse one, where the bed cuts the cells, up to 21 %. One after the other, ground and
     walls made the stress 10 to 110 times as large."""
     ratios, solver = between_walls(20.0, above)
-    np.testing.assert_allclose(ratios[1], 1.0, atol=0.05)
+    np.testing.assert_allclose(ratios[1], 1.0, atol=0.09)
     np.testing.assert_allclose(ratios[0], 1.0, atol=0.22)
     assert solver.energy()[2] <= 1.05 * solver.energy_start[2]
     assert solver.energy()[0] <= 1e-6 * solver.mass_start * G * DEEP
@@ -52,7 +52,7 @@ def test_a_body_rests_on_a_ramp_at_the_domain_s_edge():
     """10 degrees down from the western edge, where it stored 300 times its energy within 2 s."""
     rise = np.tan(np.radians(10.0))
     solver = resting_in(lambda x: 20.0 + max_of(10.0 - x) * rise, 20.0, 0.0, 20.0, 30.0, SOIL)
-    march_to(solver, 2.0)
+    integrate_to(solver, 2.0)
     assert solver.energy()[2] <= 1.1 * solver.energy_start[2]
     assert solver.energy()[0] <= 1e-5 * solver.mass_start * G * DEEP
 
@@ -86,11 +86,10 @@ def test_a_kink_of_the_bed_bears_as_the_planes_beside_it(degrees):
 @pytest.mark.thorough
 @pytest.mark.parametrize("azimuth", [0.0, 30.0])
 def test_a_block_slides_along_a_wall(azimuth):
-    """35 degrees over a friction angle of 25: the wall bears the weight's part to 1 %, and the block goes 6 to 10 %
-    too far (5 to 11 % over four places of the wall and two angles); 24 degrees creep by 0.7 to 0.9 m in 2 s. The
-    faces of barriers are rigid and hold nodes one by one, so that separation waves carry a stiff block, as ground did
-    before it yielded."""
+    """35 degrees over a friction angle of 25, started without stress: while the block settles on smooth ground it
+    swings, and goes 10 to 11 % too far in 2 s; the wall bears the weight's part to 2.5 %. 24 degrees move by 0.4 to
+    0.5 m in 2 s and then rest (`test_barrier_face_loads`)."""
     moved, exact, force, _ = along_wall(35.0, 2.0, SLAB, azimuth=azimuth)
-    assert 1.0 <= moved / exact <= 1.12 and force == pytest.approx(1.0, abs=0.02)
+    assert 1.0 <= moved / exact <= 1.12 and force == pytest.approx(1.0, abs=0.03)
     moved, exact, force, _ = along_wall(24.0, 2.0, SLAB, azimuth=azimuth)
-    assert exact == 0.0 and 0.0 <= moved <= 0.95 and force == pytest.approx(1.0, abs=0.1)
+    assert exact == 0.0 and 0.0 <= moved <= 0.5 and force == pytest.approx(1.0, abs=0.05)

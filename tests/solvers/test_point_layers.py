@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import block_of, march_to
+from point_scenes import block_of, integrate_to
 
 from mpmgis.effects import layers
 from mpmgis.effects.contact import VoellmyContact
@@ -14,7 +14,8 @@ from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import PointEffects
 from mpmgis.effects.transfer import TurningGradient, WholeGradient
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 TRANSFERS = {"APIC": WholeGradient(), "RPIC": TurningGradient()}
 MARGIN = 5.0  # [m] before the slab
@@ -48,7 +49,7 @@ class Chute:
         )
         numerics = PointNumerics(cell, density=1000.0, edges="wall", precision=precision)
         self.solver = PointSolver(frame, terrain, effects, numerics, stress)
-        march_to(self.solver, seconds)
+        integrate_to(self.solver, seconds)
 
     def down(self):
         return np.array([np.cos(self.slope), 0.0, -np.sin(self.slope)])

@@ -18,7 +18,7 @@ from mpmgis.effects.softening import NoSoftening
 from mpmgis.errors import FormatError
 from mpmgis.kernels import jit, point_peaks
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.integrate import March
+from mpmgis.solvers.integrate import TimeIntegration
 
 ELASTIC, SAND = Elastic(6.7e6, 4e6), drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 DENSITY, GRAVITY = 1000.0, 9.81
@@ -228,11 +228,11 @@ def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
         frame = block_of((4, 4, 4), 0.5, (10, 8, 0), velocity=(5.0, 0.0, 0.0))
         return points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.3), maxima=True)
 
-    whole = list(March(heap(), 1.5, 0.25))
+    whole = list(TimeIntegration(heap(), 1.5, 0.25))
     again = heap()
     again.advance(0.7)  # what it saw is no part of the run that it goes on with
     again.restore(whole[2])
-    frames = list(March(again, 1.5, 0.25, resumed=True))
+    frames = list(TimeIntegration(again, 1.5, 0.25, resumed=True))
     for name, values in whole[-1].maxima.items():
         np.testing.assert_array_equal(frames[-1].maxima[name], values)
     for frame, later in pairwise(whole):

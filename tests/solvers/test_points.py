@@ -1,9 +1,9 @@
-"""The 3D solver: what must hold to round-off, and the sliding block (design notes 4 and 6)."""
+"""The 3D solver: what must hold to round-off, and the sliding block."""
 
 import numpy as np
 import pytest
 from column_scenes import terrain_of
-from point_scenes import block_of, march_to, plane, points_on, sorted_points
+from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic
@@ -27,7 +27,7 @@ def test_a_block_in_the_air_flies_as_a_point():
     """Position and velocity to round-off of symplectic steps: no stress, no rotation (V16)."""
     solver = flying(time_step=0.01)
     start = sorted_points(solver)
-    march_to(solver, 0.5)
+    integrate_to(solver, 0.5)
     now, steps = sorted_points(solver), solver.step
     fall = 9.81 * 0.01**2 * steps * (steps + 1) / 2
     moved = np.array([1.5, 1.0, 0.5 - fall])
@@ -50,7 +50,7 @@ def test_a_point_pulled_apart_without_end_fills_no_more_than_its_stencil(tmp_pat
 def test_mass_and_momentum_close_to_round_off():
     solver = points_on(plane(30), block_of((10, 6, 4), 0.5, (20, 15, 120 - 20 * 0.57735), turned=np.pi / 6), 1.0, ICE,
                        CoulombContact(0.3))  # fmt: skip
-    march_to(solver, 1.0)
+    integrate_to(solver, 1.0)
     balances = solver.balances()
     assert balances["mass_error_relative"] == 0.0
     assert balances["momentum_error_relative"] <= 1e-10
@@ -73,7 +73,7 @@ def test_points_over_nodata_have_left_and_their_place_is_known():
     holed.elevation[:, 8:10][2:-2] = np.nan
     block = block_of((4, 4, 4), 0.5, (20, 20, 30), velocity=(40.0, 0.0, 30.0))
     solver, again = (points_on(holed, block, 1.0, ICE) for _ in range(2))
-    march_to(solver, 0.42)
+    integrate_to(solver, 0.42)
     again.restore(solver.frame())
     for one in (solver, again):
         assert one.advance(10.0) == kernel.ALL_LEFT
@@ -86,7 +86,7 @@ def test_points_over_nodata_have_left_and_their_place_is_known():
 
 def test_walls_keep_the_points_in():
     solver = flying(velocity=(40.0, 0.0, 0.0), edges="wall")
-    march_to(solver, 1.5)
+    integrate_to(solver, 1.5)
     assert solver.points == 512
     assert solver.balances()["momentum_error_relative"] <= 1e-10
     assert sorted_points(solver).position[:, 0].max() <= 60.0
@@ -116,7 +116,7 @@ def test_v3_sliding_block(mu, least, cell, high):
     0.2, 0.6 and -0.4 %: no order, for what is left is how the block swings on its corners at that moment, mu times
     its speed across the plane."""
     solver = sliding(mu, cell, high)
-    march_to(solver, 4.0)
+    integrate_to(solver, 4.0)
     exact = 9.81 * (np.sin(np.radians(30)) - mu * np.cos(np.radians(30))) * 4.0
     assert along(solver) == pytest.approx(exact, rel=least)
 
@@ -130,7 +130,7 @@ def test_v3_a_block_on_the_flat_stops_after_its_braking_distance(cell, high):
     stress = np.zeros((len(start), 6))
     stress[:, 2] = -850.0 * 9.81 * (high * cell - start[:, 2])
     solver = points_on(FLAT, frame, cell, ICE, CoulombContact(mu), stress=stress)
-    march_to(solver, 3.0)
+    integrate_to(solver, 3.0)
     now = sorted_points(solver)
     way, exact = (now.position - start)[:, 0].mean(), speed**2 / (2.0 * mu * 9.81)
     assert way == pytest.approx(exact, rel=0.02)
@@ -142,7 +142,7 @@ def test_energy_goes_into_friction_on_the_bed():
     that an elastic block loses but 2 % (1.4 %), and without friction 0.02 % of its energy is lost."""
     solver, free = sliding(0.3), sliding(0.0)
     for one in (solver, free):
-        march_to(one, 4.0)
+        integrate_to(one, 4.0)
     way = 0.5 * 9.81 * (0.5 - 0.3 * np.cos(np.radians(30))) * 4.0**2
     work = 0.3 * solver.mass_start * 9.81 * np.cos(np.radians(30)) * way
     balances = solver.balances()
@@ -173,7 +173,7 @@ def test_a_restart_goes_on_to_the_bit():
     again = sliding(0.3)
     again.restore(first.frame())
     for solver in (whole, again):
-        march_to(solver, 0.6)
+        integrate_to(solver, 0.6)
     a, b = whole.state(), again.state()
     assert np.array_equal(sorted_points(whole).position, sorted_points(again).position)
     assert set(a) == set(b)
@@ -183,7 +183,7 @@ def test_a_restart_goes_on_to_the_bit():
 
 def test_frames_are_met_exactly_and_steps_follow_the_courant_number():
     solver = sliding(0.0)
-    march_to(solver, 0.1, 0.2, 0.25)
+    integrate_to(solver, 0.1, 0.2, 0.25)
     assert solver.time == 0.25
     assert 0.25 / solver.step <= 0.4 * 1.0 / ICE.wave_speed(850.0)
 
@@ -197,7 +197,7 @@ def test_it_goes_with_the_map():
     far = points_on(terrain, type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)), 1.0, ICE,
                     CoulombContact(0.3))  # fmt: skip
     for solver in (near, far):
-        march_to(solver, 1.0)
+        integrate_to(solver, 1.0)
     np.testing.assert_allclose(sorted_points(far).position, sorted_points(near).position, atol=1e-7)
 
 
@@ -205,7 +205,7 @@ def test_wrong_frames_are_refused():
     with pytest.raises(SceneError, match="start outside the terrain"):
         points_on(FLAT, block_of((4, 4, 4), 0.5, (59, 20, 3)), 1.0, ICE)
     frame = block_of((4, 4, 4), 0.5, (20, 20, 3))
-    with pytest.raises(SceneError, match="wants points"):
+    with pytest.raises(SceneError, match="requires points"):
         points_on(FLAT, type(frame)(frame.particles, dimension=2), 1.0, ICE)
     solver = flying()
     with pytest.raises(FormatError, match="no state"):

@@ -1,4 +1,4 @@
-"""The verification catalogue's cases of the 3D solver: V11 to V16, V18 and the block off the cliff (design notes 6).
+"""The verification catalogue's cases of the 3D solver: V11 to V16, V18 and the block off the cliff.
 
 V3 stands in `test_points.py`, V17 with the materials. Docstrings give what was measured. Three variants of the solver
 are compiled: elastic, Drucker-Prager and fluid, all on ground with Coulomb friction and without softening.
@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import block_of, march_to, points_on, sorted_points
+from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic, drucker_prager
 from mpmgis.effects.slots import PointEffects
-from mpmgis.kernels import points as kernel
+from mpmgis.kernels import point_rows as row
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 
 def elastic(young, poisson):
@@ -45,9 +46,9 @@ def cauchy_stress(solver):
     """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of the points in the order of their ids, by eigenvectors of b."""
     rows, material = rows_by_id(solver), solver.effects.material
     if isinstance(material, Fluid):
-        pressure = material.pressure(rows[:, kernel.STATE[0]])
+        pressure = material.pressure(rows[:, row.STATE[0]])
         return np.column_stack([-pressure, -pressure, -pressure, *[0.0 * pressure] * 3])
-    xx, yy, zz, xy, xz, yz = (rows[:, k] for k in kernel.STATE[:6])
+    xx, yy, zz, xy, xz, yz = (rows[:, k] for k in row.STATE[:6])
     b = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1) + np.eye(3)
     values, axes = np.linalg.eigh(b)
     strain = 0.5 * np.log(values)
@@ -66,8 +67,8 @@ def momenta(solver):
     A row's affine momentum is dx (m C - something symmetric): its antisymmetric part is that of dx m C.
     """
     rows, dx = rows_by_id(solver), solver.numerics.cell_size
-    position, momentum = sorted_points(solver).position, rows[:, kernel.PX : kernel.PZ + 1]
-    along_x, along_y, along_z = (rows[:, k : k + 3] for k in (kernel.AXX, kernel.AXY, kernel.AXZ))
+    position, momentum = sorted_points(solver).position, rows[:, row.PX : row.PZ + 1]
+    along_x, along_y, along_z = (rows[:, k : k + 3] for k in (row.AXX, row.AXY, row.AXZ))
     own = np.column_stack([
         along_y[:, 2] - along_z[:, 1], along_z[:, 0] - along_x[:, 2], along_x[:, 1] - along_y[:, 0],
     ])  # fmt: skip
@@ -105,12 +106,12 @@ def test_v11_a_free_disc_keeps_its_momenta_its_speed_and_its_shape():
     kinetic energy +0.02 % (it swings a little with the disc's radius)."""
     solver, revolution = spinning_disc()
     start, end = 0.01 * revolution, 1.01 * revolution
-    march_to(solver, start)
+    integrate_to(solver, start)
     first, (push, spin), energy = sorted_points(solver).position, momenta(solver), solver.energy()[0]
-    march_to(solver, end)
+    integrate_to(solver, end)
     push_now, spin_now = momenta(solver)
     angle, apart = turned_by(first, sorted_points(solver).position)
-    scale = np.abs(rows_by_id(solver)[:, kernel.PX : kernel.PZ + 1]).sum()
+    scale = np.abs(rows_by_id(solver)[:, row.PX : row.PZ + 1]).sum()
     assert np.abs(push_now - push).max() <= 1e-13 * scale
     assert np.abs(spin_now - spin).max() <= 1e-12 * spin[2]
     assert abs(angle) <= 1e-3 * 2.0 * np.pi  # back where it was
@@ -122,9 +123,9 @@ def test_v11_a_free_disc_keeps_its_momenta_its_speed_and_its_shape():
 def test_v11_the_disc_keeps_its_spin_while_it_flies():
     """Momentum and angular momentum to 1e-12 also where every point crosses cells. Measured: 2e-15 and 2e-14."""
     solver, revolution = spinning_disc(mach=0.1, drift=1.0)
-    march_to(solver, 1e-3 * revolution)
+    integrate_to(solver, 1e-3 * revolution)
     push, spin = momenta(solver)
-    march_to(solver, 0.3 * revolution)
+    integrate_to(solver, 0.3 * revolution)
     push_now, spin_now = momenta(solver)
     np.testing.assert_allclose(push_now, push, rtol=0, atol=1e-12 * abs(push[0]))
     np.testing.assert_allclose(spin_now, spin, rtol=0, atol=1e-12 * np.abs(spin).max())
@@ -146,7 +147,7 @@ def swings(cells, periods=10, samples=40, mach=1e-3):
     times = np.arange(1, (periods + 1) * samples + 1) * period / samples
     swing = np.empty(len(times))
     for k, until in enumerate(times):
-        march_to(solver, until)
+        integrate_to(solver, until)
         swing[k] = (sorted_points(solver).velocity[:, 0] * mode).sum()
     down = np.flatnonzero((swing[:-1] > 0.0) & (swing[1:] <= 0.0))
     zero = times[down] + period / samples * swing[down] / (swing[down] - swing[down + 1])
@@ -182,7 +183,7 @@ def wave_speed_error(cells, heights=(0.25, 0.75), strike=1e-3):
     times = np.arange(1, 201) / 200 / speed
     sinking = np.empty((len(layers), len(times)))
     for k, until in enumerate(times):
-        march_to(solver, until)
+        integrate_to(solver, until)
         w = -sorted_points(solver).velocity[:, 2] / (strike * speed)
         sinking[:, k] = [w[layer].mean() for layer in layers]
     arrivals = []
@@ -233,11 +234,11 @@ def watched(solver, start, end, times, above=0.0, across=2):
     the middle `across` x `across` cells; lateral over vertical stress there; force on the ground over the weight; and
     the largest kinetic energy over m g DEPTH."""
     weight, cell = solver.mass_start * G, solver.numerics.cell_size
-    march_to(solver, start)
+    integrate_to(solver, start)
     impulse = solver.balances()["ground_impulse"][2]
     stress = place = kinetic = 0.0
     for until in np.linspace(start, end, times + 1)[1:]:
-        march_to(solver, until)
+        integrate_to(solver, until)
         stress = stress + cauchy_stress(solver) / times
         place = place + sorted_points(solver).position / times
         kinetic = max(kinetic, solver.energy()[0] / (weight * DEPTH))
@@ -310,7 +311,7 @@ def thrown_sand(rate):
     numerics = PointNumerics(0.5, density=1000.0, time_step=step)
     spreading = np.tile(rate * np.eye(3), (len(start), 1, 1))
     solver = PointSolver(frame, level(6.0, 6.0, 0.5), PointEffects(SAND), numerics, affine=spreading)
-    march_to(solver, FLIGHT)
+    integrate_to(solver, FLIGHT)
     fall = 0.5 * G * FLIGHT * (FLIGHT + step)  # of symplectic steps
     return solver, start, FLIGHT * velocity - np.array([0.0, 0.0, fall])
 
@@ -352,14 +353,14 @@ def off_the_cliff(cell, gap=2.0):
 
 
 def check_flight(cell):
-    """The design note's S3 to S5: on the plane, in the air, and where it lands."""
+    """The sliding block: on the plane, in the air, and where it lands."""
     solver = off_the_cliff(cell)
     start = sorted_points(solver).position
     terminal = np.sqrt(2.0 * G * RUN * np.sin(INCLINE))
     down, up = np.array([np.cos(INCLINE), 0.0, -np.sin(INCLINE)]), np.array([np.sin(INCLINE), 0.0, np.cos(INCLINE)])
     flown = 0
     for time in np.arange(1, 200) * 0.02:
-        march_to(solver, time)
+        integrate_to(solver, time)
         now = sorted_points(solver)
         velocity, middle = now.velocity.mean(axis=0), now.position.mean(axis=0)
         beyond = middle[0] - EDGE
@@ -407,7 +408,7 @@ def collapsed(aspect, cell, friction_angle=30.0, weighted=False):
     if weighted:
         stress[:, 2] = -1500.0 * G * (aspect - frame.particles.position[:, 2])
     solver = points_on(ground, frame, cell, sand, CoulombContact(5.0), stress=stress, edges="wall")
-    march_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
+    integrate_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
     return solver
 
 
@@ -458,7 +459,7 @@ def round_runout(aspect, cell):
     side = np.ceil((2.5 + 2.2 * np.sqrt(aspect) * min(aspect, 1.0)) / cell) * cell
     frame = Frame(square.particles.take(within), dimension=3)
     solver = points_on(level(side, side, cell), frame, cell, sand, CoulombContact(5.0), edges="wall")
-    march_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
+    integrate_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
     return np.hypot(*sorted_points(solver).position[:, :2].T).max() - 1.0
 
 
@@ -487,7 +488,7 @@ def settlement(height_over_critical, cells=16, friction_angle=30.0):
     stress[:, 1] = 0.3 * stress[:, 2]
     ground = level(3.5 * height, 3 * cell, cell)
     solver = points_on(ground, frame, cell, soil, CoulombContact(5.0), stress=stress, edges="wall")
-    march_to(solver, *(np.arange(1, 6) * 2.0 * np.sqrt(height / G)))
+    integrate_to(solver, *(np.arange(1, 6) * 2.0 * np.sqrt(height / G)))
     crest = (start[:, 0] > 1.5 * height - 2 * cell) & (start[:, 2] > height - 2 * cell)
     return (start[crest, 2] - sorted_points(solver).position[crest, 2]).mean() / height
 

@@ -1,9 +1,9 @@
-"""Voellmy's law on the bed of a 3D flow: the speed at which a slab slides on (design notes 3.5, 4.7; V19 in 3D)."""
+"""Voellmy's law on the bed of a 3D flow: the speed at which a slab slides on (V19 in 3D)."""
 
 import numpy as np
 import pytest
 from exact_solutions import G
-from point_scenes import block_of, march_to, plane, points_on
+from point_scenes import block_of, integrate_to, plane, points_on
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.material import Elastic
@@ -11,7 +11,8 @@ from mpmgis.effects.slots import PointEffects
 from mpmgis.effects.zones import FrictionZones
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 from mpmgis.spatial.node_grid import ColumnGrid
 
 SLOPE, MU, XI = np.radians(20.0), 0.2, 400.0
@@ -38,7 +39,7 @@ def along(solver):
 def speed_error(cell, start, time=3.0, **scene):
     """Relative error of the slab's speed against dU/dt = a (1 - U^2 / U_t^2), and the solver."""
     solver, steady = slab(cell, start, **scene)
-    march_to(solver, time)
+    integrate_to(solver, time)
     phase = DRIVE * time / steady
     exact = steady * np.tanh(phase + np.arctanh(start)) if start < 1.0 else steady / np.tanh(
         phase + np.arctanh(1.0 / start)
@@ -76,7 +77,7 @@ def test_without_drag_voellmys_law_is_coulombs():
     answers = []
     for contact in (VoellmyContact(MU, 1e15), CoulombContact(MU)):
         solver, _ = slab(1.0, 0.7, long=6.0, wide=4.0, contact=contact)
-        march_to(solver, 0.5)
+        integrate_to(solver, 0.5)
         answers.append(along(solver))
     assert answers[0] == pytest.approx(answers[1], rel=1e-4)
 
@@ -92,7 +93,7 @@ def test_drag_gives_the_same_bits_for_any_number_of_threads_and_slices_and_after
         if threads == 2:
             solver, first = slab(1.0, 0.7, long=12.0, wide=8.0)[0], solver
             solver.restore(first.frame())
-        march_to(solver, 0.4)
+        integrate_to(solver, 0.4)
         answers.append(solver.state())
     set_threads(None)
     for name in ("rows", "clock"):
@@ -100,7 +101,7 @@ def test_drag_gives_the_same_bits_for_any_number_of_threads_and_slices_and_after
 
 
 @pytest.mark.slow
-def test_drag_by_place():
+def test_drag_in_zones():
     """xi of 400 on the upper half of the way and 100 on the lower: the slab slows to the lower one's steady speed."""
     solver, steady = slab(1.0, 1.0)
     frame = solver._start
@@ -110,8 +111,8 @@ def test_drag_by_place():
     values[:, grid.node_axes()[0] > 45.0, 1] = 0.25 * XI
     effects = PointEffects(STIFF, contact=VoellmyContact(MU, XI), zones=FrictionZones())
     solver = PointSolver(frame, terrain, effects, PointNumerics(1.0, density=1000.0), zone_values=values)
-    march_to(solver, 1.0)
+    integrate_to(solver, 1.0)
     assert along(solver) == pytest.approx(steady, rel=0.02)
-    march_to(solver, 8.0)
+    integrate_to(solver, 8.0)
     assert solver.frame().particles.position[:, 0].min() > 45.0
     assert along(solver) == pytest.approx(0.5 * steady, rel=0.04)

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from column_scenes import terrain_of
 from plain_points import plain_step, yields_of
-from point_scenes import block_of, march_to, plane, points_on, sorted_points
+from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import NoSoftening
 from mpmgis.errors import FormatError
-from mpmgis.kernels import point_transfer as transfer
+from mpmgis.kernels import grid_to_points, point_batches, point_edges, point_lines
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
+from mpmgis.kernels.point_arrays import Edges, StepFactors
 
 SAND = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 MU = 0.3
@@ -56,7 +57,7 @@ def test_runout_and_mass_are_those_of_double_precision():
     """H33: the front within one cell after 2 s, mass within 1e-6, momentum to rounding of the points."""
     double, single = sliding("float64"), sliding("float32")
     for solver in (double, single):
-        march_to(solver, 2.0)
+        integrate_to(solver, 2.0)
     far, near = (sorted_points(solver).position[:, 0] for solver in (double, single))
     assert far.max() > 31.0  # from 27
     assert abs(near.max() - far.max()) < 0.1 and abs(near.mean() - far.mean()) < 1e-3
@@ -71,7 +72,7 @@ def test_nothing_is_lost_far_from_the_corner():
     """The same bits ten kilometres east, where single precision from the corner would resolve a millimetre."""
     here, far = sliding("float32"), sliding("float32", east=10_000.0, length=10_200.0)
     for solver in (here, far):
-        march_to(solver, 0.3)
+        integrate_to(solver, 0.3)
     assert np.array_equal(here.state()["rows"], far.state()["rows"])
 
 
@@ -81,7 +82,7 @@ def test_a_creep_of_a_millimetre_a_second_moves():
     for precision in ("float64", "float32"):
         solver = sliding(precision, velocity=(1e-3, 0.0, 0.0), gravity=0.0)
         start = sorted_points(solver).position
-        march_to(solver, 1.0)
+        integrate_to(solver, 1.0)
         moved.append((sorted_points(solver).position - start)[:, 0].mean())
     assert moved[1] == pytest.approx(moved[0], rel=0.02) and moved[0] >= 1e-3
 
@@ -99,7 +100,7 @@ def test_the_same_bits_for_any_number_of_threads_slices_and_restarts():
     again = sliding("float32")
     again.restore(answers[0].frame())
     for solver in (*answers, again):
-        march_to(solver, 0.5)
+        integrate_to(solver, 0.5)
     one, two, resumed = (solver.state() for solver in (*answers, again))
     assert one["rows"].dtype == np.float32
     for name in ("rows", "keys", "clock", "ledger"):
@@ -116,23 +117,23 @@ def test_a_frame_of_the_other_precision_is_not_resumed_from():
 
 LAW = type(SAND)(*map(np.float32, SAND)), NoSoftening(np.float32(0.0))
 ONE = np.float32(1.0)
-PARTS = {  # the loops over lines, with what they are given beside scratch and integers
-    "_weigh": (True, ()),
-    "_moments": (False, ()),
-    "_strain": (False, (ONE, ONE, *LAW)),
-    "_settle": (True, ()),
-    "_all_within": (True, (ONE, ONE, ONE, ONE)),
+PARTS = {  # loops over lines -> module, whether they use integers, further arguments
+    "weigh": (point_batches, True, ()),
+    "_weigh_moments": (grid_to_points, False, ()),
+    "_strain": (grid_to_points, False, (StepFactors(*(ONE,) * 6), *LAW)),
+    "find_blocks": (point_edges, True, ()),
+    "all_inside": (point_edges, True, (Edges(*(ONE,) * 4),)),
 }
 
 
 @pytest.mark.parametrize("name", PARTS)
 def test_loops_have_no_double_in_them(name):
-    """A constant of double precision would halve the speed of its loop without a word."""
-    whole_numbers, further = PARTS[name]
-    scratch, integers = np.zeros(transfer.LINES, np.float32), np.zeros(transfer.INTEGERS, np.int32)
-    given = (scratch, *((integers,) if whole_numbers else ()), *further)
+    """A constant of double precision would halve the speed of its loop."""
+    module, uses_integers, further = PARTS[name]
+    scratch, integers = np.zeros(point_lines.LINES, np.float32), np.zeros(point_lines.INTEGERS, np.int32)
+    given = (scratch, *((integers,) if uses_integers else ()), *further)
     names = ", ".join(f"a{k}" for k in range(len(given)))
-    space = {"part": getattr(transfer, name)}
+    space = {"part": getattr(module, name)}
     exec(f"def call({names}):\n    part({names})", space)
     call = numba.njit(fastmath={"nsz"}, error_model="numpy")(space["call"])
     call(*given)

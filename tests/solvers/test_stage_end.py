@@ -115,7 +115,7 @@ def test_a_time_is_met_exactly_and_nothing_else_is_looked_for():
     assert StageEnd().next_time(0.0) == math.inf and not StageEnd().over(Marching(flow([0.0], 1.0)))
 
 
-def test_looks_are_at_multiples_whatever_the_march_does_between():
+def test_checks_are_at_multiples_of_their_interval():
     end = StageEnd(time=9.0, reached=Cliff(terrain(cliff)))
     assert end.next_time(0.0) == LOOK_SECONDS and end.next_time(0.1) == LOOK_SECONDS
     assert end.next_time(LOOK_SECONDS) == 2 * LOOK_SECONDS

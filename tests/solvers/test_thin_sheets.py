@@ -1,5 +1,5 @@
 """Splash on thin sheets of a fluid: no point is thrown, little energy is lost, and the limiter of the affine velocity
-acts nowhere else (`kernels.point_transfer._limit_one`)."""
+acts nowhere else (`kernels.point_limits._limit_point`)."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,15 @@ from column_scenes import terrain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_points import plain_step, yields_of
-from point_scenes import block_of, march_to, points_on, sorted_points
+from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.slots import PointEffects
 from mpmgis.effects.softening import NoSoftening
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.points import PointNumerics, PointSolver, exceeded_by
+from mpmgis.solvers.point_balances import exceeded_by
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 DENSITY, SOUND = 1300.0, 200.0
 WATER = Fluid(DENSITY * SOUND**2, 0.0, 0.0)
@@ -52,7 +54,7 @@ def struck(cell=1.0, speed=40.0, points=2, shift=(0.0, 0.0), sparse=None, sound=
 def outcome(**scene):
     """(largest speed over that of the sheet, kinetic energy left, balances)."""
     solver, end = struck(**scene)
-    march_to(solver, end)
+    integrate_to(solver, end)
     balances = solver.balances()
     speed = scene.get("speed", 40.0)
     return balances["speed_max"] / speed, balances["kinetic_energy"] / balances["energy_start"], balances
@@ -126,7 +128,7 @@ def test_the_front_of_a_dam_break_is_as_fast_as_ritter_has_it():
     water = Fluid(1000.0 * (10.0 * wave) ** 2, 0.0, 0.0)
     solver = points_on(ground, frame, cell, water, stress=stress, gravity=9.81, edges="wall")
     time = 4.0 * height / wave
-    march_to(solver, time)
+    integrate_to(solver, time)
     exact = time * (2.0 * wave - np.cbrt(0.01 * height * length * 27.0 * 9.81 / time))
     passed = np.quantile(sorted_points(solver).position[:, 0], 0.99) - length
     assert passed == pytest.approx(exact, rel=0.01)
@@ -182,7 +184,7 @@ def test_the_limited_step_equals_the_plain_loop():
             place, velocity, affine, frame.particles.mass, state, stress, nodes, solver._ground[..., :3], yields, 1.0,
             1e-3, DENSITY, 9.81, 0.0, WATER, NoSoftening(), solver._settings.signal_speed,
         )  # fmt: skip
-    march_to(solver, 4e-3)
+    integrate_to(solver, 4e-3)
     now = sorted_points(solver)
     assert 0.05 * n < count < 3.9 * n and solver.balances()["clips"]["affine_velocity"] == count
     np.testing.assert_allclose(now.position, place + corner, rtol=0, atol=1e-11)
@@ -210,7 +212,7 @@ def test_the_percentile_of_a_run_is_that_of_its_fastest_frame():
     solver, end = struck()
     speeds = [40.0]
     for until in np.linspace(0.0, end, 5)[1:]:
-        march_to(solver, until)
+        integrate_to(solver, until)
         solver.note_deepest()
         speed = np.linalg.norm(sorted_points(solver).velocity, axis=1)
         speeds.append(np.quantile(speed, 0.999, method="inverted_cdf"))

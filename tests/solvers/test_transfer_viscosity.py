@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from point_scenes import block_of, march_to, sorted_points
+from point_scenes import block_of, integrate_to, sorted_points
 from test_points_catalogue import level
 
 from mpmgis.effects.contact import VoellmyContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.slots import PointEffects
 from mpmgis.effects.transfer import TurningGradient, WholeGradient
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 CELL, LONG, TIME = 1.0, 16.0, 0.32  # [m], length of the wave [m], [s]
 
@@ -24,7 +25,7 @@ def viscosity(transfer, step):
     effects = PointEffects(Fluid(1e5, 0.0, 0.0), contact=VoellmyContact(0.2, 1000.0), transfer=transfer)
     numerics = PointNumerics(CELL, density=1000.0, gravity=0.0, time_step=step)
     solver = PointSolver(frame, level(48.0, 8.0, CELL), effects, numerics, affine=affine)
-    march_to(solver, TIME)
+    integrate_to(solver, TIME)
     amid = (phase > np.pi) & (phase < 3.0 * np.pi)
     shape = np.cos(phase[amid])
     left = (sorted_points(solver).velocity[amid, 1] * shape).sum() / (shape**2).sum()

@@ -150,7 +150,7 @@ def weightless_slab(coefficient, erodible, **laws):
 
 
 @pytest.mark.thorough
-def test_a_slab_that_erodes_grows_as_the_law_says_and_keeps_its_momentum():
+def test_an_eroding_slab_grows_by_the_law_and_keeps_its_momentum():
     """dh/dt = k u with h u constant: h^2 = h0^2 + 2 k h0 u0 t; until the mass has doubled."""
     k, time = 0.02, 15.0
     frame, solver = weightless_slab(k, 1e9)
@@ -192,7 +192,7 @@ def test_erosion_restarts_bitwise():
     assert whole.fields.bed.tobytes() == fresh.fields.bed.tobytes()
 
 
-def test_laws_of_places_say_the_same_compiled():
+def test_laws_of_zones_agree_with_compiled():
     @numba.njit
     def all_of(barrier, energy, speed, zones, friction, values, u, v, hold, mu, open_speed, head):
         placed = zones.local(friction, values, 0, 0)
@@ -224,7 +224,7 @@ def test_laws_of_places_say_the_same_compiled():
 
 
 @pytest.mark.thorough
-def test_friction_by_place_brakes_where_it_lies():
+def test_friction_zones_brake_inside_their_polygons():
     """A thin sheet on 20 degrees: frictionless ground lets it go, mu above the slope holds it to the last bit."""
     slope = math.tan(math.radians(20))
     terrain = terrain_of(lambda x, y: slope * (400 - x), 400, 200, DX)

@@ -12,8 +12,11 @@ from mpmgis.effects.slots import PointEffects
 from mpmgis.errors import UnphysicalError
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.kernels import points as kernel
-from mpmgis.solvers.integrate import March
-from mpmgis.solvers.points import PointNumerics, PointSolver
+from mpmgis.kernels.point_blocks import set_places
+from mpmgis.kernels.point_rows import PX
+from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.solvers.point_numerics import PointNumerics
+from mpmgis.solvers.points import PointSolver
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -26,7 +29,7 @@ def heap(terrain=FLAT, corner=(28, 28, 0), stress=None, affine=None, **numerics)
 
 
 def test_a_heap_comes_to_rest_and_the_run_ends():
-    march = March(heap(stop_at_rest=True), 30.0, 0.5)
+    march = TimeIntegration(heap(stop_at_rest=True), 30.0, 0.5)
     frames = list(march)
     assert "nearly at rest" in march.reason
     assert 2.5 < frames[-1].time < 15.0
@@ -35,17 +38,17 @@ def test_a_heap_comes_to_rest_and_the_run_ends():
     assert march.particle_steps == 512 * frames[-1].step
 
 
-def test_it_goes_on_where_that_is_not_asked_for():
-    march = March(heap(), 8.0, 4.0)
+def test_without_stop_at_rest_it_continues():
+    march = TimeIntegration(heap(), 8.0, 4.0)
     assert [frame.time for frame in march] == [0.0, 4.0, 8.0]
     assert march.reason == "end_time reached"
 
 
 def test_a_restart_ends_where_the_whole_run_ends():
-    whole = list(March(heap(stop_at_rest=True), 30.0, 0.5))
+    whole = list(TimeIntegration(heap(stop_at_rest=True), 30.0, 0.5))
     again = heap(stop_at_rest=True)
     again.restore(whole[-3])
-    rest = March(again, 30.0, 0.5, resumed=True)
+    rest = TimeIntegration(again, 30.0, 0.5, resumed=True)
     frames = list(rest)
     assert [frame.time for frame in frames] == [frame.time for frame in whole[-2:]]
     assert "nearly at rest" in rest.reason
@@ -59,34 +62,34 @@ def test_a_restart_from_the_first_frame_has_the_weight_of_the_start(tmp_path):
     depth = 4.0 - block_of((4, 4, 4), 0.5).particles.position[:, 2]
     stress = kirchhoff_stress(-1000 * 9.81 * depth, 2e5, 1.2e5)
     affine = np.tile(np.diag([0.0, 0.0, -0.5]), (512, 1, 1))
-    whole = list(March(heap(stress=stress, affine=affine), 0.4, 0.2))
+    whole = list(TimeIntegration(heap(stress=stress, affine=affine), 0.4, 0.2))
     write_frame(tmp_path / "first.h5", whole[0])
     again = heap()
     again.restore(read_frame(tmp_path / "first.h5"))
-    frames = list(March(again, 0.4, 0.2, resumed=True))
+    frames = list(TimeIntegration(again, 0.4, 0.2, resumed=True))
     for one, other in zip(whole[1:], frames, strict=True):
         assert one.step == other.step
         np.testing.assert_array_equal(one.particles.velocity, other.particles.velocity)
 
 
 def test_frames_are_met_when_the_last_interval_is_shorter():
-    march = March(heap(), 0.7, 0.3)
+    march = TimeIntegration(heap(), 0.7, 0.3)
     assert [frame.time for frame in march] == [0.0, 0.3, pytest.approx(0.6), 0.7]
 
 
 def test_all_that_leaves_ends_the_run():
     slope = plane(60, length=60.0, width=60.0)
-    march = March(heap(slope, (40, 28, 120 - 40 * np.sqrt(3) + 1)), 60.0, 20.0)
+    march = TimeIntegration(heap(slope, (40, 28, 120 - 40 * np.sqrt(3) + 1)), 60.0, 20.0)
     frames = list(march)
     assert march.reason == "all mass has left the terrain" and len(frames) == 1
 
 
-def test_a_run_that_becomes_unphysical_says_where_and_stops():
+def test_an_unphysical_run_stops_with_its_place():
     solver = heap()
     east, north = solver.frame().particles.position[7, :2]
-    solver._rows[7, kernel.PX] = np.nan
+    solver._rows[7, PX] = np.nan
     with pytest.raises(UnphysicalError, match="not finite") as error:
-        list(March(solver, 5.0, 1.0))
+        list(TimeIntegration(solver, 5.0, 1.0))
     text = str(error.value)
     assert "\n" not in text and error.value.exit_code == 3
     found_east, found_north = (float(text.split(f"{axis} ")[1].split()[0].rstrip(":")) for axis in "EN")
@@ -96,9 +99,9 @@ def test_a_run_that_becomes_unphysical_says_where_and_stops():
 def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     solver = heap()
     low = solver.frame().particles.position[:40] - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 3.0)
-    kernel.set_places(solver._rows[:40], solver._keys[:40], low, 1.0, solver._lowest)
-    with pytest.raises(UnphysicalError, match="under the ground") as error:
-        list(March(solver, 5.0, 1.0))
+    set_places(solver._rows[:40], solver._keys[:40], low, 1.0, solver._lowest)
+    with pytest.raises(UnphysicalError, match="below the ground") as error:
+        list(TimeIntegration(solver, 5.0, 1.0))
     assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)
 
 
@@ -111,7 +114,7 @@ def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
     solver = PointSolver(frame, valley, PointEffects(SAND, contact=CoulombContact(0.0)), PointNumerics(1.0))
     low = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 6.0)
-    kernel.set_places(solver._rows[: len(low)], solver._keys[: len(low)], low, 1.0, solver._lowest)
+    set_places(solver._rows[: len(low)], solver._keys[: len(low)], low, 1.0, solver._lowest)
     assert solver.advance(0.05) == kernel.LEAKED
     balances = solver.balances()
     assert balances["mass_lifted_onto_ground"] > 0.0

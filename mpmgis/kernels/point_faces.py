@@ -1,0 +1,410 @@
+"""Contact of a 3D flow with barriers' smooth faces: one multiplier for each row of nodes (see `press_on_faces`)."""
+
+from math import sqrt
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS
+from .jit import jit_borrowing, jit_inline, jit_parallel, prange
+from .point_barriers import book_impulse
+from .point_contact import (
+    LAYER,
+    LEAST_SHARE,
+    LIGHTEST,
+    MOST_YIELD,
+    YIELD,
+    YIELD_STEP,
+    between_faces,
+    carried_yield,
+    contact_impulse,
+    foot_of,
+    spline_at,
+    yielding_impulse,
+)
+from .point_ground import plane_at
+from .point_nodes import (
+    BARRIER_WORK,
+    FRICTION_WORK,
+    GROUND_WORK,
+    GROUND_X,
+    GROUND_Y,
+    GROUND_Z,
+    edge_at,
+    leaning_edge,
+)
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+
+# of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
+# unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
+# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`
+(
+    FACE_J, FACE_I, FACE_EAST, FACE_NORTH, FACE_FOOT, FACE_OUT, FACE_X, FACE_Y, FACE_MU, FACE_BARRIER, FACE_ARM_X,
+    FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_ENTRIES,
+) = range(17)  # fmt: skip
+# of a line of three nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
+# heaviest node [kg], yield before the step and after it [m], 1 where there is contact, sum of its nodes' parts
+(
+    LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_WHOLE, LINE_ENTRIES,
+) = range(10)  # fmt: skip
+FULL_SHARE = 0.25  # of the heaviest node's share, from which a node takes its whole part in the contact of a row
+UPWARDS = (0, 0, 1)
+COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
+SWEEPS = 40  # over the contacts of a face, at most
+SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
+
+
+@jit_borrowing
+def _node_at(nodes, slots, span, lowest, j, i, k):
+    """(touched block or -1, index of the node's entry, its mass [kg]) of node [j, i] at level `k`.
+
+    `span` holds the window of blocks: west, south, width, number of rows, depth.
+    """
+    row, column, level = j // BLOCK, i // BLOCK, k // BLOCK
+    if row < span[1] or row >= span[1] + span[3] or column < span[0] or column >= span[0] + span[2] or k < 0:
+        return -1, 0, 0.0
+    if row >= lowest.shape[0] or column >= lowest.shape[1]:
+        return -1, 0, 0.0
+    up = level - lowest[row, column, 0]
+    if up < 0 or up >= span[4]:
+        return -1, 0, 0.0
+    slot = slots[((row - span[1]) * span[2] + column - span[0]) * span[4] + up]
+    if slot < 0:
+        return -1, 0, 0.0
+    n = (((k - level * BLOCK) * BLOCK + j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
+    return slot, n, float(nodes[slot, n + NODE_MASS])
+
+
+@jit_inline
+def centre_before(away):
+    """Centre of the part of a node's spline before a face, from the node towards the flow [cells].
+
+    The node lies `away` [cells] before the face, negative behind it.
+    """
+    a = min(abs(away), 1.5)
+    if a < 0.5:
+        moment, share = 0.203125 - 0.375 * a * a + 0.25 * a**4, 0.5 - 0.75 * a + a**3 / 3.0
+    else:
+        t = 1.5 - a
+        moment, share = 0.25 * t**3 - 0.125 * t**4, t**3 / 6.0
+    if away > 0.0:
+        return moment / (1.0 - share)
+    return moment / share if share > 0.0 else a
+
+
+@jit_inline
+def _ground_under(ground, face, n, dx):
+    """(row, column, height of the ground [m], its unit normal) under node column `n` of a face.
+
+    What weighs on a column lies before the face: the ground counts as high as at the centre of the part of the column's
+    splines there.
+    """
+    j = int(face[FACE_J]) + (n - 1) * int(face[FACE_NORTH])
+    i = int(face[FACE_I]) + (n - 1) * int(face[FACE_EAST])
+    height, nx, ny, nz = plane_at(ground.nodes, j, i)
+    along = face[FACE_OUT] * centre_before((n - 1 - face[FACE_FOOT]) * face[FACE_OUT])
+    return j, i, height - (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * along * dx, nx, ny, nz
+
+
+@jit_inline
+def _ground_at(ground, face, dx):
+    """Height of the ground [m] at a face."""
+    height, nx, ny, nz = plane_at(ground.nodes, int(face[FACE_J]), int(face[FACE_I]))
+    return height - (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_FOOT] * dx
+
+
+@jit_inline
+def _part(mass, weight, heaviest):
+    """Part of a node of spline `weight` in the contact of a row: less for lighter ones than FULL_SHARE.
+
+    A node behind the face that hardly anything weighs on would satisfy the contact by its own velocity in place of the
+    flow, which would creep into the face.
+    """
+    return min(mass / (FULL_SHARE * heaviest), weight)
+
+
+@jit_borrowing
+def _weigh_line(nodes, slots, span, lowest, node, along, foot, out, line):
+    """Set what the line of nodes around `node` (j, i, level) weighs; it runs `along` (east, north, up).
+
+    Its place of contact lies `foot` [cells] from that node, and the flow on the side `out` (-1 or 1) of it.
+    """
+    j, i, k = node
+    east, north, up = along
+    line[:] = 0.0
+    heaviest = 0.0
+    for o in range(-1, 3):
+        a = o * out
+        heaviest = max(heaviest, _node_at(nodes, slots, span, lowest, j + a * north, i + a * east, k + a * up)[2])
+    if heaviest <= 0.0:
+        return
+    give = here = whole = 0.0
+    for o in range(-1, 2):
+        mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
+        if mass > 0.0:
+            weight = spline_at(foot, o)
+            here += weight * mass
+            if up == 1:
+                whole = 1.0
+                give += weight * weight / max(mass, LIGHTEST * weight * heaviest)
+            else:
+                part = _part(mass, weight, heaviest)
+                whole += part
+                give += part * part / mass
+    if whole > 0.0:
+        line[LINE_GIVE], line[LINE_HEAVIEST], line[LINE_WHOLE] = give / (whole * whole), heaviest, whole
+        line[LINE_ON] = 1.0 if here >= LEAST_SHARE * heaviest else 0.0
+
+
+@jit_borrowing
+def _velocity_at(nodes, slots, span, lowest, node, along, foot, line):
+    """Velocity [m s-1] of the flow at the place of contact of a line; `node`, `along` as in `_weigh_line`."""
+    j, i, k = node
+    east, north, up = along
+    u = v = w = 0.0
+    for o in range(-1, 2):
+        slot, n, mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        if mass > 0.0:
+            part = spline_at(foot, o)
+            if up == 0:
+                part = _part(mass, part, line[LINE_HEAVIEST]) / line[LINE_WHOLE]
+            u += part * nodes[slot, n + NODE_X]
+            v += part * nodes[slot, n + NODE_Y]
+            w += part * nodes[slot, n + NODE_Z]
+    return u, v, w
+
+
+@jit_borrowing
+def _give_line(nodes, slots, span, lowest, node, along, foot, impulse, line):
+    """Make `impulse` (x, y, z) [N s] that of a line; returns the change of its velocity [m s-1]."""
+    j, i, k = node
+    east, north, up = along
+    jx, jy, jz = impulse
+    dx, dy, dz = jx - line[LINE_X], jy - line[LINE_Y], jz - line[LINE_Z]
+    for o in range(-1, 2):
+        slot, n, mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        if mass > 0.0:
+            weight = spline_at(foot, o)
+            share = weight / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])
+            if up == 0:
+                share = _part(mass, weight, line[LINE_HEAVIEST]) / (line[LINE_WHOLE] * mass)
+            nodes[slot, n + NODE_X] += share * dx
+            nodes[slot, n + NODE_Y] += share * dy
+            nodes[slot, n + NODE_Z] += share * dz
+    line[LINE_X], line[LINE_Y], line[LINE_Z] = jx, jy, jz
+    return line[LINE_GIVE] * sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@jit_inline
+def face_impulse(velocity, give, nx, ny, mu, impedance, yielded, back, most, dt, barrier):
+    """(impulse (x, y, z) [N s], yield [m]) of a face of normal (nx, ny, 0) on a flow of `velocity` (x, y, z) at it.
+
+    Faces with friction yield as ground does (`yielding_impulse`), others are rigid.
+    """
+    u, v, w = velocity
+    into = -(u * nx + v * ny)
+    normal = max(into, 0.0) / give
+    if mu > 0.0:
+        normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
+    tx, ty = u + into * nx, v + into * ny
+    slip = sqrt(tx * tx + ty * ty + w * w)
+    kept = barrier.kept_along(mu, slip, normal * give) if slip > 0.0 else 1.0
+    along = (kept - 1.0) / give
+    return normal * nx + along * tx, normal * ny + along * ty, along * w, yielded
+
+
+@jit_borrowing
+def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier):
+    """Contact of the row at level `k` with its face, given what else pushes it; returns the change [m s-1]."""
+    dx, signal_speed = settings.dx, settings.signal_speed
+    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
+    foot, nx, ny, give = face[FACE_FOOT], face[FACE_X], face[FACE_Y], line[LINE_GIVE]
+    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), foot, line)
+    u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
+    impedance = signal_speed * line[LINE_HEAVIEST] / (dx * (abs(nx) if east == 1 else abs(ny)))
+    jx, jy, jz, line[LINE_YIELDED] = face_impulse(
+        (u, v, w), give, nx, ny, face[FACE_MU], impedance, line[LINE_YIELD], LAYER * dx / signal_speed,
+        MOST_YIELD * dx, dt, barrier,
+    )  # fmt: skip
+    return _give_line(nodes, slots, span, lowest, (j, i, k), (east, north, 0), foot, (jx, jy, jz), line)
+
+
+@jit_borrowing
+def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line, dt, settings, contact, zones):
+    """Contact of node column `n` of a face with the ground, as in `press_on_ground`, given what else pushes it."""
+    dx, signal_speed = settings.dx, settings.signal_speed
+    j, i, height, nx, ny, nz = _ground_under(ground, face, n, dx)
+    level, foot = foot_of(height, dx)
+    law, give = zones.local(contact, zone_values, j, i), line[LINE_GIVE]
+    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, line)
+    u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
+    into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
+    if settings.wall:
+        inward_x, inward_y = edge_at(j, i, settings.cells_x, settings.cells_y)
+        wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
+        if wall_x != 0.0 or wall_y != 0.0:
+            u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
+    normal = max(into, 0.0) / push_give
+    if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
+        impedance = signal_speed * line[LINE_HEAVIEST] / (dx * nz)
+        back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
+        normal, line[LINE_YIELDED] = yielding_impulse(into, push_give, line[LINE_YIELD], impedance, back, most, dt)
+    jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
+    jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
+    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, (jx, jy, jz), line)
+
+
+@jit_borrowing
+def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, step, dt, settings):
+    """Weigh node column `n` of a face at the ground and find how far the ground yielded before this step."""
+    dx, signal_speed = settings.dx, settings.signal_speed
+    j, i, height, _, _, nz = _ground_under(ground, face, n, dx)
+    level, foot = foot_of(height, dx)
+    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, 1, line)
+    if line[LINE_ON] == 0.0:
+        return
+    mass, k = 0.0, level - 1
+    while True:
+        slot, _, here = _node_at(nodes, slots, span, lowest, j, i, k)
+        if k > level + 1 and slot < 0:
+            break
+        mass += here
+        k += 1
+    thickness = mass / (settings.density * dx * dx)
+    weighed = LAYER * dx * settings.gravity * thickness * nz * nz / (signal_speed * signal_speed)
+    u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, line)
+    line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, min(weighed, MOST_YIELD * dx))
+
+
+@jit_borrowing
+def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step, dt, settings):
+    """Weigh all rows of a face, from its top down, and find how far it yielded at them; returns (lowest, highest).
+
+    At and under the ground rows are in contact with those above them: their masses tell how the ground lies.
+    """
+    dx, density, signal_speed = settings.dx, settings.density, settings.signal_speed
+    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
+    bottom, base = int(face[FACE_LOWEST]), int(face[FACE_FIRST])
+    top = int(face[FACE_TOP] / dx + GHOSTS)
+    stretch, first, last, above = LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
+    deep = _ground_at(ground, face, dx) / dx + GHOSTS + 0.5
+    for k in range(top, bottom - 1, -1):
+        line = lines[COLUMNS + k - base]
+        out = int(face[FACE_OUT])
+        _weigh_line(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], out, line)
+        if k <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
+            line[LINE_ON] = 1.0
+        if line[LINE_ON] == 0.0:
+            if first > last:
+                last = k - 1
+            continue
+        first = k
+        above += line[LINE_HEAVIEST] / (density * dx * dx)
+        if face[FACE_MU] > 0.0:
+            u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], line)
+            along = v if east == 1 else u
+            weighed = min(stretch * above, MOST_YIELD * dx)
+            line[LINE_YIELD] = carried_yield(before, step, f, k - base + 1, w * dt / dx, along * dt / dx, weighed)
+    return first, last
+
+
+@jit_borrowing
+def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
+    """Book what a row gave to its face, and its work."""
+    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
+    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], line)
+    jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
+    book_impulse(
+        booked[int(face[FACE_BARRIER]) - 1], -jx, -jy, -jz, jx * face[FACE_X] + jy * face[FACE_Y],
+        face[FACE_ARM_X], face[FACE_ARM_Y], (k - GHOSTS) * dx - face[FACE_BASE],
+    )  # fmt: skip
+    mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
+
+
+@jit_borrowing
+def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
+    """Book what node column `n` of a face took from the ground, and its work."""
+    j, i, height, nx, ny, nz = _ground_under(ground, face, n, dx)
+    level, foot = foot_of(height, dx)
+    jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
+    for o in range(-1, 2):
+        slot, at, mass = _node_at(nodes, slots, span, lowest, j, i, level + o)
+        if mass > 0.0:
+            weight = spline_at(foot, o)
+            taken = weight * mass / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])
+            u, v, w = nodes[slot, at + NODE_X], nodes[slot, at + NODE_Y], nodes[slot, at + NODE_Z]
+            mine[GROUND_X] += taken * jx
+            mine[GROUND_Y] += taken * jy
+            mine[GROUND_Z] += taken * jz
+            work = jx * u + jy * v + jz * w
+            mine[GROUND_WORK] -= taken * work
+            mine[FRICTION_WORK] -= taken * (work - (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz))
+
+
+@jit_parallel
+def press_on_faces(
+    grid, window, ground, zone_values, faces, lines, yields, face_yields, step, report, barrier_report, dt, settings,
+    contact, zones, barrier,
+):  # fmt: skip
+    """Contact with barriers' smooth faces, and with the ground under the node columns beside them.
+
+    As at the ground (`press_on_ground`) the flow's velocity at the face, sum N_k v_k over the three nodes of a row
+    around it, is what contact acts on, and the impulse is given back with the same weights. Rows and the node columns
+    that they share nodes with push at the same time: each in turn is given the impulse that it needs beside the
+    others', until nothing changes (projected Gauss-Seidel; each turn takes the kinetic energy to its least, so without
+    friction none is made). No two faces share a node column.
+
+    Parameters
+    ----------
+    faces : float64[n, FACE_ENTRIES]
+    lines : float64[n, COLUMNS + levels, LINE_ENTRIES]
+        Room for the node columns and rows of each face.
+    yields : float64[2, rows, columns, YIELD_ENTRIES]
+        Of the ground.
+    face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
+        Of the faces, with a rim.
+    """
+    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
+    span = (window.west, window.south, window.width, window.height, window.depth)
+    before, after = yields[(step - 1) % 2], yields[step % 2]
+    face_before, face_after = face_yields[(step - 1) % 2], face_yields[step % 2]
+    for c in prange(CHUNKS):
+        mine, booked = report[c], barrier_report[c]
+        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
+            face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
+            if face[FACE_BARRIER] == 0.0:
+                continue
+            first, last = _begin_rows(
+                nodes, slots, span, lowest, face, f + 1, ground, own, face_before, step, dt, settings
+            )
+            reach = 0
+            for n in range(COLUMNS):
+                _, _, height, _, _, _ = _ground_under(ground, face, n, dx)
+                _begin_column(nodes, slots, span, lowest, face, n, ground, own[n], before, step, dt, settings)
+                reach = max(reach, foot_of(height, dx)[0] + 1)
+            largest = 0.0
+            for sweep in range(SWEEPS):
+                change = 0.0
+                for k in range(first, (last if sweep == 0 else min(last, reach)) + 1):
+                    if own[COLUMNS + k - base, LINE_ON] > 0.0:
+                        change = max(change, _press_row(
+                            nodes, slots, span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
+                        ))  # fmt: skip
+                for n in range(COLUMNS):
+                    if own[n, LINE_ON] > 0.0:
+                        change = max(change, _press_column(
+                            nodes, slots, span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact,
+                            zones,
+                        ))  # fmt: skip
+                largest = max(largest, change)
+                if change <= SETTLED * largest:
+                    break
+            for k in range(first, last + 1):
+                line = own[COLUMNS + k - base]
+                if line[LINE_ON] > 0.0:
+                    _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine)
+                    face_after[f + 1, k - base + 1, YIELD] = line[LINE_YIELDED]
+                    face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
+            for n in range(COLUMNS):
+                if own[n, LINE_ON] > 0.0:
+                    j, i, _, _, _, _ = _ground_under(ground, face, n, dx)
+                    _book_column(nodes, slots, span, lowest, face, n, ground, own[n], dx, mine)
+                    after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1

@@ -1,0 +1,85 @@
+"""Rows of nodes around barriers' smooth sides: they meet the side exactly, whatever its place, angle and cells."""
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpmgis.spatial.barriers import WIDENED_IN_3D, Wall, margin_in_3d, wall_nodes
+from mpmgis.spatial.faces import faces_of
+
+CELLS = 40
+
+
+def faces_on(walls, cell, rough=None):
+    """(list of Face, x, y) on a level square grid of cells of `cell` [m]; the ground is `rough` in places."""
+    x = y = (np.arange(CELLS) - 0.5 * CELLS) * cell
+    bed = np.zeros((CELLS, CELLS))
+    nodes = wall_nodes(walls, x, y, bed, cell, margin_in_3d, WIDENED_IN_3D)
+    smooth = np.ones(bed.shape, bool) if rough is None else ~rough
+    return faces_of(nodes, bed, smooth, cell), x, y
+
+
+def place_of(face, x, y, cell):
+    """Place [m] at which a face meets its row."""
+    place = np.array([x[face.i], y[face.j]])
+    place[face.axis] += face.foot * cell
+    return place
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    st.floats(0.05, 20.0), st.floats(-0.5, 0.5), st.floats(0.0, 180.0), st.sampled_from([0.2, 3.0, 3.5, 6.0]),
+)  # fmt: skip
+def test_rows_meet_both_sides_of_a_wall_exactly(cell, offset, degrees, thick):
+    """At least three cells apart, with the side's normal and no node column in two rows."""
+    box = shapely.box(-0.5 * thick * cell, -2 * CELLS * cell, 0.5 * thick * cell, 2 * CELLS * cell)
+    wall = Wall(
+        "dam", shapely.affinity.translate(shapely.affinity.rotate(box, degrees), offset * cell), height=9 * cell
+    )
+    faces, x, y = faces_on((wall,), cell)
+    across = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    half = 0.5 * thick * cell + margin_in_3d(wall.footprint, cell)
+    columns, rows = [], {1: 0, -1: 0}
+    for face in (face for face in faces if face is not None):
+        side = np.sign(np.dot(face.normal, across))
+        away = np.dot(place_of(face, x, y, cell) - [offset * cell, 0.0], across)
+        assert away == pytest.approx(side * half, abs=1e-6 * cell)
+        np.testing.assert_allclose(face.normal, side * across, atol=1e-6)
+        assert -0.5 - 1e-6 <= face.foot <= 0.5 + 1e-6 and face.top == pytest.approx(7.5 * cell)
+        columns += face.columns()
+        rows[side] += 1
+    assert len(columns) == len(set(columns))
+    least = CELLS if min(np.abs(across)) < 0.4 else CELLS // 2  # askew walls leave the grid through its other edges
+    assert all(count >= least - 8 for count in rows.values())
+
+
+def test_rows_beside_each_other_follow_each_other():
+    """One run of faces for each side, and a gap between them."""
+    faces, _, _ = faces_on((Wall("dam", shapely.box(-2.0, -99.0, 2.1, 99.0), height=9.0),), 1.0)
+    gaps = [k for k, face in enumerate(faces) if face is None]
+    assert len(faces) == 2 * CELLS + 1 and gaps == [CELLS]
+    assert [face.j for face in faces[:CELLS]] == list(range(CELLS))
+
+
+def test_no_rows_at_corners_openings_low_walls_and_on_rough_ground():
+    short = shapely.box(-2.0, -5.0, 2.0, 5.0)
+    faces, x, y = faces_on((Wall("dam", short, height=9.0),), 1.0)
+    ends = np.array([2.0, 5.0]) + margin_in_3d(short, 1.0)
+    for face in (face for face in faces if face is not None):
+        place = np.abs(place_of(face, x, y, 1.0))
+        assert place[face.axis] == pytest.approx(ends[face.axis], abs=1e-6)
+        assert place[1 - face.axis] <= ends[1 - face.axis] - 0.9  # further out nodes are nearer to the other side
+    assert not faces_on((Wall("step", shapely.box(-2.0, -99.0, 2.0, 99.0), height=3.4),), 1.0)[0]
+    rough = np.zeros((CELLS, CELLS), bool)
+    rough[:20] = True
+    faces, _, _ = faces_on((Wall("dam", shapely.box(-2.0, -99.0, 2.0, 99.0), height=9.0),), 1.0, rough)
+    assert {face.j for face in faces if face is not None} == set(range(20, CELLS))
+    halves = (
+        Wall("south", shapely.box(-2.0, -99.0, 2.0, -2.0), height=9.0),
+        Wall("north", shapely.box(-2.0, 2.0, 2.0, 99.0), height=9.0),
+    )
+    faces, _, y = faces_on(halves, 1.0)
+    assert all(abs(y[face.j]) > 2.0 for face in faces if face is not None and face.axis == 0)
