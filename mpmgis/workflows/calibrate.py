@@ -1,0 +1,177 @@
+"""`mpmgis calibrate`: posterior of parameters from observations of events, by runs and an emulator of their summaries.
+
+Runs of three rounds: from the prior; from a first posterior, which refine the emulator where it matters; and from the
+posterior, for the maps. Each is an ensemble in the output folder, so a second start continues.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..experiments.calibration import Calibration
+from ..experiments.emulator import FEWEST, Emulator
+from ..experiments.posterior import posterior, self_test, shares_of_scores
+from ..experiments.priors import priors
+from ..experiments.sampling_plan import JOINT
+from ..io.atomic import refuse_existing
+from ..io.ensemble_folder import MAPS
+from ..io.ensemble_members import Members, read_members
+from ..messages import log
+from .calibrate_events import EventOnGrid, events_of
+from .calibrate_files import write_files
+from .ensemble import EnsembleRequest, ensemble
+from .export_inputs import terrain_of_rasters
+
+TESTED = 40  # runs of the self-test
+
+
+@dataclass(frozen=True)
+class CalibrateRequest:
+    """A calibration; `mpmgis.verbs.calibrate` describes its options."""
+
+    scene: Path
+    output: Path | None = None
+    overwrite: bool = False
+    vary: tuple | dict = ()
+    material: str | None = None
+    observed: Path | None = None
+    points: Path | None = None
+    deposit: Path | None = None
+    volume: str | None = None
+    line: Path | None = None
+    event: tuple = ()
+    outline_error: float | None = None  # [m]
+    value_error: float = 0.2
+    threshold: float = 0.1  # [m]
+    samples: int = 100
+    refine: int = 50
+    predictive: int = 50
+    seed: int = 0
+    exceed: tuple | dict | None = None
+    cell_size: float | None = None  # [m]
+    tolerate: float = 0.1
+    workers: int | None = None
+    dask: str | None = None
+    law: Path | None = None
+
+
+@dataclass(frozen=True)
+class CalibrateFound:
+    """The `folder`, its `files` (QGIS projects first), and the `result` (a Calibration)."""
+
+    folder: Path
+    files: tuple
+    result: Calibration
+
+
+def calibrate(request: CalibrateRequest, *, confirm=lambda question: True, look=lambda *state: None) -> CalibrateFound:
+    """Posterior of the varied keys, with its plots, tables and maps.
+
+    Raises
+    ------
+    InputError, SceneError, OutputError, UnphysicalError
+        Runs that are finished are kept.
+    """
+    return _Study(request, confirm, look).found()
+
+
+class _Study:
+    """A calibration in progress."""
+
+    def __init__(self, request, confirm, look):
+        self.request, self.confirm, self.look = request, confirm, look
+        self.priors, self.events = priors(request.vary, request.material), events_of(request)
+        self.output = Path(request.output or Path(request.scene).parent / "calibration")
+        if self.output.is_dir() and any(self.output.iterdir()) and not (self.output / "runs").is_dir():
+            refuse_existing(self.output, overwrite=False)
+        if request.samples < FEWEST:
+            raise InputError(f"`samples` is {request.samples}, expected at least {FEWEST}")
+        self.rounds, self.on_grid, self.maps = [], {}, {}
+
+    def found(self):
+        request = self.request
+        self._run("prior", request.samples, vary={key: one.text for key, one in self.priors.items()}, sampling="lhs",
+                  overwrite=request.overwrite)  # fmt: skip
+        result = self._result(tests=0 if request.refine else TESTED)
+        if request.refine:
+            self._run_drawn("refine", result, request.refine, self.output / "runs")
+            result = self._result(tests=TESTED)
+        if request.predictive:
+            self._run_drawn("predictive", result, request.predictive, self.output)
+        files = write_files(self.output, result, [self.on_grid[event.name] for event in self.events], self.runs,
+                            request)  # fmt: skip
+        return CalibrateFound(self.output, (*self.maps.values(), *files), result)
+
+    def _run_drawn(self, name, result, count, folder):
+        """Run every event at `count` draws of the posterior, the same draws for each event."""
+        shares = shares_of_scores(result.posterior.drawn(count, self.request.seed))
+        vary = {key: [one.at(share) for share in column]
+                for (key, one), column in zip(self.priors.items(), shares.T, strict=True)}  # fmt: skip
+        self._run(name, count, vary=vary, sampling=JOINT, overwrite=True)
+
+    def _run(self, name, count, **plan):
+        """An ensemble of each event in `runs/<event>/<name>`, or `predictive/<event>`."""
+        members = {}
+        for event in self.events:
+            log.info(f"{event.name}: {count} runs, {ROUND_WORDS[name]}")
+            place = self.output / "predictive" / event.name
+            folder = place if name == "predictive" else self.output / "runs" / event.name / name
+            found = ensemble(self._ensemble_request(event, folder, count, plan), confirm=self.confirm, look=self.look)
+            members[event.name] = read_members(folder)
+            if name == "predictive":
+                self.maps[event.name] = found.files[0]
+            if event.name not in self.on_grid:
+                grid = members[event.name].grid()
+                terrain = terrain_of_rasters(folder / MAPS / "dtm.tif", grid.crs)
+                self.on_grid[event.name] = EventOnGrid(event, grid, terrain, self.request)
+        if name != "predictive":
+            self.rounds.append(members)
+
+    def _ensemble_request(self, event, folder, count, plan):
+        request = self.request
+        return EnsembleRequest(
+            scene=event.scene, output=folder, samples=count, seed=request.seed, exceed=request.exceed,
+            cell_size=request.cell_size, keep="deposit" if event.needs_deposit else "maxima", workers=request.workers,
+            dask=request.dask, tolerate=request.tolerate, law=request.law, **plan,
+        )  # fmt: skip
+
+    @property
+    def runs(self) -> dict[str, list[tuple[Members, int]]]:
+        """Event -> the runs (members, index) that finished in all events, in a common order."""
+        found = {event.name: [] for event in self.events}
+        for members in self.rounds:
+            good = np.all([of.finished for of in members.values()], axis=0)
+            for name, of in members.items():
+                found[name] += [(of, int(k)) for k in np.flatnonzero(good)]
+        return found
+
+    def _result(self, tests):
+        """The Calibration by all runs so far, with a self-test of so many runs."""
+        runs, seed = self.runs, self.request.seed
+        parts = [self.on_grid[event.name].compared(runs[event.name]) for event in self.events]
+        simulated = np.hstack([part.simulated for part in parts])
+        observed, variances = (np.concatenate([getattr(part, n) for part in parts]) for n in ("observed", "variances"))
+        values = np.vstack([of.values([*self.priors])[k] for of, k in runs[self.events[0].name]])
+        shares = np.column_stack(
+            [
+                [one.share_of(value) for value in column]
+                for one, column in zip(self.priors.values(), values.T, strict=True)
+            ]
+        )
+        if len(values) < FEWEST:
+            raise InputError(f"only {len(values)} runs finished in all events, expected at least {FEWEST}")
+        emulator = Emulator.fitted(shares, simulated)
+        found = posterior(emulator.at, observed, variances, len(self.priors), seed)
+        first = np.arange(min(len(shares), self.request.samples))  # runs of the prior only: the test assumes it
+        chosen = np.random.default_rng(seed).permutation(first)[:tests]
+        test = self_test(emulator, shares, simulated, variances, chosen, seed) if tests else None
+        misfits = np.sum((simulated - observed) ** 2 / variances, axis=1) / len(observed)
+        return Calibration(
+            self.priors, [name for part in parts for name in part.names], observed, variances, values, simulated,
+            misfits, found, emulator.left_out(), test,
+        )  # fmt: skip
+
+
+ROUND_WORDS = {"prior": "from the prior", "refine": "near the posterior", "predictive": "from the posterior"}
