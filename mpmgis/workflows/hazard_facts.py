@@ -1,0 +1,53 @@
+"""Facts about the results of a scenario for the block of sources of a printed map."""
+
+from pathlib import Path
+
+from ..errors import MpmgisError
+from ..io.ensemble_folder import read_ensemble_record
+from ..io.raster import open_raster
+from ..io.raster_output import NAMESPACE
+from ..io.run_folder import read_record
+from ..terrain.elevation import Terrain
+
+TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
+FRICTION_SKIPPED = ("law", "use")
+
+
+def facts_of(path: Path, result=None) -> str:
+    """Release, friction and end of a run or ensemble; what the tags of an export name; "" where nothing is known."""
+    try:
+        record = read_ensemble_record(path) if path.is_dir() else None
+        record = record or (read_record(path) if path.is_dir() else {})
+    except MpmgisError:
+        return ""
+    if isinstance(record.get("scene"), dict):
+        return "; ".join(filter(None, _of_record(record)))
+    return _of_tags(result)
+
+
+def _of_record(record):
+    scene = record["scene"]
+    release, friction = scene.get("release") or {}, scene.get("friction") or {}
+    thickness, density = release.get("thickness"), release.get("density")
+    yield f"release {Path(str(release['source'])).name}" if release.get("source") else ""
+    yield f"thickness {thickness:g} m" if isinstance(thickness, int | float) else ""
+    yield f"density {density:g} kg/m3" if isinstance(density, int | float) else ""
+    numbers = (f"{name} {_text(value)}" for name, value in friction.items() if name not in FRICTION_SKIPPED)
+    yield " ".join([str(friction.get("law", "")), *numbers]).strip()
+    varied = (record.get("plan") or {}).get("vary") or {}
+    yield f"varied: {', '.join(map(str, varied))}" if varied else ""
+    yield f"ended: {record['reason']}" if record.get("reason") else ""
+    yield f"digest {str(record['digest'])[:8]}" if record.get("digest") else ""
+
+
+def _text(value):
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _of_tags(result):
+    band = None if result is None or isinstance(result.terrain, Terrain) else next(iter(result.bands.values()), None)
+    if band is None:
+        return ""
+    with open_raster(band.path) as source:
+        tags = source.tags(ns=NAMESPACE)
+    return "; ".join(words.format(tags[name]) for name, words in TAGS if tags.get(name))

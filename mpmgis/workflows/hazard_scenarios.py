@@ -1,0 +1,229 @@
+"""Scenarios of a hazard map: hazard levels of each, from frames, exports, rasters of other codes or ensembles."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from affine import Affine
+
+from ..analysis.comparison import joint_grid, nearest
+from ..analysis.hazard import HazardMatrix, Period, levels_of
+from ..errors import FormatError, GeoreferenceError, InputError
+from ..io.ensemble_folder import MEMBERS, read_ensemble_record
+from ..io.results import open_result
+from ..messages import log
+from ..terrain.georeference import name_of, same_place, warp_command
+from ..terrain.grid import Grid
+from .hazard_facts import facts_of
+from .intensity import bands_of
+from .opened_results import peaks_of
+
+INSET = 0.49  # [cells] from the centre of a cell to the outermost places where other rasters are read
+WHOLE = ("export", "run")  # kinds of results in which nodata is a cell without flow
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scenario on its own grid.
+
+    Parameters
+    ----------
+    years : float
+        Return period.
+    path : Path
+    period : Period
+    grid : Grid
+    level : uint8[rows, columns]
+        The largest of all members.
+    known : bool[rows, columns]
+        False where the results have no data.
+    shares : float32[levels, rows, columns] or None
+        Of an ensemble: share of its members with at least a level, from the lowest.
+    terrain : Terrain, Path or None
+    facts : str
+        Release and parameters, as far as the results name them.
+    members : int
+    """
+
+    years: float
+    path: Path
+    period: Period
+    grid: Grid
+    level: np.ndarray
+    known: np.ndarray
+    shares: np.ndarray | None
+    terrain: object
+    facts: str = ""
+    members: int = 1
+
+    def words(self) -> str:
+        """Return period and name."""
+        more = f", largest of {self.members} runs" if self.shares is not None else ""
+        return f"{self.years:g} years: {self.path.name}{more}"
+
+    def on(self, grid: Grid) -> "Scenario":
+        """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
+        if same_cells(grid, self.grid):
+            return self
+        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, False)))
+        level = np.maximum.reduce(list(_around(self.level, self.grid, grid, 0)))
+        shares = None
+        if self.shares is not None:
+            shares = np.stack([np.maximum.reduce(list(_around(share, self.grid, grid, 0))) for share in self.shares])
+        return replace(self, grid=grid, level=level, known=known, shares=shares)
+
+
+def same_cells(first: Grid, second: Grid) -> bool:
+    """Whether two grids have the same cells."""
+    return first.shape == second.shape and first.transform == second.transform
+
+
+def _around(values, grid, onto, outside):
+    """`values` of `grid` at the centres, sides and corners of the cells of `onto`."""
+    for right in (-INSET, 0.0, INSET):
+        for down in (-INSET, 0.0, INSET):
+            moved = Grid(onto.crs, onto.transform * Affine.translation(right, down), onto.shape)
+            yield nearest(values, grid, moved, outside)
+
+
+def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
+    """(return period [years], path) of "T=RESULTS".
+
+    Raises
+    ------
+    InputError
+    """
+    years, equals, path = str(text).partition("=")
+    try:
+        number = float(years)
+    except ValueError:
+        number = math.nan
+    if not (equals and path.strip() and math.isfinite(number) and number > 0):
+        raise InputError(f"`{option}={text}`: expected a return period in years and results, for example 100=results")
+    return number, Path(path.strip())
+
+
+def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: None) -> list[Scenario]:
+    """The scenarios of a request, all on one grid.
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable results, bands that the guideline needs are missing, different CRSs, or a return period that the
+        matrix does not have.
+    """
+    given = sorted((scenario_of(text) for text in request.hazard.scenario), key=lambda entry: entry[0])
+    periods = [matrix.period(years) for years, _ in given]
+    found = [
+        _scenario(request, years, path, period, len(matrix.levels), progress)
+        for (years, path), period in zip(given, periods, strict=True)
+    ]
+    _require_one_crs(found)
+    grids = [scenario.grid for scenario in found]
+    if all(same_cells(grid, grids[0]) for grid in grids):
+        return found
+    grid = joint_grid(grids, np.concatenate([grid.corners() for grid in grids]))
+    log.info(
+        f"the scenarios have different cells; the map has cells of {grid.cell_size:.6g} m, each with the highest level "
+        "of the cells that meet it"
+    )
+    return [scenario.on(grid) for scenario in found]
+
+
+def _require_one_crs(found):
+    first = next((scenario for scenario in found if scenario.grid.crs is not None), found[0])
+    for other in found:
+        if None not in (first.grid.crs, other.grid.crs) and not same_place(first.grid.crs, other.grid.crs):
+            code = first.grid.crs.to_epsg() or "n"
+            raise GeoreferenceError(
+                f"{other.path} is in {name_of(other.grid.crs)}, {first.path} in {name_of(first.grid.crs)}; reproject "
+                f"its rasters: {warp_command(other.path, f'EPSG:{code}', 'nearest')}"
+            )
+        if (first.grid.crs is None) != (other.grid.crs is None):
+            log.info(f"{other.path} has no CRS; that of {first.path}, {name_of(first.grid.crs)}, is assumed")
+
+
+def _scenario(request, years, path, period, highest, progress):
+    if path.is_dir() and read_ensemble_record(path) is not None:
+        return _of_ensemble(request, years, path, period, highest, progress)
+    results = replace(request.results, source=replace(request.results.source, frames=(path,)))
+    of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
+    result = peaks_of(results, progress, ("min_depth",), of_rasters)
+    level, known, grid = _levels(result, period, request.results)
+    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts_of(path, result))
+
+
+def _levels(result, period, results):
+    """(uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid) of one Result."""
+    bands, grid = bands_of(result, period.guideline, results.source.density)
+    _require_one_shape(result, bands)
+    depth = bands["h_max"]
+    known = _known(result, depth)
+    reached = np.nan_to_num(depth) >= results.averaging.min_depth
+    level, lacking = levels_of(period, bands, reached)
+    if lacking:
+        log.info(
+            f"{result.name}: {lacking} cells with flow have no value of {' or '.join(period.guideline.bands)}; they "
+            "have the highest level that their other values allow"
+        )
+    return level, known, grid
+
+
+def _require_one_shape(result, bands):
+    shapes = {name: values.shape for name, values in bands.items()}
+    if len(set(shapes.values())) > 1:
+        words = ", ".join(f"{name} {rows} x {columns}" for name, (rows, columns) in shapes.items())
+        raise FormatError(f"{result.name}: its rasters have different sizes ({words}); export them on one grid")
+
+
+def _known(result, depth):
+    """Cells with data: in exports nodata is dry; in other rasters it is unknown where dry cells are written as 0."""
+    missing = np.isnan(depth)
+    if result.kind in WHOLE or not missing.any():
+        return np.ones(depth.shape, bool)
+    if (depth == 0).any():
+        log.info(f"{result.name}: {np.count_nonzero(missing)} cells are nodata, dry ones are 0; nodata is not assessed")
+        return ~missing
+    log.info(f"{result.name}: no cell is 0, so its {np.count_nonzero(missing)} cells of nodata are taken as dry")
+    return np.ones(depth.shape, bool)
+
+
+def _of_ensemble(request, years, path, period, highest, progress):
+    """The largest level of all members of an ensemble, and the share of members with each level."""
+    record = read_ensemble_record(path)
+    _refuse_options_of_frames(request.results, path)
+    rasters = sorted((path / MEMBERS).glob("*_max.tif"))
+    _require_finished(path, record, len(rasters))
+    level = known = counts = grid = None
+    for done, raster in enumerate(rasters, 1):
+        member, seen, its_grid = _levels(replace(open_result(raster), kind="run"), period, request.results)
+        if grid is not None and not same_cells(grid, its_grid):
+            raise FormatError(f"{raster} has other cells than {rasters[0].name}; run the ensemble again")
+        above = member[None] >= np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
+        if grid is None:
+            level, known, counts, grid = member, seen, above.astype(np.uint32), its_grid
+        else:
+            level, known, counts = np.maximum(level, member), known & seen, counts + above
+        progress(done, len(rasters))
+    shares = (counts / len(rasters)).astype(np.float32)
+    terrain = next(iter(sorted(path.glob("maps/dtm.tif"))), None)
+    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters))
+
+
+def _refuse_options_of_frames(results, path):
+    given = [name for name in results.options_of_frames() if name not in ("min_depth", "density")]
+    if given:
+        words = ", ".join(f"`{name}`" for name in given)
+        raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
+
+
+def _require_finished(path, record, count):
+    if not count:
+        raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
+    if record.get("state") != "finished":
+        raise InputError(f"{path} is an ensemble that has not finished; run it again, finished members are kept")
+    members = record.get("members")
+    lost = sum(members.values()) - members.get("finished", 0) if isinstance(members, dict) else 0
+    if lost:
+        log.info(f"{path}: {lost} members of the ensemble gave no result and are not in the map")
