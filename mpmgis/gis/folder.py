@@ -65,9 +65,9 @@ def load() -> tuple:
     """Import the writers and their libraries in advance (0.5 s)."""
     import netCDF4  # noqa: F401
 
-    from . import folder, mesh, outlines, project, styles
+    from . import folder, mesh, outlines, project, styles, surface
 
-    return mesh, outlines, project, folder, styles
+    return mesh, outlines, project, folder, styles, surface
 
 
 def write_qgis_files(
@@ -87,9 +87,10 @@ def write_qgis_files(
     threads : Executor
         Mesh and outlines are written at the same time.
     """
-    mesh, outlines, project, folder, styles = load()
+    mesh, outlines, project, folder, styles, surface = load()
     vectors = threads.submit(outlines.write_outlines, run, steps, release)
     folder.write_stacks(run)
+    surface.write_surface(run)
     styles.write_styles(run)
     mesh.write_mesh(run, steps, threads)
     vectors.result()

@@ -11,8 +11,8 @@ from ..errors import GeoreferenceError, OutputError, one_line
 from ..io.exported import ExportedRun
 from ..io.libraries import pyogrio
 from .clock import Clock, stamp
+from .colours import colour_classes, look_of
 from .outlines import mask_outline
-from .styles import colour_classes, look_of
 
 DRIVER = "LIBKML"
 FLOW_STYLE = "BRUSH(fc:#3b6fd266);PEN(c:#1f4eaaff,w:2px)"

@@ -23,8 +23,8 @@ from ..errors import OutputError, one_line
 from ..fields import NODATA
 from ..io.exported import ExportedRun
 from .clock import Clock
+from .colours import look_of
 from .markup import LOCAL_FRAME
-from .styles import look_of
 
 if TYPE_CHECKING:
     from .outlines import StepSpool
@@ -79,7 +79,12 @@ def _names(run, steps):
 def _title_and_unit(run, name):
     if name in COMPONENTS:
         return f"{VELOCITY}, {COMPONENTS[name]}", "m s-1"
-    return look_of(next(q for q in run.step_bands if q.name == name)).title(name), "m s-1" if name[0] == "U" else "m"
+    return dataset_title(run, name), "m s-1" if name[0] == "U" else "m"
+
+
+def dataset_title(run: ExportedRun, name: str) -> str:
+    """Long name of a scalar of the mesh, which is the name of its group in QGIS."""
+    return look_of(next(q for q in run.step_bands if q.name == name)).title(name)
 
 
 def _faces(run, wet):

@@ -23,6 +23,7 @@ from ..particles import Frame
 from ..terrain.grid import Grid
 from .clock import BASE, Clock
 from .markup import reference_text
+from .smoothing import smooth_parts
 from .symbols import (
     ENVELOPE,
     OUTLINE,
@@ -173,17 +174,20 @@ def geometry_type(layer: str) -> tuple[int, str]:
     return (POINTS, "Point") if layer == "particles" else (POLYGONS, "Polygon")
 
 
-def mask_outline(mask: np.ndarray, transform: Affine) -> shapely.MultiPolygon | None:
-    """Valid MultiPolygon around the True cells of bool[rows, columns], with holes; None without True cells."""
+def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> shapely.MultiPolygon | None:
+    """Valid MultiPolygon around the True cells of bool[rows, columns], with holes; None without True cells.
+
+    `smooth`: without the stairs of the grid, with the same area (see `smoothing`).
+    """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
         return None
     part = np.zeros((rows[-1] - rows[0] + 3, columns[-1] - columns[0] + 3), np.int32)
     part[1:-1, 1:-1] = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])))
+    return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])), smooth)
 
 
-def cells_outline(index: np.ndarray, grid: Grid) -> shapely.MultiPolygon | None:
+def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapely.MultiPolygon | None:
     """As `mask_outline`, for the cells of `grid` with the flat `index` int64[k]; memory follows the flow extent."""
     if not len(index):
         return None
@@ -191,21 +195,23 @@ def cells_outline(index: np.ndarray, grid: Grid) -> shapely.MultiPolygon | None:
     first, left = int(row.min()), int(column.min())
     part = np.zeros((int(row.max()) - first + 3, int(column.max()) - left + 3), np.int32)
     part[row - first + 1, column - left + 1] = 1
-    return _outline(part, moved_corner(grid.transform, first, left))
+    return _outline(part, moved_corner(grid.transform, first, left), smooth)
 
 
-def _outline(part, transform):
+def _outline(part, transform, smooth):
     """MultiPolygon around the cells of int32[rows + 2, columns + 2] that are 1; `transform` is of the inner ones."""
     rings.label_parts(part, np.empty(part.size // 2 + 2, np.int32))
     corners = np.empty((rings.count_corners(part), 2))
     ends, parts, area = (np.empty(len(corners) // 4, np.int64) for _ in range(3))
     count = rings.trace_rings(part, corners, ends, parts, area)
-    row, column = corners.T
-    t = transform
-    places = np.stack([t.c + t.a * column + t.b * row, t.f + t.d * column + t.e * row], axis=1)
-    lines = shapely.linearrings(places, indices=np.repeat(np.arange(count), np.diff(ends[:count], prepend=0)))
+    of_ring = np.repeat(np.arange(count), np.diff(ends[:count], prepend=0))
+    lines = shapely.linearrings(corners[:, ::-1], indices=of_ring)
     order = np.lexsort((area[:count] < 0, parts[:count]))  # shell of each part, then its holes
-    return shapely.multipolygons(shapely.polygons(lines[order], indices=parts[order] - 1))
+    lines, owner = lines[order], parts[order] - 1
+    polygons = smooth_parts(lines, owner) if smooth else shapely.polygons(lines, indices=owner)
+    outline = shapely.multipolygons(polygons)
+    t = transform
+    return shapely.transform(outline, lambda at: at @ np.array([[t.a, t.d], [t.b, t.e]]) + [t.c, t.f])
 
 
 def step_outline(
@@ -223,7 +229,7 @@ def step_outline(
     min_depth : float [m]
     """
     deep = is_deep(depth, min_depth)
-    outline = cells_outline(index[deep], grid)
+    outline = cells_outline(index[deep], grid, smooth=True)
     if outline is None:
         return None
     return StepOutline(shapely.to_wkb(outline), np.count_nonzero(deep), float(depth[deep].max()), _largest(speed[deep]))
@@ -289,7 +295,7 @@ def _envelope_layer(run):
     """[(WKB, columns)] of the cells that were ever at least `min_depth` deep."""
     (depth,) = run.read(run.maxima_file, ("h_max",))
     mask = is_deep(depth, run.min_depth)
-    outline = mask_outline(mask, run.flow_grid.transform)
+    outline = mask_outline(mask, run.flow_grid.transform, smooth=True)
     if outline is None:
         return []
     columns = {

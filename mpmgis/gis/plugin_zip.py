@@ -1,5 +1,6 @@
 """The QGIS toolbox as a zip for installation in QGIS or for its plugin repository."""
 
+import json
 import zipfile
 from pathlib import Path
 
@@ -8,17 +9,24 @@ from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_file
 
 FOLDER = Path(__file__).parents[1] / "qgis_plugin" / "mpmgis_qgis"
+FORMS_FILE = "forms.json"
 SUFFIXES = (".py", ".txt", ".svg", "")  # no binaries; LICENSE has none
 _TIME = (2000, 1, 1, 0, 0, 0)  # time of all files, for reproducible bytes
 
 
 def write_plugin_zip(
-    path: str | Path, homepage: str | None = None, email: str | None = None, overwrite: bool = False
+    path: str | Path,
+    forms: dict,
+    homepage: str | None = None,
+    email: str | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write the plugin to `path` (.zip), atomically.
 
     Parameters
     ----------
+    forms : dict
+        Forms of the verbs, as `mpmgis.verbs.forms` makes them.
     homepage, email : str or None
         Of the publisher; required by the plugin repository, not by QGIS.
 
@@ -35,11 +43,13 @@ def write_plugin_zip(
     metadata = _metadata(homepage, email)
     refuse_existing(path, overwrite)
     with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-        for file in plugin_files():
-            entry = zipfile.ZipInfo(f"{FOLDER.name}/{file.name}", _TIME)
+        contents = {file.name: file.read_bytes() for file in plugin_files()}
+        contents |= {"metadata.txt": metadata, FORMS_FILE: json.dumps(forms, indent=1) + "\n"}
+        for name, content in sorted(contents.items()):
+            entry = zipfile.ZipInfo(f"{FOLDER.name}/{name}", _TIME)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, metadata if file.name == "metadata.txt" else file.read_bytes())
+            archive.writestr(entry, content)
 
 
 def plugin_files() -> list[Path]:

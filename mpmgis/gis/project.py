@@ -7,50 +7,23 @@ groups before its renderer settings. All paths are relative, so the folder can b
 
 import re
 import zipfile
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from .. import __version__
 from ..errors import InputError
-from ..fields import Quantity
 from ..io.exported import ExportedRun
-from .clock import BASE_TEXT, Clock, stamp
+from .clock import Clock, stamp
+from .layers import Group, Layer, layer_id, layers_of, map_layer, raster_layer, tree_row
+from .layout import print_layout
 from .markup import node, qgis_document, reference_system
-from .mesh import VELOCITY, group_names
-from .outlines import geometry_type, layer_names, vector_renderer
-from .styles import bands_over_time, contour_interval, contour_pipe, hillshade_pipe, look_of, one_step, value_pipe
-from .symbols import feature_times
+from .moving import MOVING, animation_group, vector_layer
+from .outlines import layer_names
+from .styles import contour_interval, contour_pipe, hillshade_pipe
+from .surface import TERRAIN_COLOUR, elevation, project_elevation, surface_layer
 
-TIME_BY_BAND = (3, 38)  # first QGIS version that animates the bands of one layer
 FRAME_RATE = 8  # frames per second in the temporal controller
-ARROW_GRID = 18  # pixels between velocity arrows on the screen
-VECTOR_TITLES = {
-    "outline": "outline of the flow",
-    "envelope": "envelope of all steps",
-    "release": "release area",
-    "particles": "particles (thinned), by speed",
-}
-MOVING = ("outline", "particles")
-
-
-class Layer(NamedTuple):
-    """One row of the layer list: its `maplayer` element and its initial visibility."""
-
-    title: str
-    maplayer: Element
-    shown: bool = False
-    unfolded: bool = False
-
-
-class Group(NamedTuple):
-    """A group of rows (Layer or Group); `exclusive`: only one row is visible at a time."""
-
-    title: str
-    rows: list
-    shown: bool = True
-    unfolded: bool = True
-    exclusive: bool = False
 
 
 def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
@@ -61,22 +34,22 @@ def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
     run : ExportedRun
         With its rasters, stacks, mesh and outlines written; a missing mesh or outline is skipped.
     qgis_min : str
-        Oldest QGIS version that must animate it. From 3.38 on a variable is one layer with time by band; below, one
-        layer per step and variable.
+        Oldest QGIS version that must animate every layer; depth, arrows and outline move in all of them.
 
     Raises
     ------
     InputError
         `qgis_min` is not a version, or older than 3.22.
     """
-    by_band = parse_version(qgis_min) >= TIME_BY_BAND
+    version = parse_version(qgis_min)
     clock = Clock.of(run.times)
     groups = [
-        _animation(run, clock, by_band),
+        animation_group(run, clock, version),
         _outlines(run),
         _maxima(run),
         _deposit(run),
-        terrain_group(run),
+        _bed(run),
+        _terrain(run),
     ]
     write_archive(run, _project(run, clock, [group for group in groups if group.rows]))
 
@@ -95,39 +68,43 @@ def parse_version(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _animation(run, clock, by_band):
-    vectors = [
-        _vector_layer(run, name, shown=name == "outline")
-        for name in layer_names(run.folder / run.outlines_file)
-        if name in MOVING
-    ]
-    fields = [
-        (_stacked_layer if by_band else _steps_group)(run, clock, quantity, band, shown=band == 1)
-        for band, quantity in enumerate(run.step_bands, start=1)
-    ]
-    return Group(f"{run.name}: animation ({clock.label})", [*_arrows(run, clock), *vectors, *fields])
-
-
 def _outlines(run):
     names = [name for name in layer_names(run.folder / run.outlines_file) if name not in MOVING]
-    rows = [_vector_layer(run, name, shown=name == "release") for name in names]
+    rows = [vector_layer(run, name, shown=name == "release") for name in names]
     return Group("release and envelope", rows[::-1], unfolded=False)
 
 
+def _rows(run, kind, file, bands):
+    """A layer for each band of a raster; the first one is shown."""
+    return [raster_layer(run, kind, file, quantity, n, shown=n == 1) for n, quantity in enumerate(bands, start=1)]
+
+
 def _maxima(run):
-    rows = [
-        raster_layer(run, "maxima", run.maxima_file, quantity, band, shown=band == 1)
-        for band, quantity in enumerate(run.maxima_bands, start=1)
-    ]
+    rows = _rows(run, "maxima", run.maxima_file, run.maxima_bands)
     return Group(f"{run.name}: maxima over all steps", rows, shown=False, unfolded=False, exclusive=True)
 
 
 def _deposit(run):
-    rows = [
-        raster_layer(run, "deposit", run.deposit_file, quantity, band, shown=band == 1)
-        for band, quantity in enumerate(run.deposit_bands, start=1)
-    ]
+    rows = _rows(run, "deposit", run.deposit_file, run.deposit_bands)
     return Group(f"{run.name}: deposit (last step)", rows, shown=False, unfolded=False, exclusive=True)
+
+
+def _terrain(run):
+    """The terrain with the highest surface of the flow above it."""
+    group = terrain_group(run)
+    heights = run.read_terrain()
+    surface = surface_layer(run, float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0)
+    return group if surface is None else group._replace(rows=[surface, *group.rows])
+
+
+def _bed(run):
+    """Eroded depth, rate and deposit, over the ground that is left as a hillshade; nothing without erosion."""
+    rows = _rows(run, "bed", run.bed_file, run.bed_bands)
+    if rows:
+        title = "ground at the end (hillshade)"
+        layer = map_layer(run, "raster", "surface_new", run.ground_file, title, "gdal", None, hillshade_pipe())
+        rows.append(Layer(title, layer, False))
+    return Group(f"{run.name}: bed change (last step)", rows, shown=False, unfolded=False)
 
 
 def terrain_group(run: ExportedRun) -> Group:
@@ -140,145 +117,59 @@ def terrain_group(run: ExportedRun) -> Group:
         Layer(title, map_layer(run, "raster", f"terrain_{k}", run.terrain_file, title, "gdal", None, pipe), True)
         for k, (title, pipe) in enumerate(pipes.items())
     ]
+    rows[-1].maplayer.append(elevation(TERRAIN_COLOUR))
     return Group("terrain", rows, unfolded=False)
-
-
-def _stacked_layer(run, clock, quantity, band, shown):
-    title = look_of(quantity).title(quantity.name)
-    maplayer = map_layer(
-        run,
-        "raster",
-        f"animation_{quantity.name}",
-        run.stack_file(quantity),
-        title,
-        "gdal",
-        bands_over_time(clock),
-        value_pipe(quantity, run, 1),
-    )
-    return Layer(title, maplayer, shown, unfolded=shown)
-
-
-def _steps_group(run, clock, quantity, band, shown):
-    """A group with one layer per step, animated by every QGIS since 3.14."""
-    rows = []
-    for k, file in enumerate(run.step_files):
-        title = f"{quantity.name} at t = {run.times[k]:.{clock.decimals}f} s"
-        part = f"step_{quantity.name}_{k:04d}"
-        pipe = value_pipe(quantity, run, band)
-        rows.append(Layer(title, map_layer(run, "raster", part, file, title, "gdal", one_step(clock, k), pipe), True))
-    return Group(look_of(quantity).title(quantity.name), rows, shown=shown, unfolded=False)
-
-
-def raster_layer(run: ExportedRun, kind: str, file: str, quantity: Quantity, band: int, shown: bool) -> Layer:
-    """Layer of one band of a raster, in the colours of `quantity`."""
-    title = look_of(quantity).title(quantity.name)
-    pipe = value_pipe(quantity, run, band)
-    return Layer(
-        title, map_layer(run, "raster", f"{kind}_{quantity.name}", file, title, "gdal", None, pipe), shown, shown
-    )
-
-
-def _vector_layer(run, name, shown):
-    maplayer = map_layer(
-        run,
-        "vector",
-        f"vector_{name}",
-        f"{run.outlines_file}|layername={name}",
-        VECTOR_TITLES[name],
-        "ogr",
-        feature_times() if name in MOVING else None,
-        vector_renderer(name, run),
-    )
-    maplayer.set("geometry", geometry_type(name)[1])
-    return Layer(VECTOR_TITLES[name], maplayer, shown)
-
-
-def _arrows(run, clock):
-    """The mesh as arrows only; no layer without a mesh or a velocity vector."""
-    names = group_names(run.folder / run.mesh_file)
-    if VELOCITY not in names:
-        return []
-    temporal = node(
-        "temporal",
-        {
-            "temporal-active": 1,
-            "matching-method": 0,
-            "reference-time": BASE_TEXT,
-            "start-time-extent": stamp(clock.begins[0]),
-            "end-time-extent": stamp(clock.ends[-1]),
-        },
-    )
-    vector = names.index(VELOCITY)
-    arrow = node(
-        "vector-arrow-settings",
-        {"arrow-head-width-ratio": 0.3, "arrow-head-length-ratio": 0.4},
-        node("shaft-length", {"method": "minmax", "min": 1, "max": 6}),
-    )
-    drawn = {
-        "group": vector,
-        "symbology": 0,
-        "line-width": 0.3,
-        "color": "20,20,20,255",
-        "coloring-method": 0,
-        "filter-min": -1,
-        "filter-max": -1,
-        "user-grid-enabled": 1,
-        "user-grid-width": ARROW_GRID,
-        "user-grid-height": ARROW_GRID,
-    }
-    settings = node(
-        "mesh-renderer-settings",
-        None,
-        node("active-dataset-group", {"scalar": -1, "vector": vector}),
-        node("vector-settings", drawn, arrow),
-    )
-    title = "velocity arrows"
-    maplayer = map_layer(run, "mesh", "mesh_velocity", run.mesh_file, title, "mdal", temporal, settings)
-    maplayer.extend(node("name-to-global-index", {"name": n, "global-index": k}) for k, n in enumerate(names))
-    return [Layer(title, maplayer, True)]
-
-
-def map_layer(
-    run: ExportedRun,
-    kind: str,
-    part: str,
-    source: str,
-    title: str,
-    provider: str,
-    temporal: Element | None,
-    drawing: Element,
-) -> Element:
-    """`maplayer` element; `part` is used in its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
-    return node(
-        "maplayer",
-        {"type": kind, "styleCategories": "AllStyleCategories"},
-        node("id", text=_layer_id(run, part)),
-        node("datasource", text=f"./{source}"),
-        node("layername", text=title),
-        node("srs", None, reference_system(run.grid.crs)),
-        node("provider", {"encoding": "UTF-8"} if provider == "ogr" else None, text=provider),
-        temporal,
-        drawing,
-        node("blendMode", text=0),
-    )
-
-
-def _layer_id(run, part):
-    """A layer id for QGIS (more than 10 characters), unique for several runs in one project."""
-    return "mpmgis_" + re.sub(r"\W+", "_", f"{run.name}_{part}", flags=re.ASCII)
 
 
 def _project(run, clock, groups):
     start, end = stamp(clock.begins[0]), stamp(clock.ends[-1])
     times = {"timeStep": clock.step, "timeStepUnit": "s", "frameRate": FRAME_RATE, "cumulativeTemporalRange": 0}
+    view = _view(run)
     settings = node(
         "ProjectTimeSettings", times, node("TemporalRange", None, node("start", text=start), node("end", text=end))
     )
-    return project_document(run, groups, _view(run), _animation_settings(run, clock, start, end), settings)
+    parts = [settings, project_elevation(run, "terrain_1"), _page(run, view, groups)]
+    return project_document(run, groups, view, _animation_settings(run, clock, groups), parts)
+
+
+def _page(run, view, groups):
+    """The print layout: largest depth, envelope and release over the terrain; None without a largest depth."""
+    layers = {layer.maplayer.findtext("id"): layer for group in groups for layer in layers_of(group)}
+    wanted = ("vector_release", "vector_envelope", "maxima_h_max", "terrain_0", "terrain_1")
+    names = [layer_id(run, part) for part in wanted]
+    rows = [layers[name]._replace(unfolded="_terrain_" not in name) for name in names if name in layers]
+    if layer_id(run, "maxima_h_max") not in layers:
+        return None
+    title = f"{run.name}: largest flow depth, t = {run.times[0]:g} to {run.times[-1]:g} s"
+    return print_layout(run, view, Group("map", rows), title, _notes(run))
+
+
+def _notes(run):
+    """Source and parameters of the maxima, from their tags."""
+    tags = run.tags(run.maxima_file)
+    words = {
+        "dem": "terrain {}",
+        "cs_e": "cells of {} m",
+        "percentile": "depth from the {}th percentile of the particles",
+        "min_depth": "shown from {} m on",
+        "density": "density {} kg/m3",
+        "maxima": "maxima of the {}",
+        "frames": "frames: {}",
+        "digest": "scene {}",
+    }
+    known = [text.format(_short(tags[key])) for key, text in words.items() if tags.get(key)]
+    crs = "local frame in metres" if run.grid.crs is None else run.grid.crs.name
+    made = f"Computed with mpmgis {tags.get('version', __version__)} (Material Point Method). Map in {crs}."
+    return f"{made}\n{'; '.join(known)}" if known else made
+
+
+def _short(text):
+    """A tag's text; a number without needless decimals."""
+    return text.removesuffix(".0")
 
 
 def project_document(
-    run: ExportedRun, groups: list[Group], view: tuple, settings: dict, times: Element | None = None
+    run: ExportedRun, groups: list[Group], view: tuple, settings: dict, parts: list | tuple = ()
 ) -> Element:
     """`qgis` element of a project.
 
@@ -291,8 +182,8 @@ def project_document(
         West, south, east, north of the initial view.
     settings : dict
         Additional settings for `_properties`.
-    times : Element, optional
-        `ProjectTimeSettings`.
+    parts : list of Element or None
+        Additional children, for example `ProjectTimeSettings`.
     """
     west, south, east, north = view
     corners = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
@@ -308,21 +199,24 @@ def project_document(
         {"version": "3.22.0", "projectname": run.name},
         node("title", text=run.name),
         node("projectCrs", None, reference_system(run.grid.crs)),
-        node("layer-tree-group", None, *(_tree(group) for group in groups)),
+        node("layer-tree-group", None, *(tree_row(group) for group in groups)),
         canvas,
-        node("projectlayers", None, *(layer.maplayer for group in groups for layer in _layers(group))),
+        node("projectlayers", None, *(layer.maplayer for group in groups for layer in layers_of(group))),
         _properties(settings),
         node(
             "ProjectViewSettings",
             {"UseProjectScales": 0},
             node("DefaultViewExtent", corners, reference_system(run.grid.crs)),
         ),
-        times,
+        *parts,
     )
 
 
-def _view(run, margin=0.08):
-    """(west, south, east, north) [m] around the cells with flow; the whole grid without flow."""
+def _view(run, margin=0.1):
+    """(west, south, east, north) [m] around the cells with flow; the whole grid without flow.
+
+    The margin has room for title and scale bar (some 50 of 700 pixels), so that they are not over the flow.
+    """
     (peak,) = run.read(run.maxima_file, ("h_max",))
     row, column = np.nonzero(peak >= run.min_depth)
     if row.size == 0:
@@ -333,34 +227,59 @@ def _view(run, margin=0.08):
     return float(x.min() - rim), float(y.min() - rim), float(x.max() + rim), float(y.max() + rim)
 
 
-def _layers(group):
-    """All layers below a group, in order."""
-    for row in group.rows:
-        yield from _layers(row) if isinstance(row, Group) else (row,)
+def emptier_corner(run: ExportedRun) -> int:
+    """QGIS number of the lower corner with less flow beside it: 0 left, 3 right."""
+    (peak,) = run.read(run.maxima_file, ("h_max",))
+    x, y = run.flow_grid.xy(*np.nonzero(peak >= run.min_depth))
+    if x.size == 0:
+        return 0
+    low = y < y.min() + np.ptp(y) / 3
+    right = x[low] > 0.5 * (x.min() + x.max())
+    return 0 if np.mean(right) >= 0.5 else 3
 
 
-def _tree(row):
-    """`layer-tree-group` or `layer-tree-layer` of a row."""
-    shown = {"checked": "Qt::Checked" if row.shown else "Qt::Unchecked", "expanded": int(row.unfolded)}
-    if isinstance(row, Layer):
-        maplayer = row.maplayer
-        named = {"id": maplayer.findtext("id"), "name": row.title, "source": maplayer.findtext("datasource")}
-        return node("layer-tree-layer", named | {"providerKey": maplayer.findtext("provider")} | shown)
-    choice = {"mutually-exclusive": 1, "mutually-exclusive-child": 0} if row.exclusive else {}
-    return node("layer-tree-group", {"name": row.title} | shown | choice, *(_tree(child) for child in row.rows))
-
-
-def _animation_settings(run, clock, start, end):
-    """Settings of an animated project: temporal controller, and simulated time in the map title."""
-    elapsed = "(epoch(@map_start_time) - epoch(make_datetime(2000,1,1,0,0,0)))"
-    label = f"{run.name}   t = [% format_number({elapsed} / 1000.0 / {clock.stretch}, {clock.decimals}) %] s"
-    return title_settings(label) | {
+def _animation_settings(run, clock, groups):
+    """Settings of an animated project: temporal controller, and a title that says what is shown."""
+    return title_settings(map_title(run, clock, groups)) | {
+        "ScaleBar": {"Enabled": ("bool", "true"), "Placement": ("int", emptier_corner(run))},
         "TemporalControllerWidget": {
             "NavigationMode": ("int", 1),
-            "StartDateTime": ("QString", start),
-            "EndDateTime": ("QString", end),
+            "StartDateTime": ("QString", stamp(clock.begins[0])),
+            "EndDateTime": ("QString", stamp(clock.ends[-1])),
         },
     }
+
+
+def map_title(run: ExportedRun, clock: Clock, groups: list[Group]) -> str:
+    """Text of the map title with an expression of QGIS: the run's name, and what is shown.
+
+    The time of the step that is shown while a moving layer is visible; else that maxima or the last step are shown.
+    """
+    moving, still = layers_of(groups[0]), {group.title: layers_of(group) for group in groups[1:]}
+    parts = [
+        f"WHEN {_visible(moving)} AND @map_start_time IS NOT NULL THEN 't = ' || {_shown_time(run, clock)} || ' s'"
+    ]
+    for title, layers in still.items():
+        if title.startswith(run.name):
+            words = title.removeprefix(f"{run.name}: ").replace("'", "''")
+            parts.append(f"WHEN {_visible(layers)} THEN '{words}'")
+    return f"{run.name}   [% CASE {' '.join(parts)} ELSE '' END %]"
+
+
+def _visible(layers):
+    """Expression: whether any of the layers is on the map."""
+    ids = ",".join(f"'{layer.maplayer.findtext('id')}'" for layer in layers)
+    return f"array_length(array_filter(array({ids}), array_contains(@map_layer_ids, @element))) > 0"
+
+
+def _shown_time(run, clock):
+    """Expression: time [s] of the last step at or before the frame, as the layers show it."""
+    frame = "(epoch(@map_start_time) - epoch(make_datetime(2000,1,1,0,0,0))) / 1000.0"
+    if len(set(np.diff(clock.begins))) <= 1:
+        return f"format_number({frame} / {clock.stretch}, {clock.decimals})"
+    begins = ",".join(map(str, clock.begins))
+    last = f"coalesce(array_last(array_filter(array({begins}), @element <= {frame} + 0.5)), {clock.begins[0]})"
+    return f"format_number({last} / {float(clock.stretch)}, {clock.decimals})"
 
 
 def title_settings(label: str) -> dict:

@@ -82,16 +82,30 @@ def _rasters(run, cog):
         f"step_{step:04d}": (file, f"t = {time:g} s", run.step_bands, ["data"])
         for step, (file, time) in enumerate(zip(run.step_files, run.times, strict=True))
     }
-    known = {
-        "maxima": (run.maxima_file, "maxima over all steps", run.maxima_bands, ["data"]),
-        "deposit": (run.deposit_file, "deposit, last step", run.deposit_bands, ["data"]),
-        "terrain": (run.terrain_file, "terrain", (), ["data", "elevation"]),
-    } | steps
+    known = (
+        {
+            "maxima": (run.maxima_file, "maxima over all steps", run.maxima_bands, ["data"]),
+            "deposit": (run.deposit_file, "deposit, last step", run.deposit_bands, ["data"]),
+            "terrain": (run.terrain_file, "terrain", (), ["data", "elevation"]),
+        }
+        | _bed(run)
+        | steps
+    )
     return {
         key: {"href": f"./{file}", "type": kind if file.endswith(".tif") else "application/xml", "title": title,
               "roles": roles} | ({"bands": [_band(quantity) for quantity in bands]} if bands else {})
         for key, (file, title, bands, roles) in known.items()
     }  # fmt: skip
+
+
+def _bed(run):
+    """Rasters of a run with erosion."""
+    if not run.bed_bands:
+        return {}
+    return {
+        "bed": (run.bed_file, "bed change, last step", run.bed_bands, ["data"]),
+        "surface": (run.ground_file, "ground and bed, last step", run.surface_bands, ["data", "elevation"]),
+    }
 
 
 def _band(quantity):

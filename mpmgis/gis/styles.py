@@ -1,12 +1,9 @@
-"""Raster styles for QGIS: classes, colours and renderers, and a .qml file for every raster.
+"""Raster styles for QGIS: renderers, and a .qml file for every raster.
 
-Class limits are the same for all steps of a run, so that frames can be compared. Colours are hex values, because the
-direction of a colour map differs between its releases (Crameri 2018, doi:10.5281/zenodo.1243862, MIT licence). Limits
-and colour maps are those of AvaFrame, for comparison of results.
+Class limits are the same for all steps of a run, so that frames can be compared.
 """
 
 import math
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -14,134 +11,13 @@ import numpy as np
 from ..fields import Quantity
 from ..io.exported import ExportedRun
 from .clock import Clock, stamp
+from .colours import OPACITY, Look, colour_classes, look_of, round_up
 from .markup import node, options, qgis_document
-
-LAJOLLA = ("#fffecb", "#f3ca5f", "#e79452", "#d85f4d", "#8f403d", "#442817", "#191900")
-BATLOW = ("#011959", "#144d62", "#3c6d56", "#818232", "#d29343", "#fdac9e", "#faccfa")
-BATLOW_REVERSED = BATLOW[::-1]
-HAWAII_REVERSED = ("#b3f2fd", "#5fe2bd", "#80c55f", "#9c951c", "#996330", "#94384d", "#8c0273")
-VIK = ("#001261", "#06548b", "#71a8c4", "#ece5e0", "#d39774", "#a94512", "#590008")
-
-DEPTH_LIMITS = (0.5, 1, 2, 3, 4, 5)  # [m]
-SPEED_LIMITS = (1, 5, 10, 15, 20, 25, 30)  # [m/s]
-PRESSURE_LIMITS = (1, 10, 25, 50, 100)  # [kPa]
-PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
-OPACITY = 0.8  # of a flow over the hillshade
-
-
-class Look(NamedTuple):
-    """Display style of one band.
-
-    `words`: name in the layer list; `unit`: displayed unit, with values `factor` times the band's; `ramp`: colours from
-    low to high; `limits`: hazard classes in `unit` (empty: classes of the run); `shown`: "depth" (hidden below the
-    smallest depth), "size" (hidden at zero), "rate" (shown from zero) or "signed" (symmetric about zero).
-    """
-
-    words: str
-    unit: str
-    ramp: tuple
-    shown: str
-    limits: tuple = ()
-    factor: float = 1.0
-
-    def title(self, name: str) -> str:
-        """Layer name: words, symbol and unit."""
-        return f"{self.words} {name}" + (f" ({self.unit})" if self.unit else "")
-
-
-NORMAL_SIGN = "+ away from it, - into it"
-LOOKS = {
-    "h": Look("flow depth (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
-    "t": Look("flow thickness (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
-    "Un": Look("velocity normal to the slope", f"m/s; {NORMAL_SIGN}", VIK, "signed"),
-    "Ut": Look("speed along the slope", "m/s", BATLOW_REVERSED, "rate", SPEED_LIMITS),
-    "Ut_E": Look("velocity along the slope, to the east", "m/s", VIK, "signed"),
-    "Ut_N": Look("velocity along the slope, to the north", "m/s", VIK, "signed"),
-    "t_vol": Look("thickness by volume (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
-    "n": Look("number of particles", "", LAJOLLA, "size"),
-    "mass": Look("mass per plan area", "kg/m2", LAJOLLA, "size"),
-    "p": Look("impact pressure", "kPa", HAWAII_REVERSED, "rate", PRESSURE_LIMITS, 1e-3),
-    "detached": Look("clear of the bed", "1: yes", HAWAII_REVERSED, "size", (1,)),
-    "h_max": Look("largest flow depth (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
-    "t_max": Look("largest flow thickness (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
-    "Un_max": Look("largest velocity away from the slope", "m/s", VIK, "signed"),
-    "Un_min": Look("largest velocity into the slope", "m/s; negative", VIK, "signed"),
-    "Ut_max": Look("largest speed along the slope", "m/s", BATLOW_REVERSED, "rate", SPEED_LIMITS),
-    "p_max": Look("largest impact pressure", "kPa", HAWAII_REVERSED, "rate", PRESSURE_LIMITS, 1e-3),
-    "t_arrival": Look("time of arrival", "s", BATLOW, "rate"),
-}
-
-
-PROBABILITY = "P_"  # prefix of probability bands
-
-
-def look_of(quantity: Quantity) -> Look:
-    """The Look of a band; a band outside the table is shown by size.
-
-    Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
-    """
-    if quantity.name.startswith(PROBABILITY):
-        return Look(quantity.long_name, "", HAWAII_REVERSED, "size", PROBABILITY_LIMITS)
-    of = LOOKS.get(quantity.name.rpartition("_")[0])
-    plain = Look(quantity.long_name, quantity.unit.replace(" s-1", "/s"), LAJOLLA, "size")
-    return LOOKS.get(quantity.name, plain if of is None else of._replace(words=quantity.long_name))
-
-
-def class_limits(look: Look, typical: float) -> tuple:
-    """Upper limits of all classes except the last, in the look's unit, for values up to `typical` (the band's unit).
-
-    The hazard classes if the run reaches the third limit and stays below twice the last; else six classes up to the
-    next 1, 2 or 5 times a power of ten.
-    """
-    reached = typical * look.factor
-    hazard = look.limits
-    if hazard and (len(hazard) < 3 or hazard[2] <= reached <= 2 * hazard[-1]):
-        return hazard
-    top = round_up(reached)
-    return tuple(float(f"{top * share:.6g}") for share in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0))
-
-
-def round_up(value: float) -> float:
-    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 if `value` is not positive or not finite."""
-    if not 1e-300 < value < 1e300:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    return float(f"{next(m for m in (1, 2, 5, 10) if value <= m * power * (1 + 1e-9)) * power:.6g}")
-
-
-def ramp_colours(ramp: tuple, count: int) -> list[str]:
-    """`count` hex colours spread evenly over a ramp, ends included."""
-    stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in ramp], dtype=float)
-    at = np.linspace(0, len(ramp) - 1, count)
-    channels = [np.interp(at, np.arange(len(ramp)), stops[:, k]) for k in range(3)]
-    return ["#" + "".join(f"{round(c):02x}" for c in colour) for colour in zip(*channels, strict=True)]
-
-
-class ColourClass(NamedTuple):
-    """One legend class: values up to `upper` [the band's unit] in `colour` (None: transparent)."""
-
-    upper: float
-    colour: str | None
-    label: str
-
-
-def colour_classes(look: Look, typical: float, min_depth: float = 0.0) -> list[ColourClass]:
-    """List of ColourClass for all values of a band, from a transparent class (if any) to "> limit"."""
-    limits = class_limits(look, typical)
-    floor = min_depth if look.shown == "depth" and min_depth < limits[0] else 0.0
-    classes = [] if look.shown == "rate" else [ColourClass(floor, None, f"up to {floor:g} (not drawn)")]
-    lowest = f"{floor:g}"
-    for limit, colour in zip((*limits, math.inf), ramp_colours(look.ramp, len(limits) + 1), strict=True):
-        unit = look.unit.partition(";")[0]
-        label = f"> {lowest} {unit}" if math.isinf(limit) else f"{lowest} - {limit:g} {unit}"
-        classes.append(ColourClass(limit / look.factor, colour, label.strip()))
-        lowest = f"{limit:g}"
-    return classes
 
 
 def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> Element:
     """`rasterrenderer` of one band: classes, or a symmetric ramp for signed values."""
-    shader = _signed_shader(look, typical) if look.shown == "signed" else _class_shader(look, typical, min_depth)
+    shader = value_shader(look, typical, min_depth)
     return node(
         "rasterrenderer",
         {
@@ -162,6 +38,11 @@ def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> E
         ),
         node("rastershader", None, shader),
     )
+
+
+def value_shader(look: Look, typical: float, min_depth: float) -> Element:
+    """`colorrampshader` of a band: classes, or a symmetric ramp for signed values."""
+    return _signed_shader(look, typical) if look.shown == "signed" else _class_shader(look, typical, min_depth)
 
 
 def _class_shader(look, typical, min_depth):
@@ -259,7 +140,7 @@ def hillshade_pipe() -> Element:
                 "nodataColor": "",
             },
         ),
-        node("brightnesscontrast", {"brightness": 40, "contrast": -15, "gamma": 1}),
+        node("brightnesscontrast", {"brightness": 70, "contrast": -20, "gamma": 1}),
         node("resamplingStage", text="provider"),
     )
 
@@ -344,6 +225,9 @@ def write_styles(run: ExportedRun) -> None:
     write_sidecar(run, run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1)))
     write_sidecar(run, run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1)))
     write_sidecar(run, run.terrain_file, style_document(hillshade_pipe()))
+    if run.bed_bands:
+        write_sidecar(run, run.bed_file, style_document(value_pipe(run.bed_bands[0], run, 1)))
+        write_sidecar(run, run.ground_file, style_document(hillshade_pipe()))
     for quantity in run.step_bands:
         pipe = value_pipe(quantity, run, 1)
         write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))

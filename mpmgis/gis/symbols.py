@@ -8,8 +8,8 @@ from xml.etree.ElementTree import Element
 
 from ..errors import OutputError, one_line
 from ..io.exported import ExportedRun
+from .colours import LOOKS, colour_classes
 from .markup import node, options, qgis_document
-from .styles import LOOKS, colour_classes
 
 OUTLINE = ("10,10,10,255", 0.5, "solid")
 ENVELOPE = ("10,10,10,255", 0.4, "dash")

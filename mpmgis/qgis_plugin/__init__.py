@@ -1,5 +1,5 @@
-"""The QGIS toolbox: what runs in QGIS' own Python and calls the command `mpmgis`, which lives elsewhere.
+"""The QGIS toolbox: runs in the Python of QGIS and calls the command `mpmgis` of another Python environment.
 
-`mpmgis_qgis` is the plugin as QGIS installs it. Nothing in it imports anything of mpmgis, and it keeps to Python 3.9,
-which QGIS 3.22 brings on Windows.
+`mpmgis_qgis` is the plugin as QGIS installs it. It imports nothing of mpmgis, and runs on Python 3.9, the version of
+QGIS 3.22 on Windows.
 """

@@ -5,11 +5,9 @@ Run by a Python that has PyQGIS: `python3 qgis_check.py PROJECT FILE...`; FILE i
 
 import json
 import os
-import re
 import shutil
 import sys
 import tempfile
-import zipfile
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 os.environ["QGIS_CUSTOM_CONFIG_PATH"] = os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="qgis_check_")
@@ -20,7 +18,15 @@ from qgis.core import (
     QgsExpression,
     QgsExpressionContext,
     QgsExpressionContextScope,
+    QgsExpressionContextUtils,
     QgsInterval,
+    QgsLayerTreeModel,
+    QgsLayoutExporter,
+    QgsLayoutItemLabel,
+    QgsLayoutItemLegend,
+    QgsLayoutItemMap,
+    QgsLayoutItemRegistry,
+    QgsLayoutItemScaleBar,
     QgsMapRendererParallelJob,
     QgsMapSettings,
     QgsMeshLayer,
@@ -30,10 +36,10 @@ from qgis.core import (
     QgsTemporalNavigationObject,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtCore import QSize, Qt
+from qgis.PyQt.QtCore import QRectF, QSize
 from qgis.PyQt.QtGui import QColor, QImage
 
-BANDS_KNOW_TIME = Qgis.QGIS_VERSION_INT >= 33800
+LAYOUT_ITEMS = QgsLayoutItemRegistry.LayoutMap  # types from here on are items on a page
 
 
 def picture(layers, extent, crs, span=None):
@@ -101,30 +107,11 @@ def open_file(path):
     return [{**seen(layer, styled), "renderer": renderer, "bands": names}]
 
 
-def band_times(path):
-    """Layer id -> [(begin, end, band)] of the layers with time by band, which QGIS before 3.38 does not read."""
-    with zipfile.ZipFile(path) as archive:
-        text = archive.read(archive.namelist()[0]).decode()
-    found = {}
-    for layer in re.findall(r"<maplayer .*?</maplayer>", text, re.S):
-        spans = [
-            (
-                re.search(r'begin="(.*?)"', span)[1],
-                re.search(r'end="(.*?)"', span)[1],
-                int(re.search(r'band="(\d+)"', span)[1]),
-            )
-            for span in re.findall(r"<range [^>]*>", layer)
-        ]
-        if spans:
-            found[re.search(r"<id>(.*?)</id>", layer)[1]] = spans
-    return found
-
-
 def open_project(path):
     """Facts about the project and its animation."""
     project = QgsProject.instance()
     read = project.read(path)
-    root = project.layerTreeRoot()
+    root, layers = project.layerTreeRoot(), list(project.mapLayers().values())
     visible = {node.layerId() for node in root.findLayers() if node.isVisible()}
     shown = [layer for layer in root.layerOrder() if layer.id() in visible]
     settings = project.timeSettings()
@@ -137,9 +124,7 @@ def open_project(path):
     extent = project.viewSettings().defaultViewExtent()
     moving = [layer for layer in shown if layer.temporalProperties() and layer.temporalProperties().isActive()]
     frames, lone = [], {layer.name(): [] for layer in moving}
-    by_band = {} if BANDS_KNOW_TIME else band_times(path)
     for span in spans:
-        switch_bands(moving, by_band, span)
         frames.append(picture(shown, extent, project.crs(), span))
         for layer in moving:
             lone[layer.name()].append(picture([layer], extent, project.crs(), span))
@@ -149,33 +134,68 @@ def open_project(path):
         "crs": project.crs().authid(),
         "crs_valid": project.crs().isValid(),
         "lost": [node.layerId() for node in root.findLayers() if node.layer() is None],
-        "layers": [(layer.name(), layer.isValid(), layer.crs().isValid()) for layer in project.mapLayers().values()],
+        "layers": [(layer.name(), layer.isValid(), layer.crs().isValid()) for layer in layers],
         "visible": [layer.name() for layer in shown],
         "frames": count,
         "mode": project.readNumEntry("TemporalControllerWidget", "/NavigationMode")[0],
         "painted": [frame[1] for frame in frames],
         "differ": len({frame[0] for frame in frames}),
         "moving": {name: [len({p[0] for p in pictures}), [p[1] for p in pictures]] for name, pictures in lone.items()},
-        "map_title": [map_title(project, span) for span in spans],
+        "map_title": [map_title(project, span, shown) for span in spans],
+        "still_title": map_title(project, spans[0], [layer for layer in layers if " max " in layer.name()]),
+        "legends": legends(root),
+        "layouts": layouts(project),
     }
 
 
-def switch_bands(layers, by_band, span):
-    """For an old QGIS: show the band of the time, as a new QGIS does automatically."""
-    at = span.begin().toUTC().toString(Qt.DateFormat.ISODate)
-    for layer in layers:
-        for begin, end, band in by_band.get(layer.id(), ()):
-            if begin <= at < end:
-                layer.renderer().setBand(band)
-
-
-def map_title(project, span):
-    """The text of the title decoration in a frame."""
+def map_title(project, span, layers):
+    """The text of the title decoration in a frame with `layers`."""
     scope = QgsExpressionContextScope()
     scope.setVariable("map_start_time", span.begin())
+    settings = QgsMapSettings()
+    settings.setLayers(layers)
     context = QgsExpressionContext()
+    context.appendScope(QgsExpressionContextUtils.mapSettingsScope(settings))
     context.appendScope(scope)
     return QgsExpression.replaceExpressionText(project.readEntry("TitleLabel", "/Label")[0], context)
+
+
+def legends(root):
+    """Layer name -> texts of its legend entries."""
+    model = QgsLayerTreeModel(root)
+    return {row.name(): [str(entry.data(0)) for entry in model.layerLegendNodes(row)] for row in root.findLayers()}
+
+
+def layouts(project):
+    """Name -> facts about the print layouts: their page as a picture and as a PDF."""
+    found = {}
+    for layout in project.layoutManager().printLayouts():
+        exporter, path = QgsLayoutExporter(layout), os.path.join(tempfile.mkdtemp(prefix="qgis_layout_"), "page.pdf")
+        page = exporter.renderPageToImage(0, QSize(594, 420)).convertToFormat(QImage.Format.Format_ARGB32)
+        done = exporter.exportToPdf(path, QgsLayoutExporter.PdfExportSettings()) == QgsLayoutExporter.Success
+        (shown,) = [item for item in layout.items() if isinstance(item, QgsLayoutItemMap)]
+        (legend,) = [item for item in layout.items() if isinstance(item, QgsLayoutItemLegend)]
+        (bar,) = [item for item in layout.items() if isinstance(item, QgsLayoutItemScaleBar)]
+        with open(path, "rb") as file:
+            pdf = done and file.read(5) == b"%PDF-"
+        area = shown.sceneBoundingRect()
+        boxes = [item.sceneBoundingRect() for item in layout.items() if item.type() >= LAYOUT_ITEMS]
+        size = layout.pageCollection().page(0).pageSize()
+        found[layout.name()] = {
+            "pdf": pdf,
+            "page": [size.width(), size.height()],
+            "colours": len({page.pixel(x, y) for x in range(594) for y in range(420)}),
+            "layers": [layer.name() for layer in shown.layers()],
+            "legend": [row.name() for row in legend.model().rootGroup().findLayers()],
+            "linked": legend.linkedMap() is shown and bar.linkedMap() is shown,
+            "over_map": sum(area.intersects(box) for box in boxes) - 1,
+            "outside": sum(not QRectF(0, 0, size.width(), size.height()).contains(box) for box in boxes),
+            "texts": [item.text() for item in layout.items() if isinstance(item, QgsLayoutItemLabel)],
+            "extent": [shown.extent().xMinimum(), shown.extent().yMinimum(), shown.extent().xMaximum()],
+            "bar": bar.unitsPerSegment() * bar.numberOfSegments(),
+        }
+        shutil.rmtree(os.path.dirname(path))
+    return found
 
 
 def main():

@@ -9,7 +9,12 @@ from functools import cache
 
 import pytest
 
-STARTS = "from qgis.core import QgsApplication\nQgsApplication([], False).initQgis()\nprint('started', flush=True)"
+STARTS = """
+from qgis.core import QgsApplication
+application = QgsApplication([], False)  # newer versions crash where nothing keeps it
+application.initQgis()
+print("started", flush=True)
+"""
 
 
 @cache

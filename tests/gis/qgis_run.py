@@ -13,6 +13,7 @@ from mpmgis.gis.mesh import write_mesh
 from mpmgis.gis.outlines import BANDS, StepSpool, shown_particles, step_outline, write_outlines
 from mpmgis.gis.project import write_project
 from mpmgis.gis.styles import write_styles
+from mpmgis.gis.surface import write_surface
 from mpmgis.io.exported import ExportedRun
 from mpmgis.particles import Frame, Particles
 from mpmgis.terrain.grid import Grid
@@ -148,6 +149,7 @@ def write_all(run, release=None, qgis_min="3.38"):
     kept = steps(run)
     write_styles(run)
     write_stacks(run)
+    write_surface(run)
     write_mesh(run, kept)
     write_outlines(run, kept, release)
     write_project(run, qgis_min)

@@ -139,7 +139,7 @@ def simulate(folder, **more):
 def check_simulation():
     folder = os.path.join(SITE, "slide")
     QgsProject.instance().addMapLayer(unsaved_release(RELEASE))
-    found = {"simulate": simulate(folder, RELEASE=unsaved_release(RELEASE))}
+    found = {"simulate": simulate(folder, RELEASE=unsaved_release(RELEASE), THICKNESS_COLUMN="thickness")}
     project = QgsProject.instance()
     layers = project.mapLayers().values()
     found["tree"] = tree(project.layerTreeRoot())
@@ -185,6 +185,7 @@ def check_refusals():
     with open(os.path.join(earlier, "scene.toml")) as scene:
         before = scene.read()
     found = {"refused": simulate(new, THICKNESS="no_such_column"), "refused_left": os.path.exists(new)}
+    found["both_thicknesses"] = simulate(new, THICKNESS="2", THICKNESS_COLUMN="thickness")
     found["replaced"] = simulate(earlier, THICKNESS="no_such_column", OVERWRITE=True)
     with open(os.path.join(earlier, "scene.toml")) as scene:
         found["as_before"] = scene.read() == before
@@ -201,8 +202,14 @@ def check_forms():
             for algorithm in provider.algorithms()
         },
         "texts": {algorithm.name(): algorithm.shortHelpString() for algorithm in provider.algorithms()},
-        "icons": [algorithm.icon().isNull() for algorithm in provider.algorithms()],
+        "icons": {algorithm.group(): _drawn(algorithm.icon()) for algorithm in provider.algorithms()},
     }
+
+
+def _drawn(icon):
+    """Checksum of an icon of 24 x 24 pixels, 0 where nothing is drawn."""
+    picture = icon.pixmap(24, 24).toImage()
+    return sum((k + 1) * picture.pixel(k % 24, k // 24) for k in range(24 * 24)) if not picture.isNull() else 0
 
 
 def check_seed():

@@ -80,7 +80,7 @@ def test_outlines_of_steps(run):
         row = outline[outline.step == k].iloc[0]
         assert row.t_s == run.times[k]
         assert row.area_m2 == pytest.approx(25.0 * np.count_nonzero(depth >= 0.05))
-        assert row.geometry.area == pytest.approx(row.area_m2)
+        assert row.geometry.area == pytest.approx(row.area_m2, rel=5e-3)
         assert row.h_max_m == pytest.approx(depth.max())
         assert str(row.t_qgis) == f"2000-01-01 00:0{k // 2}:{30 * (k % 2):02d}+00:00"
         assert (row.t_qgis_end - row.t_qgis).total_seconds() == 29
@@ -88,7 +88,8 @@ def test_outlines_of_steps(run):
 
 def test_envelope_contains_every_outline(run):
     (envelope,) = read(run, "envelope").geometry
-    assert all(envelope.buffer(1e-6).contains(part) for part in read(run, "outline").geometry)
+    half_a_cell = 2.5  # both are smooth
+    assert all(envelope.buffer(half_a_cell).contains(part) for part in read(run, "outline").geometry)
 
 
 def test_release_as_given(run):

@@ -58,7 +58,7 @@ def test_command_writes_points_as_they_are(tmp_path, frame, capsys):
     assert capsys.readouterr().out.splitlines() == [str(tmp_path / "points.las")]
     assert len(laspy.read(tmp_path / "points.las")) == 500
     assert main(["convert", str(tmp_path / "frame.h5"), "-o", str(tmp_path / "b.las"), "--spacing", "1"]) == 2
-    assert "--spacing changes nothing" in capsys.readouterr().err
+    assert "--spacing has no effect" in capsys.readouterr().err
 
 
 def test_a_missing_library_is_named_with_its_extra(tmp_path, frame, monkeypatch):

@@ -5,8 +5,8 @@ import pytest
 from pyproj import CRS
 from test_qgis_open import look
 
-from mpmgis.experiments.statistics import MEMBER_BANDS, Products
-from mpmgis.fields import BAND
+from mpmgis.experiments.statistics import Products
+from mpmgis.fields import BAND, MEMBER_BANDS
 from mpmgis.io.ensemble_folder import MemberStack
 from mpmgis.io.raster_output import write_geotiff
 from mpmgis.reports.ensemble_maps import EnsembleMaps, write_maps
@@ -43,8 +43,8 @@ def test_the_project_opens_with_a_probability_over_the_terrain(maps):
     assert project["read"] and project["crs"] == "EPSG:32632" and not project["lost"]
     assert all(valid and placed for _, valid, placed in project["layers"])
     assert len(project["layers"]) == sum(map(len, maps.bands.values())) + 2
-    assert [name for name in project["visible"] if "robability" in name or "largest" in name] == [
-        "probability that the largest flow depth (normal) is at least 0.5 m P_h_0.5"
+    assert [name for name in project["visible"] if "P(" in name or "largest" in name] == [
+        "P(h >= 0.5 m): probability that the largest flow depth (normal) is at least 0.5 m"
     ]
     assert project["map_title"][0] == "ensemble: 6 runs"
     for raster, bands in maps.bands.items():

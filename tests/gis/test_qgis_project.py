@@ -45,7 +45,7 @@ def test_every_layer_has_an_id_that_qgis_accepts(root):
 
 
 def test_tree_and_layers_are_the_same(root):
-    tree = [node.get("id") for node in root.iter("layer-tree-layer")]
+    tree = [node.get("id") for node in root.find("layer-tree-group").iter("layer-tree-layer")]
     assert tree == [layer.findtext("id") for layer in layers(root)]
 
 
@@ -108,51 +108,120 @@ def test_mesh_groups_are_in_the_order_of_qgis(run, root):
     assert [name for _, name in names] == group_names(run.folder / run.mesh_file)
 
 
-def test_colours_do_not_change_between_the_steps_of_a_variable(tmp_path):
-    run = qgis_run.write_all(qgis_run.make_run(tmp_path, UTM, times=[0, 1, 2, 3]), qgis_min="3.22")
-    drawn = {}
-    for layer in layers(qgis_run.project_root(run)):
-        if layer.find("temporal/fixedRange") is not None:
-            name = layer.findtext("layername").split(" at ")[0]
-            items = tuple(tuple(sorted(i.attrib.items())) for i in layer.iter("item"))
-            drawn.setdefault(name, set()).add(items)
-    assert sorted(drawn) == ["Un", "Ut", "h", "t"]
-    assert all(len(styles) == 1 for styles in drawn.values())
+def test_depth_arrows_and_outline_move_in_every_version_and_are_shown(root):
+    tree = {e.get("id"): e.get("checked") == "Qt::Checked" for e in root.iter("layer-tree-layer")}
+    shown = [layer for layer in layers(root) if tree[layer.findtext("id")] and layer.find("temporal") is not None]
+    assert [layer.get("type") for layer in shown] == ["mesh", "vector", "mesh"]
+    newer = next(e for e in root.iter("layer-tree-group") if e.get("name") == "rasters over time (QGIS 3.38 or later)")
+    stacks = {e.get("id") for e in newer.iter("layer-tree-layer")}
+    assert stacks == {layer.findtext("id") for layer in layers(root) if layer.find("temporal/ranges") is not None}
+    assert not any(tree[name] for name in stacks)
 
 
-def test_before_3_38_each_step_is_a_separate_layer(tmp_path):
-    run = qgis_run.write_all(qgis_run.make_run(tmp_path, UTM, times=[0, 0.2, 0.4, 1.0]), qgis_min="3.22")
-    root = qgis_run.project_root(run)
-    assert not list(root.iter("range"))
-    spans = {}
+def test_the_mesh_has_the_classes_of_the_rasters(root):
+    items = {}
     for layer in layers(root):
-        fixed = layer.find("temporal/fixedRange")
-        if fixed is not None:
-            band = layer.find("pipe/rasterrenderer").get("band")
-            spans.setdefault(band, []).append((moment(fixed.findtext("start")), moment(fixed.findtext("end"))))
-    assert sorted(spans) == ["1", "2", "3", "4"]
-    for steps in spans.values():
-        assert len(steps) == 4
-        assert all(start <= end for start, end in steps)
-        gaps = [later[0] - earlier[1] for earlier, later in pairwise(steps)]
-        assert gaps == [timedelta(seconds=2)] * 3
+        if layer.findtext("layername").startswith("h [m]"):
+            classes = [tuple(sorted(item.attrib.items())) for item in layer.iter("item")]
+            items.setdefault(layer.get("type"), set()).add(tuple(classes))
+    assert items["mesh"] == items["raster"]
+    assert len(items["mesh"]) == 1
+
+
+def test_legends_show_neither_the_first_step_nor_values_that_are_not_drawn(root):
+    found = {layer.findtext("id"): layer for layer in layers(root)}
+    for row in root.iter("layer-tree-layer"):
+        shader = found[row.get("id")].find(".//colorrampshader")
+        if shader is None:
+            continue
+        shown = row.find("customproperties/Option/Option").get("value").split(",")
+        drawn = [k for k, item in enumerate(shader.findall("item"), 1) if item.get("alpha") != "0"]
+        assert shown == (["1"] if shader.get("colorRampType") == "INTERPOLATED" else [str(k) for k in drawn])
+
+
+def test_before_3_38_no_layer_needs_time_by_band(tmp_path):
+    bands = ("h", "t", "Un", "Ut", "t_vol")
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 0.2, 0.4, 1.0], step_bands=bands)
+    root = qgis_run.project_root(qgis_run.write_all(run, qgis_min="3.22"))
+    assert not list(root.iter("range"))
+    meshes = [layer.findtext("layername").split(" ")[0] for layer in layers(root) if layer.get("type") == "mesh"]
+    assert meshes == ["velocity", "h", "t", "Un", "Ut"]
+    steps = [layer for layer in layers(root) if layer.find("temporal/fixedRange") is not None]
+    assert [layer.findtext("layername") for layer in steps] == [f"t_vol at t = {t} s" for t in (0.0, 0.2, 0.4, 1.0)]
+    assert {layer.find("pipe/rasterrenderer").get("band") for layer in steps} == {"5"}
+    spans = [[moment(layer.findtext(f"temporal/fixedRange/{end}")) for end in ("start", "end")] for layer in steps]
+    assert all(start <= end for start, end in spans)
+    assert [later[0] - earlier[1] for earlier, later in pairwise(spans)] == [timedelta(seconds=2)] * 3
 
 
 def test_title_shows_simulated_time(root):
     label = root.findtext("properties/TitleLabel/Label")
     assert "/ 1000.0 / 60, 1)" in label
+    assert "THEN 'maxima over all steps'" in label
     assert "1 s = 1 min" in root.find("layer-tree-group/layer-tree-group").get("name")
 
 
-def test_layer_names_are_words_with_units(root):
+def test_layer_names_begin_with_what_differs(root):
     names = {layer.findtext("layername") for layer in layers(root)}
     assert {
-        "flow depth (normal) h (m)",
-        "speed along the slope Ut (m/s)",
-        "velocity normal to the slope Un (m/s; + away from it, - into it)",
-        "largest impact pressure p_max (kPa)",
-        "time of arrival t_arrival (s)",
+        "h [m]: flow depth (normal)",
+        "Ut [m/s]: speed along the slope",
+        "Un [m/s]: velocity normal to the slope",
+        "h max [m]: largest flow depth (normal)",
+        "p max [kPa]: largest impact pressure",
+        "t arrival [s]: time of arrival",
     } <= names
+
+
+def test_terrain_and_flow_surface_are_elevations(run, root):
+    high = {layer.findtext("datasource"): layer.find("elevation") for layer in layers(root)}
+    high = {source: element for source, element in high.items() if element is not None}
+    assert sorted(high) == ["./dtm.tif", "./slide_surface.tif"]
+    assert {element.get("enabled") for element in high.values()} == {"1"}
+    terrain = root.find("ElevationProperties/terrainProvider/TerrainProvider")
+    assert terrain.get("layer") in {layer.findtext("id") for layer in layers(root)}
+
+
+def test_the_flow_surface_is_the_depth_above_the_bed_along_its_normal(run):
+    with rasterio.open(run.folder / run.surface_file) as file:
+        assert file.descriptions == ("surface [m]",)
+        surface = np.where(file.read(1) == file.nodata, np.nan, file.read(1))
+    (depth,), bed = run.read(run.maxima_file, ("h_max",)), run.read_terrain().astype(float)
+    down, right = np.gradient(bed, 5.0)
+    assert np.array_equal(np.isfinite(surface), np.isfinite(depth))
+    expected = bed + depth * np.sqrt(1.0 + down**2 + right**2)
+    wet = np.isfinite(depth)
+    assert np.allclose(surface[wet], expected[wet], atol=1e-3)
+
+
+def test_print_layout_keeps_the_layers_of_its_map(root):
+    layout = root.find("Layouts/Layout")
+    items = {item.get("id"): item for item in layout.iter("LayoutItem")}
+    assert set(items) == {"page", "title", "map", "legend", "north", "scale bar", "notes"}
+    ids = {layer.findtext("id") for layer in layers(root)}
+    kept = [layer.text for layer in items["map"].findall("LayerSet/Layer")]
+    assert len(kept) >= 4 and set(kept) <= ids
+    moving = {layer.findtext("id") for layer in layers(root) if layer.find("temporal") is not None}
+    assert not moving & set(kept)
+    assert {items["legend"].get("map_uuid"), items["scale bar"].get("mapUuid")} == {items["map"].get("uuid")}
+
+
+def test_title_and_scale_bar_have_room_beside_the_flow(run, root):
+    view = root.find("ProjectViewSettings/DefaultViewExtent")
+    south, north = float(view.get("ymin")), float(view.get("ymax"))
+    row, column = np.nonzero(run.read(run.maxima_file, ("h_max",))[0] >= run.min_depth)
+    _, y = run.flow_grid.xy(row, column)
+    assert min(y.min() - south, north - y.max()) > 0.07 * (north - south)
+    assert root.findtext("properties/ScaleBar/Placement") == "0"  # the blob goes to the lower right
+
+
+def test_scale_bar_is_at_the_other_side_of_the_flow(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+    with rasterio.open(run.folder / run.maxima_file, "r+") as file:
+        for band in range(1, file.count + 1):
+            file.write(file.read(band)[:, ::-1], band)
+    write_project(run)
+    assert qgis_run.project_root(run).findtext("properties/ScaleBar/Placement") == "3"
 
 
 def test_names_with_xml_signs(tmp_path):

@@ -15,12 +15,11 @@ from affine import Affine
 from qgis_python import clean_environment, python_with_qgis, qgis_process, report_of
 
 from mpmgis.cli.main import main
-from mpmgis.qgis_plugin.mpmgis_qgis.commands import VERBS
+from mpmgis.verbs.forms import plugin_forms
 
 pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-PLUGINS = ROOT / "mpmgis" / "qgis_plugin"
 WEST, NORTH, PIXEL, SHAPE = 500_000.0, 5_200_400.0, 10.0, (40, 60)
 # says how far it is, and ends when it is told to, which it writes down
 SLEEPER = """#!/bin/sh
@@ -65,11 +64,15 @@ def site(tmp_path_factory):
 @pytest.fixture(scope="module")
 def report(site):
     sleeper = script(site / "sleeper", SLEEPER.format(mark=site / "stopped"))
-    return report_of(HERE / "qgis_toolbox_check.py", PLUGINS, site, command_of_tests(site), sleeper, timeout=1200)
+    plugins = site / "plugins"
+    assert main(["qgis-plugin", "-o", str(site / "mpmgis_qgis.zip"), "-q"]) == 0
+    zipfile.ZipFile(site / "mpmgis_qgis.zip").extractall(plugins)
+    return report_of(HERE / "qgis_toolbox_check.py", plugins, site, command_of_tests(site), sleeper, timeout=1200)
 
 
 def test_the_toolbox_has_the_verbs(report):
-    assert set(report["algorithms"]) == {row.identifier for row in VERBS} | {"simulate"}
+    names = {form["name"] or form["verb"].replace("-", "") for form in plugin_forms()["forms"]}
+    assert set(report["algorithms"]) == names | {"simulate"}
     assert report["unloaded_provider"]
 
 
@@ -78,7 +81,8 @@ def test_every_parameter_has_a_help_text(report):
     assert any("[--dem]" in text for text in report["help"]["seed"])
     assert "Command: mpmgis export-raster" in report["texts"]["exportraster"]
     assert "mpmgis run and mpmgis export-raster" in report["texts"]["simulate"]
-    assert not any(report["icons"])
+    assert len(report["icons"]) == 4 and all(report["icons"].values())
+    assert len(set(report["icons"].values())) == 4  # an icon for each group
 
 
 def test_seeded_particles_are_loaded(site, report):
@@ -96,6 +100,7 @@ def test_an_error_is_the_message_of_the_command(report):
     assert "exists already" in report["existing"]["error"]
     assert "no_such_column" in report["local"]["error"]
     assert "\n" not in report["existing"]["error"] + report["local"]["error"]
+    assert not any(report[name]["error"] in report[name]["said"] for name in ("existing", "local"))  # QGIS prints it
 
 
 def test_the_form_makes_an_animated_map(report):
@@ -115,6 +120,7 @@ def test_the_form_makes_an_animated_map(report):
 def test_an_unsaved_release_is_stored_with_the_scene(site, report):
     assert (site / "slide" / "release.gpkg").exists()
     assert 'source = "release.gpkg' in (site / "slide" / "scene.toml").read_text()
+    assert 'thickness = "thickness"' in (site / "slide" / "scene.toml").read_text()
 
 
 def test_an_earlier_simulation_is_not_overwritten_by_default(report):
@@ -135,6 +141,8 @@ def test_export_is_loaded_on_request(site, report):
 
 def test_command_output_is_in_the_log(report):
     assert any(line.startswith("curvature ") for line in report["effects"]["printed"])
+    page = Path(report["effects"]["outputs"]["TABLE"]).read_text(encoding="utf-8")
+    assert "<th>decided by</th>" in page and "<td>curvature</td>" in page
     assert any(line.startswith("footprint: ") for line in report["compare"]["printed"])
     assert "exactly one of" in report["unclear"]["error"]
 
@@ -161,12 +169,12 @@ def test_an_ensemble_becomes_styled_maps(site, report):
     assert any("4 finished" in line for line in found["said"])
     assert all(valid for _, valid, _ in report["maps"])
     shown = {name for name, _, renderer in report["maps"] if renderer == "singlebandpseudocolor"}
-    assert all(any(name.endswith(band) for name in shown) for band in ("P_h_0.5", "P_Ut_1"))
+    assert all(any(band in name for name in shown) for band in ("P(h >= 0.5 m)", "P(Ut >= 1 m/s)")), shown
     assert "has no parameter 'moo'" in report["no_such_key"]["error"] and "\n" not in report["no_such_key"]["error"]
 
 
 def test_columns_have_no_profile_over_the_height(report):
-    assert "its frames are columns" in report["flat"]["error"]
+    assert "depth-averaged frames have no vertical profile" in report["flat"]["error"]
     assert any("place.geojson" in line for line in report["flat"]["said"])
     assert "exactly one of 'Points' / 'or: one place on the map'" in report["both"]["error"]
 
@@ -179,6 +187,7 @@ def test_a_comparison_is_loaded_with_its_style(site, report):
 def test_rejected_input_leaves_the_folder_unchanged(report):
     assert report["refused"]["error"].startswith("mpmgis run: ") and "\n" not in report["refused"]["error"]
     assert not report["refused_left"]
+    assert report["both_thicknesses"]["error"] == "Release thickness: give metres or a column, not both"
     assert "no_such_column" in report["replaced"]["error"] and report["as_before"]
     assert "Release areas: the layer unsaved has no CRS; set it in its properties" in report["placeless"]["errors"]
 

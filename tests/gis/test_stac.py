@@ -59,7 +59,7 @@ def test_times_and_links(item):
     assert item.common_metadata.end_datetime.second == 1 and item.datetime is None
 
 
-def test_cogs_say_what_they_are(run):
+def test_cogs_have_the_tags_of_their_layout(run):
     assert "cloud-optimized" in stac_item(run, cog=True)["assets"]["maxima"]["type"]
     assert json.loads((run.folder / "slide.stac.json").read_text()) == stac_item(run)
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NEEDED_BY_QGIS = {"name", "qgisMinimumVersion", "description", "version", "author", "about"}
 NEEDED_TO_PUBLISH = NEEDED_BY_QGIS | {"email", "homepage", "repository", "tracker", "license"}
 LARGEST = 25_000_000  # [bytes] that the repository takes
-SUFFIXES = {".py", ".txt", ".svg", ""}
+SUFFIXES = {".py", ".txt", ".svg", ".json", ""}
 FORBIDDEN_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen", "Popen", "startDetached"}
 
 
@@ -41,7 +41,7 @@ def metadata(archive):
 
 def test_all_files_are_in_one_folder_and_none_is_missing(archive):
     inside = {path.name for path in FOLDER.rglob("*") if path.is_file() and path.parent.name != "__pycache__"}
-    assert set(archive.namelist()) == {f"mpmgis_qgis/{name}" for name in inside}
+    assert set(archive.namelist()) == {f"mpmgis_qgis/{name}" for name in (*inside, "forms.json")}
     assert {"__init__.py", "metadata.txt", "LICENSE", "icon.svg"} <= inside
 
 
@@ -52,7 +52,7 @@ def test_no_binaries_and_not_large(archive):
         archive.read(entry).decode("utf-8")
 
 
-def test_metadata_says_what_the_repository_asks(archive):
+def test_metadata_has_the_fields_of_the_repository(archive):
     said = metadata(archive)
     assert set(said) >= NEEDED_TO_PUBLISH and all(said[key].strip() for key in NEEDED_TO_PUBLISH)
     assert said["version"] == mpmgis.__version__
@@ -93,7 +93,7 @@ def test_the_same_sources_make_the_same_bytes(tmp_path):
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
 
 
-def test_the_verb_tells_how_to_install_it(tmp_path, monkeypatch, capsys):
+def test_the_verb_reports_how_to_install_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["qgis-plugin"]) == 0
     told = capsys.readouterr()

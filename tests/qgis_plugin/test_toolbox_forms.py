@@ -3,8 +3,9 @@
 import argparse
 import ast
 import functools
-import importlib
+import json
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,23 +13,27 @@ import pytest
 import rasterio
 from affine import Affine
 
-from mpmgis.cli.main import VERBS as VERBS_OF_THE_COMMAND
 from mpmgis.cli.main import main
-from mpmgis.experiments.measures import NAMES
-from mpmgis.experiments.sampling_plan import SAMPLINGS
-from mpmgis.qgis_plugin.mpmgis_qgis import answering, commands, fields, finding, many_runs, scene_form, talk, writing
+from mpmgis.cli.parser import add_arguments
+from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
+from mpmgis.qgis_plugin.mpmgis_qgis import forms, scene_form, table_page, writing
+from mpmgis.reports.hazard import read_matrices
 from mpmgis.reports.intensity import read_guidelines
 from mpmgis.scene import read_scene
+from mpmgis.verbs.forms import plugin_forms
+from mpmgis.verbs.option import verb_names, verb_of
 
-ROWS = commands.VERBS
-PLUGIN = Path(commands.__file__).parent
+NAMES = tuple(read_guidelines()), tuple(read_matrices())
+DATA = json.loads(json.dumps(plugin_forms(*NAMES)))  # as the plugin has it from its zip
+ROWS = tuple(map(forms.verb_of, DATA["forms"]))
+PLUGIN = Path(forms.__file__).parent
 VALUES = {
-    fields.RASTER: "dtm.tif", fields.POLYGONS: "area.gpkg|layername=area", fields.LINES: "line.shp",
-    fields.POINTS: "points.shp",
-    fields.FILE: "a file.h5", fields.FOLDER: "results", fields.NEW_FILE: "out.h5", fields.NEW_FOLDER: "out",
-    fields.NUMBER: 1.5, fields.INTEGER: 4, fields.TEXT: "1", fields.SWITCH: True, fields.CRS: "EPSG:32632",
-    fields.FILES: ["a.h5", "b.h5"], fields.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
-    fields.PLACE: "place.geojson", fields.EXTENT: "1,2,3,4.5",
+    forms.RASTER: "dtm.tif", forms.POLYGONS: "area.gpkg|layername=area", forms.LINES: "line.shp",
+    forms.POINTS: "points.shp",
+    forms.FILE: "a file.h5", forms.FOLDER: "results", forms.NEW_FILE: "out.h5", forms.NEW_FOLDER: "out",
+    forms.NUMBER: 1.5, forms.INTEGER: 4, forms.TEXT: "1", forms.SWITCH: True, forms.CRS: "EPSG:32632",
+    forms.FILES: ["a.h5", "b.h5"], forms.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
+    forms.PLACE: "place.geojson", forms.EXTENT: "1,2,3,4.5",
 }  # fmt: skip
 TYPED = {
     "VELOCITY": "-1,2",
@@ -36,13 +41,15 @@ TYPED = {
     "AXES": "e,u,-n",
     "COLUMNS": "mass=m",
     "TIMES": "0,1",
+    "LAYERS": "0,1,2",
     "AT_TIMES": "2,4",
     "TOLERATE": 0.2,
+    "WINDOW": "1,2,3,4.5",
+    "TO_CRS": "auto",
 }
 NAMED_BY_THE_PIPELINE = {  # the parser takes any text there, and the pipeline knows which
-    ("study", "MEASURE"): NAMES,
-    ("ensemble", "SAMPLING"): SAMPLINGS,
     ("intensity", "GUIDELINE"): tuple(read_guidelines()),
+    ("report", "MAP"): tuple(read_matrices()),
 }
 ALTERNATIVES = {"PER_CELL", "COUNT"}  # to SPACING, of which the command takes one
 
@@ -53,17 +60,20 @@ def parser_of(row):
 
 @functools.cache
 def parser_of_verb(verb):
-    module, _ = VERBS_OF_THE_COMMAND[verb]
     parser = argparse.ArgumentParser(exit_on_error=False)
-    importlib.import_module(f"mpmgis.cli.{module}").add_arguments(parser)
+    add_arguments(parser, verb_of(verb))
     return parser
 
 
 def example(field):
     """A value of the field that is not its default."""
-    if field.kind == fields.CHOICE:
+    if field.kind == forms.CHOICE:
         return next(choice for choice in field.choices if choice != field.default)
     return TYPED.get(field.name, VALUES[field.kind])
+
+
+def form_of(identifier):
+    return next(row for row in ROWS if row.identifier == identifier)
 
 
 def option_of(parser, field):
@@ -81,13 +91,13 @@ CASES = [
 @pytest.mark.parametrize(("row", "field"), CASES)
 def test_each_option_is_the_commands_own(row, field):
     action = option_of(parser_of(row), field)
-    if field.kind == fields.SWITCH:
+    if field.kind == forms.SWITCH:
         assert action.nargs == 0 and field.default is False
         return
     assert action.nargs is None
-    if field.kind in fields.SEVERAL:
+    if field.kind in forms.SEVERAL:
         assert isinstance(action, argparse._AppendAction)
-    if field.kind == fields.CHOICE:
+    if field.kind == forms.CHOICE:
         assert set(field.choices) == set(action.choices or NAMED_BY_THE_PIPELINE[row.verb, field.name])
 
 
@@ -95,43 +105,44 @@ def test_each_option_is_the_commands_own(row, field):
 def test_a_default_in_the_form_is_the_commands_default(row, field):
     action = option_of(parser_of(row), field)
     if field.default is None or (row.verb, field.name) == ("seed", "DENSITY"):  # None there: the verb says it aloud
-        usual_name = field.kind == fields.NEW_FOLDER and not field.optional  # in the folder of a terminal
+        usual_name = field.kind == forms.NEW_FOLDER and not field.optional  # in the folder of a terminal
         assert not action.default or usual_name
         return
-    if field.kind == fields.SWITCH:
+    if field.kind == forms.SWITCH:
         assert action.default is not action.const
         return
-    assert (action.type or str)(fields.text(field.default)) == action.default
+    assert (action.type or str)(forms.text(field.default)) == action.default
 
 
 def test_every_verb_is_there_or_left_out_for_a_reason():
-    assert {row.verb for row in ROWS}.isdisjoint(commands.LEFT_OUT_VERBS)
-    assert {row.verb for row in ROWS} | set(commands.LEFT_OUT_VERBS) == set(VERBS_OF_THE_COMMAND)
-    assert all(commands.LEFT_OUT_VERBS.values())
+    left_out = DATA["left_out_verbs"]
+    assert {row.verb for row in ROWS}.isdisjoint(left_out)
+    assert {row.verb for row in ROWS} | set(left_out) == set(verb_names())
+    assert all(left_out.values())
 
 
 @pytest.mark.parametrize("verb", sorted({row.verb for row in ROWS}))
 def test_every_option_is_there_or_left_out_for_a_reason(verb):
     asked = {field.option for row in ROWS for field in row.fields if row.verb == verb}
-    left_out = {option for of_verb, option in commands.LEFT_OUT_OPTIONS if of_verb == verb}
+    left_out = {option: why for of_verb, option, why in DATA["left_out_options"] if of_verb == verb}
     (row, *_) = [row for row in ROWS if row.verb == verb]
     options = [action.option_strings for action in parser_of(row)._actions if action.option_strings]
     not_asked = [names[-1] for names in options if names[-1] != "--help" and not asked & set(names)]
-    assert set(not_asked) == left_out and not asked & left_out
-    assert all(commands.LEFT_OUT_OPTIONS[verb, option] for option in left_out)
+    assert set(not_asked) == set(left_out) and not asked & set(left_out)
+    assert all(left_out.values())
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.identifier)
 def test_the_parser_takes_a_form_that_is_filled_in(row):
     left_out = {*ALTERNATIVES, *row.one_of[1:]}
     values = {field.name: example(field) for field in row.fields if field.option != "" and field.name not in left_out}
-    given = fields.arguments(row.fields, values)
+    given = forms.arguments(row.fields, values)
     named = [word.split("=")[0] for word in given if word.startswith("--")]
     given_as = [
         field.option
         for field in row.fields
         if field.option and field.name in values
-        for _ in range(2 if field.kind in fields.SEVERAL else 1)
+        for _ in range(2 if field.kind in forms.SEVERAL else 1)
     ]
     assert named == given_as
     parser_of(row).parse_args(given)
@@ -142,16 +153,17 @@ def test_the_parser_takes_a_form_with_only_what_must_be_given(row):
     needed = {field.name: example(field) for field in row.fields if field.option != "" and not field.optional}
     needed = {name: value for name, value in needed.items() if value is not True}
     needed |= {name: example(field) for field in row.fields for name in row.one_of[:1] if field.name == name}
-    parser_of(row).parse_args(fields.arguments(row.fields, needed))
+    parser_of(row).parse_args(forms.arguments(row.fields, needed))
 
 
 def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
-    values = {field.name: field.default for field in answering.EXPORT.fields} | {
+    export = form_of("exportraster")
+    values = {field.name: field.default for field in export.fields} | {
         "FRAMES": "a b",
         "CELL": "",
         "COG": True,
     }
-    assert fields.arguments(answering.EXPORT.fields, values) == ["a b", "--cog"]
+    assert forms.arguments(export.fields, values) == ["a b", "--cog"]
 
 
 @pytest.mark.parametrize(
@@ -161,20 +173,20 @@ def test_forms_are_sound(form):
     names = [field.name for field in form]
     assert len(set(names)) == len(names)
     for field in form:
-        assert field.kind in fields.KINDS
+        assert field.kind in forms.KINDS
         assert field.name == field.name.upper() and field.label[0] == field.label[0].strip()
-        assert bool(field.choices) == (field.kind == fields.CHOICE)
-        assert field.default is None or field.kind != fields.CHOICE or field.default in field.choices
+        assert bool(field.choices) == (field.kind == forms.CHOICE)
+        assert field.default is None or field.kind != forms.CHOICE or field.default in field.choices
         assert field.optional or not field.advanced
 
 
 @pytest.mark.parametrize(
     "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
 )
-def test_every_field_has_help_and_every_number_says_what_it_counts(form):
+def test_every_field_has_help_and_every_number_has_a_unit(form):
     for field in form:
         assert len(field.help) > 8 and field.help.endswith("."), f"{field.name}: {field.help!r}"
-        if field.kind == fields.NUMBER:
+        if field.kind == forms.NUMBER:
             assert re.search(r"\[[^\]]+\]|[Mm]etres|[Ss]econds|%|[Nn]umber", f"{field.label} {field.help}"), field.name
 
 
@@ -204,6 +216,11 @@ def test_what_is_left_empty_is_left_to_the_command(tmp_path):
     text = scene_form.scene_text(filled(THICKNESS="", XI=None))
     assert "thickness" not in text and "cell_size" not in text and 'law = "Coulomb"' in text
     assert 'thickness = "d0"' in scene_form.scene_text(filled(THICKNESS="d0"))
+    assert 'thickness = "d0"' in scene_form.scene_text(filled(THICKNESS_COLUMN="d0"))
+    for name, (mu, xi) in scene_form.PRESETS.items():
+        text_of_preset = scene_form.scene_text(filled(PRESET=name, MU=0.9, XI=None))
+        assert f"mu {forms.text(mu)} and xi {forms.text(xi)} (" in name and f"# Friction: {name}\n" in text_of_preset
+        assert tomllib.loads(text_of_preset)["friction"] == {"law": "Voellmy", "mu": mu, "xi": xi}
     path = tmp_path / "scene.toml"
     path.write_text(text)
     read_scene(path)
@@ -227,37 +244,37 @@ def test_the_scene_of_the_form_is_decided_by_the_command(tmp_path, capsys):
 
 
 def test_lines_come_whole_whatever_the_pieces():
-    lines = talk.Lines()
+    lines = plugin_command.Lines()
     assert lines.add(b"t = 1.0 of") == []
     assert lines.add(b" 4 s\r\nnext\rframe 1") == ["t = 1.0 of 4 s", "next"]
     assert lines.end() == ["frame 1"]
 
 
 def test_letters_cut_in_two_are_put_together():
-    lines, data = talk.Lines(), "Stra\u00dfe\n".encode()
+    lines, data = plugin_command.Lines(), "Stra\u00dfe\n".encode()
     assert lines.add(data[:5]) == []
     assert lines.add(data[5:]) == ["Stra\u00dfe"]
 
 
-def test_progress_is_read_from_what_the_command_says():
-    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "run") == 0.25
-    assert talk.progress("frame 3 of 4", "export-raster") == 0.75
-    assert talk.progress("t = 5 s: stage 2, of points, begins: t = 5 s", "run") is None
-    assert talk.progress("wall time 5 s", "run") is None
+def test_progress_is_read_from_what_the_command_reports():
+    assert plugin_command.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "run") == 0.25
+    assert plugin_command.progress("frame 3 of 4", "export-raster") == 0.75
+    assert plugin_command.progress("t = 5 s: stage 2, of points, begins: t = 5 s", "run") is None
+    assert plugin_command.progress("wall time 5 s", "run") is None
 
 
 def test_progress_of_many_runs_counts_runs():
-    assert talk.progress("3 of 12: cell_size 5 m", "study") == 2 / 12
-    assert talk.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "study") is None
-    assert talk.progress("run 8 of 32, 1 left out", "ensemble") == 0.25
-    assert talk.progress("t = 60.0 of 60 s, fastest 3.0 m/s", "demo") == 0.7
-    assert talk.progress("frame 5 of 10", "demo") == 0.85
+    assert plugin_command.progress("3 of 12: cell_size 5 m", "study") == 2 / 12
+    assert plugin_command.progress("t = 1.5 of 6 s, fastest 3.0 m/s", "study") is None
+    assert plugin_command.progress("run 8 of 32, 1 left out", "ensemble") == 0.25
+    assert plugin_command.progress("t = 60.0 of 60 s, fastest 3.0 m/s", "demo") == 0.7
+    assert plugin_command.progress("frame 5 of 10", "demo") == 0.85
 
 
 def test_what_may_be_given_several_times_is():
-    form = many_runs.ENSEMBLE.fields
+    form = form_of("ensemble").fields
     values = {"SCENE": "scene.toml", "VARY": ["friction.mu=0.1:0.2", "release.density=300,400"], "MIN_DEPTH": 0.05}
-    assert fields.arguments(form, values) == [
+    assert forms.arguments(form, values) == [
         "scene.toml",
         "--vary=friction.mu=0.1:0.2",
         "--vary=release.density=300,400",
@@ -303,32 +320,35 @@ def test_a_scene_that_ran_stays(tmp_path):
 
 def test_the_commands_own_line_is_the_error():
     said = ["1100 columns", "mpmgis run: scene.toml has no table [release]", "python: leaked 1 thing"]
-    assert talk.error_line(said, "run", 2) == said[1]
-    assert talk.error_line(said[:1], "run", 2) == "1100 columns"
-    assert talk.error_line([], "run", -9) == "mpmgis run: ended with exit code -9 and said nothing"
+    assert plugin_command.error_line(said, "run", 2) == said[1]
+    assert plugin_command.error_line(said[:1], "run", 2) == "1100 columns"
+    assert plugin_command.error_line([], "run", -9) == "mpmgis run: ended with exit code -9 without a message"
 
 
-def test_the_command_is_found_where_it_was_said_or_on_path(tmp_path, monkeypatch):
+def test_the_command_is_found_in_the_settings_or_on_path(tmp_path, monkeypatch):
     command = tmp_path / "mpmgis"
     command.write_text("#!/bin/sh\n")
     command.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert (
-        finding.find_command("") == finding.find_command(None) == finding.find_command(f' "{command}" ') == str(command)
+        plugin_command.find_command("")
+        == plugin_command.find_command(None)
+        == plugin_command.find_command(f' "{command}" ')
+        == str(command)
     )
-    with pytest.raises(finding.CommandMissing, match=r"is not at .*nowhere; set its path in Settings"):
-        finding.find_command(str(tmp_path / "nowhere"))
+    with pytest.raises(plugin_command.CommandMissing, match=r"is not at .*nowhere; set its path in Settings"):
+        plugin_command.find_command(str(tmp_path / "nowhere"))
     monkeypatch.setenv("PATH", str(tmp_path / "empty"))
     monkeypatch.setenv("HOME", str(tmp_path))
-    with pytest.raises(finding.CommandMissing, match=r"never in QGIS' Python \(pipx"):
-        finding.find_command("")
+    with pytest.raises(plugin_command.CommandMissing, match=r"never in QGIS' Python \(pipx"):
+        plugin_command.find_command("")
     (tmp_path / ".local").mkdir()
     (tmp_path / ".local" / "bin").symlink_to(tmp_path)
-    assert finding.find_command("").endswith("bin/mpmgis")
+    assert plugin_command.find_command("").endswith("bin/mpmgis")
 
 
-def test_what_belongs_to_qgis_own_python_is_not_handed_on():
-    kept = finding.environment({"PYTHONHOME": "x", "PROJ_LIB": "y", "PATH": "z"})
+def test_variables_of_the_qgis_python_are_removed():
+    kept = plugin_command.environment({"PYTHONHOME": "x", "PROJ_LIB": "y", "PATH": "z"})
     assert kept["PATH"] == "z" and not {"PYTHONHOME", "PROJ_LIB"} & set(kept)
 
 
@@ -341,5 +361,13 @@ def test_the_plugin_keeps_to_what_qgis_has(path):
         if isinstance(node, ast.Import | ast.ImportFrom) and not getattr(node, "level", 0)
         for alias in node.names
     }
-    standard = {"__future__", "contextlib", "dataclasses", "json", "os", "re", "shutil", "zipfile"}
+    standard = {"__future__", "contextlib", "dataclasses", "html", "json", "os", "re", "shutil", "zipfile"}
     assert imported <= standard | {"processing", "qgis"}
+
+
+def test_records_become_a_table():
+    records = [{"effect": "a<b", "indicator": 0.123456, "why": None}, {"effect": "c", "units": {"mu": "1"}, "stage": 2}]
+    page = table_page.page_of("Effects", records)
+    assert page.count("<tr>") == 3 and page.count("<th>") == 5
+    assert "<td>a&lt;b</td><td>0.1235</td><td></td><td></td><td></td>" in page
+    assert "<td>c</td><td></td><td></td><td>mu [1]</td><td>2</td>" in page

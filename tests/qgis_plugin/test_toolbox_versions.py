@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from mpmgis.qgis_plugin.mpmgis_qgis import commands
+from mpmgis.qgis_plugin.mpmgis_qgis import forms
 
-FILES = sorted(Path(commands.__file__).parent.glob("*.py"))
+FILES = sorted(Path(forms.__file__).parent.glob("*.py"))
 NAMES_BY_VERSION = "versions.py"  # the only file that may name constants of QGIS, each with its enumeration
 # gone in Qt 6, PyQt 6 or QGIS 4: https://github.com/qgis/QGIS/wiki/Plugin-migration-to-be-compatible-with-Qt5-and-Qt6
 REMOVED = {

@@ -1,8 +1,8 @@
-"""The mpmgis toolbox for QGIS: a Processing provider that calls the command `mpmgis` and loads what it wrote."""
+"""The mpmgis toolbox for QGIS: a Processing provider that calls the command `mpmgis` and loads its results."""
 
 
 def classFactory(iface):
-    """Give the plugin to QGIS; `iface` is its window, or None in qgis_process."""
-    from .plugin import Plugin
+    """The plugin, for QGIS; `iface` is its window, or None in qgis_process."""
+    from .provider import Plugin
 
     return Plugin()

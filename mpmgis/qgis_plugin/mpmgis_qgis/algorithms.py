@@ -1,7 +1,8 @@
-"""The algorithms of the toolbox: one for each verb of the command, and a form that simulates from scratch."""
+"""The algorithms of the toolbox: one for each verb of the command, and a form for a usual simulation."""
 
 from __future__ import annotations
 
+import json
 import os
 
 from processing.core.ProcessingConfig import ProcessingConfig
@@ -13,20 +14,19 @@ from qgis.core import (
     QgsProcessingOutputString,
     QgsProcessingUtils,
 )
+from qgis.PyQt.QtGui import QIcon
 
 from . import scene_form
 from .calling import call, is_refusal
-from .commands import VERBS
-from .fields import arguments
-from .finding import SETTING, CommandMissing, find_command
-from .icons import plugin_icon
+from .command import SETTING, CommandMissing, find_command
+from .forms import LOAD, OUTPUT, arguments, read_forms
 from .loading import add_project, layer_of
 from .parameters import oldest_qgis, parameter, plain_values
-from .simulating import GROUP
-from .verbs import LOAD, OUTPUT
+from .table_page import page_of
 from .writing import copy_whole, kept_unless, write_whole
 
-ANSWER = "ANSWER"  # output: what the command printed
+ANSWER = "ANSWER"  # output: text that the command printed
+TABLE = "TABLE"  # output: a page with a table, which QGIS lists there too
 PLOT = "PLOT"  # output: a picture, which QGIS lists in its Results Viewer
 PROJECT = "PROJECT"  # output: the project file of the maps
 TAGS = ("landslide", "avalanche", "debris flow", "rock avalanche", "natural hazard", "runout")  # for the search
@@ -34,8 +34,21 @@ SCENE, FRAMES, MAPS = "SCENE", "FRAMES", "MAPS"  # outputs of the form
 RUN_SHARE = 70.0  # [%] of the progress bar; the rest is the export
 
 
+ICONS = {  # of a group
+    "Simulate": "icon_simulate.svg",
+    "Maps and answers": "icon_maps.svg",
+    "Many runs": "icon_runs.svg",
+    "Other 3D codes": "icon_codes.svg",
+}
+
+
+def plugin_icon(group=None):
+    """A new QIcon with the picture of a group, or of the plugin."""
+    return QIcon(os.path.join(os.path.dirname(__file__), ICONS.get(group, "icon.svg")))
+
+
 class CommandAlgorithm(QgsProcessingAlgorithm):
-    """What all share: a form of fields, the command, and a project file to open when it is over."""
+    """Base of all algorithms: a form of fields, the command, and a project file to open at the end."""
 
     identifier = title = group_title = text = ""
     verbs = ()  # of the command
@@ -62,14 +75,14 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return self.group_title.replace(" ", "").lower()
 
     def icon(self):
-        return plugin_icon()
+        return plugin_icon(self.group_title)
 
     def tags(self):
         return [*self.verbs, *TAGS]
 
     def shortHelpString(self):
         commands = " and ".join(f"mpmgis {verb}" for verb in self.verbs)
-        return f"{self.text}\n\nCommand: {commands}; the log shows it as it is called."
+        return f"{self.text}\n\nCommand: {commands}; the log shows it with its arguments."
 
     def initAlgorithm(self, configuration=None):
         for field in self.form:
@@ -90,12 +103,12 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         if self.project_file and context.project() is not None:
             trouble = add_project(self.project_file, context.project())
             if trouble:
-                feedback.reportError(f"{self.project_file} was written, but not all of it opens here: {trouble}")
+                feedback.reportError(f"{self.project_file} was written, but QGIS could not load all of it: {trouble}")
         return {}
 
 
 def command_path():
-    """The command that the settings name, or that is on PATH; raises QgsProcessingException where it is not there."""
+    """The command from the settings or on PATH; raises QgsProcessingException if it is missing."""
     try:
         return find_command(ProcessingConfig.getSetting(SETTING))
     except CommandMissing as missing:
@@ -109,11 +122,13 @@ class VerbAlgorithm(CommandAlgorithm):
 
     def initAlgorithm(self, configuration=None):
         super().initAlgorithm(configuration)
-        self.addOutput(QgsProcessingOutputString(ANSWER, "What the command printed"))
+        self.addOutput(QgsProcessingOutputString(ANSWER, "Output of the command"))
         if self.row.project:
             self.addOutput(QgsProcessingOutputString(PROJECT, "QGIS project of the maps"))
         if self.row.plots:
             self.addOutput(QgsProcessingOutputHtml(PLOT, f"{self.title}: plot"))
+        if self.row.table:
+            self.addOutput(QgsProcessingOutputHtml(TABLE, self.title))
 
     def processAlgorithm(self, parameters, context, feedback):
         row = self.row
@@ -125,17 +140,26 @@ class VerbAlgorithm(CommandAlgorithm):
             feedback.pushConsoleInfo(line)
         files = answers + self._in_folder()
         plot = plot_among(files) if row.plots else {}
-        return {ANSWER: "\n".join(answers), **plot, **self._written(files, context, feedback)}
+        table = {TABLE: self._table(feedback)} if row.table else {}
+        return {ANSWER: "\n".join(answers), **plot, **table, **self._written(files, context, feedback)}
+
+    def _table(self, feedback):
+        """Path of a temporary page with the answer of the command as a table; measured times are only in the log."""
+        values = {name: value for name, value in self.values.items() if name != "MEASURE"}
+        printed = call(command_path(), self.row.verb, [*arguments(self.row.fields, values), "--json"], feedback)
+        path = QgsProcessingUtils.generateTempFilename(f"{self.row.verb}.html")
+        write_whole(path, page_of(self.title, json.loads("\n".join(printed))).encode())
+        return path
 
     def _in_folder(self):
-        """Files in the folder that was asked for, of a verb that names them only in its talk."""
+        """Files in the output folder, for a verb that does not print their paths."""
         folder = self.values.get(OUTPUT)
         if not (self.row.says and folder and os.path.isdir(folder)):
             return []
         return [os.path.join(folder, name) for name in sorted(os.listdir(folder))]
 
     def _written(self, answers, context, feedback):
-        """The output by its name, made ready to be loaded where that was asked."""
+        """The output by its name; its layers are loaded if the user asked for it."""
         if self.row.project:
             return self._exported(answers, feedback)
         if not any(field.name == OUTPUT for field in self.row.fields):
@@ -158,7 +182,7 @@ class VerbAlgorithm(CommandAlgorithm):
         layer = layer_of(path, self.row.palette)
         if layer is None or context.project() is None:
             return
-        if layer.name() == OUTPUT:  # what QGIS calls a temporary file
+        if layer.name() == OUTPUT:  # name of a temporary file of QGIS
             layer.setName(self.parameterDefinition(OUTPUT).description())
         context.temporaryLayerStore().addMapLayer(layer)
         details = QgsProcessingContext.LayerDetails(layer.name(), context.project(), OUTPUT)
@@ -183,11 +207,11 @@ def verb_algorithm(row):
 
 
 class SimulateAlgorithm(CommandAlgorithm):
-    """A scene from a form, simulated and exported in one go."""
+    """Writes a scene from a form, simulates it and exports the results."""
 
     identifier = scene_form.IDENTIFIER
     title = scene_form.TITLE
-    group_title = GROUP
+    group_title = scene_form.GROUP
     text = scene_form.HELP
     verbs = ("run", "export-raster")
     form = scene_form.FIELDS
@@ -199,10 +223,12 @@ class SimulateAlgorithm(CommandAlgorithm):
 
     def processAlgorithm(self, parameters, context, feedback):
         command, values, folder = command_path(), self.values, self.values[OUTPUT]
+        if values["THICKNESS"] and values["THICKNESS_COLUMN"]:
+            raise QgsProcessingException("Release thickness: give metres or a column, not both")
         scene, frames, maps = (os.path.join(folder, name) for name in scene_form.NAMES)
         switches = ["--overwrite"] if values["OVERWRITE"] else []
         if os.path.exists(scene) and not values["OVERWRITE"]:
-            raise QgsProcessingException(f"{scene} exists already; take another folder, or switch on replacing it")
+            raise QgsProcessingException(f"{scene} exists already; choose another folder, or switch on replacing it")
         asked = [scene, f"--output={frames}", *switches, *self._machine()]
         try:
             with kept_unless((scene, os.path.join(folder, scene_form.RELEASE_FILE)), is_refusal):
@@ -222,25 +248,25 @@ class SimulateAlgorithm(CommandAlgorithm):
         return asked + ([f"--threads={self.values['THREADS']}"] if self.values["THREADS"] else [])
 
     def _write_scene(self, path, feedback):
-        """The scene file; a release that QGIS saved for this call goes beside it, because QGIS will remove it."""
+        """Write the scene file; a temporary release file of QGIS is copied to the same folder."""
         values, folder, passing = dict(self.values), os.path.dirname(path), QgsProcessingUtils.tempFolder()
         release, _, layer = values["RELEASE"].partition("|")
         if release.endswith(".gpkg") and _is_inside(release, passing):
             copy_whole(release, os.path.join(folder, scene_form.RELEASE_FILE))
             values["RELEASE"] = scene_form.RELEASE_FILE + (f"|{layer}" if layer else "")
         if _is_inside(values["DEM"], passing):
-            feedback.pushWarning(f"{values['DEM']} is a temporary file of QGIS; save it, to run this scene again later")
+            feedback.pushWarning(f"{values['DEM']} is a temporary file of QGIS; save it to run this scene again later")
         write_whole(path, scene_form.scene_text(values).encode())
 
 
 def plot_among(paths):
-    """The picture among the `paths` that a verb printed, as the output PLOT; none where there is none."""
+    """The picture among the `paths` that a verb printed, as the output PLOT; {} without one."""
     found = [path for path in paths if path.endswith(".png") and os.path.exists(path)]
     return {PLOT: found[0]} if found else {}
 
 
 def exported_project(paths):
-    """The project file among the `paths` that an export printed; it comes first."""
+    """The project file among the `paths` that an export printed."""
     return next(path for path in paths if path.endswith(".qgz"))
 
 
@@ -250,4 +276,4 @@ def _is_inside(path, folder):
 
 def algorithms():
     """A new algorithm of each kind, in the order of the toolbox."""
-    return [SimulateAlgorithm(), *(verb_algorithm(row)() for row in VERBS)]
+    return [SimulateAlgorithm(), *(verb_algorithm(row)() for row in read_forms())]

@@ -1,7 +1,7 @@
-"""Calls the command: its talk goes to QGIS' log as it comes, and a cancelled one is stopped.
+"""Calls the command, prints its messages in the log of QGIS, and stops it when the user cancels.
 
-By QProcess itself, not by QgsBlockingProcess: only the former can be given an environment in every QGIS from 3.22 on,
-and QGIS' own (PYTHONHOME, PROJ_LIB) keeps another Python from starting.
+It uses QProcess, not QgsBlockingProcess, because only QProcess accepts an environment in every QGIS from 3.22 on, and
+with the environment of QGIS (PYTHONHOME, PROJ_LIB) another Python does not start.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ import os
 from qgis.core import QgsProcessingException
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
 
-from .finding import environment
-from .talk import Lines, error_line, progress
+from .command import Lines, environment, error_line, is_error_line, progress
 
 LOOK_MILLISECONDS = 100
-BAD_INPUT = 2  # the command's exit code where it refused, and left everything as it was
-STOP_MILLISECONDS = (10_000, 20_000)  # to end well: after its step; asked again, at once, tidying up
+BAD_INPUT = 2  # exit code of the command for refused input; no file was changed
+STOP_MILLISECONDS = (10_000, 20_000)  # to stop after the current step; after a second signal, immediately
 
 
 def call(command, verb, arguments, feedback, begin=0.0, end=100.0):
@@ -27,42 +26,57 @@ def call(command, verb, arguments, feedback, begin=0.0, end=100.0):
     command : str
         Absolute path.
     feedback : QgsProcessingFeedback
-        Gets the talk, and progress from `begin` to `end` [%].
+        Gets the messages, and progress from `begin` to `end` [%].
 
     Raises
     ------
     QgsProcessingException
-        With the command's own one line where it fails; where it was cancelled. No class of our own: QGIS 3.22 shows
-        one as a traceback.
+        The command failed (its error line is the message), or the user cancelled. Not a class of this plugin, because
+        QGIS 3.22 shows those as a traceback.
     """
     feedback.pushCommandInfo(" ".join(_quoted(word) for word in (command, verb, *arguments)))
+    feedback.setProgressText(f"mpmgis {verb} starts")
+    feedback.setProgress(begin)
     process = _started(command, [verb, *arguments])
-    talk, results, said = Lines(), Lines(), []
-    answers = []
-    while True:
-        running = not process.waitForFinished(LOOK_MILLISECONDS) and _is_running(process)
-        for line in talk.add(_bytes(process.readAllStandardError())):
-            said.append(line)
-            _tell(line, verb, feedback, begin, end)
-        answers += results.add(_bytes(process.readAllStandardOutput()))
-        if running and feedback.isCanceled():
+    try:
+        printed, answers = _followed(process, verb, feedback, begin, end)
+    finally:
+        if _is_running(process):
             _stop(process)
-            raise QgsProcessingException(f"mpmgis {verb}: cancelled")
-        if not running:
-            break
-    said += talk.end()
-    answers += results.end()
     code = process.exitCode()
     if process.exitStatus() != QProcess.ExitStatus.NormalExit or code != 0:
-        ended = QgsProcessingException(error_line(said, verb, code))
+        error = error_line(printed, verb, code)
+        for line in printed:
+            if is_error_line(line, verb) and line != error:
+                feedback.pushInfo(line)
+        ended = QgsProcessingException(error)
         ended.exit_code = code
         raise ended
     feedback.setProgress(end)
     return answers
 
 
+def _followed(process, verb, feedback, begin, end):
+    """(lines on stderr, lines on stdout) of the process, until it ends or the user cancels.
+
+    Error lines are not shown: the exception of a failed command has the error, and QGIS prints it.
+    """
+    messages, results, printed, answers = Lines(), Lines(), [], []
+    while True:
+        running = not process.waitForFinished(LOOK_MILLISECONDS) and _is_running(process)
+        for line in messages.add(_bytes(process.readAllStandardError())):
+            printed.append(line)
+            if not is_error_line(line, verb):
+                _show(line, verb, feedback, begin, end)
+        answers += results.add(_bytes(process.readAllStandardOutput()))
+        if running and feedback.isCanceled():
+            raise QgsProcessingException(f"mpmgis {verb}: cancelled")
+        if not running:
+            return printed + messages.end(), answers + results.end()
+
+
 def is_refusal(error):
-    """Whether `call` raised `error` because the command refused its input, and left everything as it was."""
+    """Whether `call` raised `error` because the command refused its input and changed no file."""
     return getattr(error, "exit_code", None) == BAD_INPUT
 
 
@@ -75,7 +89,7 @@ def _started(command, arguments):
     process.start(command, arguments)
     if not process.waitForStarted(-1):
         raise QgsProcessingException(f"{command} does not start: {process.errorString()}")
-    process.closeWriteChannel()  # nobody answers questions here
+    process.closeWriteChannel()  # the command must not wait for input
     return process
 
 
@@ -84,7 +98,7 @@ def _is_running(process):
 
 
 def _stop(process):
-    """End it as Ctrl+C does where that is possible (not on Windows), so that every frame stays whole."""
+    """Stop it as Ctrl+C does where that is possible (not on Windows), so that all frames are complete."""
     for patience in STOP_MILLISECONDS if os.name == "posix" else ():
         process.terminate()
         if process.waitForFinished(patience):
@@ -93,7 +107,7 @@ def _stop(process):
     process.waitForFinished(STOP_MILLISECONDS[-1])
 
 
-def _tell(line, verb, feedback, begin, end):
+def _show(line, verb, feedback, begin, end):
     share = progress(line, verb)
     if share is not None:
         feedback.setProgress(begin + share * (end - begin))

@@ -1,4 +1,4 @@
-"""What the command wrote, as layers of the open project."""
+"""Loads results of the command as layers of the open project."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from . import versions
 
 
 def add_project(path, project):
-    """Add the layers of the exported project file `path` (.qgz) to `project` as a group on top, styled and timed.
+    """Add the layers of the exported project file `path` (.qgz) with styles and times to `project`, as the first group.
 
-    Times of the project, which the animation runs through, are taken where `project` has none yet.
-    Returns what went wrong as text, empty where nothing did.
+    The time range of the animation is set where `project` has none yet.
+    Returns the error as text, "" without one.
     """
     with zipfile.ZipFile(path) as archive:
         text = archive.read(archive.namelist()[0])
@@ -43,7 +43,7 @@ def add_project(path, project):
 
 
 def start_clock(times):
-    """Show the window's map at the first time of `times`, where its clock is off and would show all times at once."""
+    """Show the map at the first time of `times`, if the Temporal Controller is off, which would show all times."""
     canvas = utils.iface.mapCanvas() if utils.iface is not None else None
     clock = canvas.temporalController() if canvas is not None else None
     if clock is None or clock.navigationMode() != versions.CLOCK_OFF or times.temporalRange().begin().isNull():
@@ -55,7 +55,7 @@ def start_clock(times):
 
 
 def _definition(root):
-    """The layers of a project's XML as a layer definition, which is what QGIS adds to another project."""
+    """The layers of a project's XML as a layer definition, which QGIS can add to another project."""
     document = QDomDocument()
     top = document.createElement("qlr")
     document.appendChild(top)
@@ -70,10 +70,10 @@ def _definition(root):
 
 
 def layer_of(path, palette=()):
-    """A layer of the file `path`, or None where QGIS cannot draw it.
+    """A layer of the file `path`, or None if QGIS cannot draw it.
 
-    It has the style that lies beside it; a raster that brings none has `palette` (value, colour, label) on its first
-    band, because several bands without a style are shown as a photo.
+    It has the style file of the same name; a raster without one gets `palette` (value, colour, label) on its first
+    band, because QGIS would draw several bands as a colour image.
     """
     base, suffix = os.path.splitext(path)
     name = os.path.basename(base)

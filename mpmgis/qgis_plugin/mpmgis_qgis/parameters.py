@@ -1,4 +1,4 @@
-"""Fields of a form as parameters of QGIS, and what the user chose as plain values."""
+"""Fields of a form as parameters of QGIS, and the user's input as plain values."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from qgis.core import (
     QgsProcessingParameterCrs,
     QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
+    QgsProcessingParameterField,
     QgsProcessingParameterFile,
     QgsProcessingParameterFileDestination,
     QgsProcessingParameterFolderDestination,
@@ -25,12 +26,12 @@ from qgis.core import (
     QgsProcessingUtils,
 )
 
-from . import fields, versions
-from .verbs import QGIS_MIN
+from . import forms, versions
 
-BANDS_KNOW_TIME = 33800  # from this QGIS on
-VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read as they are; other layers are saved as the first of these
-VECTOR_TYPES = {fields.POLYGONS: versions.POLYGONS, fields.LINES: versions.LINES, fields.POINTS: versions.POINTS}
+BANDS_HAVE_TIME = 33800  # from this QGIS on
+VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read directly; other layers are saved as the first of these
+VECTOR_TYPES = {forms.POLYGONS: versions.POLYGONS, forms.LINES: versions.LINES, forms.POINTS: versions.POINTS}
+COLUMNS_OF = "RELEASE"  # field with the layer whose columns are offered
 DEGREES = "EPSG:4326"  # of a GeoJSON file
 
 
@@ -44,7 +45,7 @@ def parameter(field):
 
 
 def help_of(field):
-    """What the field's tooltip says: its own help, and the command's option, which error lines speak of."""
+    """Tooltip of a field: its help, and the command's option, which error messages name."""
     return f"{field.help} [{field.option}]" if field.option else field.help
 
 
@@ -59,7 +60,7 @@ def _vector(field):
 
 def _file(field):
     made = QgsProcessingParameterFile(field.name, field.label, optional=field.optional)
-    if field.kind == fields.FOLDER:
+    if field.kind == forms.FOLDER:
         made.setBehavior(versions.FOLDER)
     elif field.files:
         made.setFileFilter(field.files)
@@ -67,7 +68,7 @@ def _file(field):
 
 
 def _number(field):
-    kind = versions.WHOLE if field.kind == fields.INTEGER else versions.ANY_NUMBER
+    kind = versions.WHOLE if field.kind == forms.INTEGER else versions.ANY_NUMBER
     made = QgsProcessingParameterNumber(field.name, field.label, kind, field.default, field.optional)
     if field.least is not None:
         made.setMinimum(field.least)
@@ -75,7 +76,7 @@ def _number(field):
 
 
 def _text(field):
-    several = field.kind == fields.TEXTS
+    several = field.kind == forms.TEXTS
     return QgsProcessingParameterString(field.name, field.label, field.default, several, field.optional)
 
 
@@ -87,20 +88,26 @@ def _place(field):
     return QgsProcessingParameterPoint(field.name, field.label, None, field.optional)
 
 
+def _column(field):
+    return QgsProcessingParameterField(
+        field.name, field.label, field.default, COLUMNS_OF, versions.NUMERIC, False, field.optional
+    )
+
+
 def _extent(field):
     return QgsProcessingParameterExtent(field.name, field.label, None, field.optional)
 
 
 def _choice(field):
-    default = oldest_qgis() if field.name == QGIS_MIN else field.default
+    default = oldest_qgis() if field.name == forms.QGIS_MIN else field.default
     return QgsProcessingParameterEnum(
         field.name, field.label, list(field.choices), False, default, field.optional, usesStaticStrings=True
     )
 
 
 def oldest_qgis():
-    """The oldest QGIS that must open an export: one that shows time by band, unless this QGIS is older."""
-    return "3.38" if Qgis.QGIS_VERSION_INT >= BANDS_KNOW_TIME else "3.22"
+    """The oldest QGIS that must open an export: one that supports time by band, unless this QGIS is older."""
+    return "3.38" if Qgis.QGIS_VERSION_INT >= BANDS_HAVE_TIME else "3.22"
 
 
 def _switch(field):
@@ -122,68 +129,69 @@ def _new_folder(field):
 
 
 _MAKERS = {
-    fields.RASTER: _raster,
-    fields.POLYGONS: _vector,
-    fields.LINES: _vector,
-    fields.POINTS: _vector,
-    fields.FILE: _file,
-    fields.FOLDER: _file,
-    fields.NUMBER: _number,
-    fields.INTEGER: _number,
-    fields.TEXT: _text,
-    fields.CHOICE: _choice,
-    fields.SWITCH: _switch,
-    fields.CRS: _crs,
-    fields.TEXTS: _text,
-    fields.FILES: _files,
-    fields.PLACE: _place,
-    fields.EXTENT: _extent,
-    fields.NEW_FILE: _new_file,
-    fields.NEW_FOLDER: _new_folder,
+    forms.RASTER: _raster,
+    forms.POLYGONS: _vector,
+    forms.LINES: _vector,
+    forms.POINTS: _vector,
+    forms.FILE: _file,
+    forms.FOLDER: _file,
+    forms.NUMBER: _number,
+    forms.INTEGER: _number,
+    forms.TEXT: _text,
+    forms.CHOICE: _choice,
+    forms.SWITCH: _switch,
+    forms.CRS: _crs,
+    forms.TEXTS: _text,
+    forms.FILES: _files,
+    forms.PLACE: _place,
+    forms.EXTENT: _extent,
+    forms.COLUMN: _column,
+    forms.NEW_FILE: _new_file,
+    forms.NEW_FOLDER: _new_folder,
 }
 
 
 def plain_values(algorithm, form, parameters, context, feedback):
-    """Dictionary name -> text, number, truth, list or None: what the user chose for the fields of `algorithm`.
+    """Dictionary name -> text, number, bool, list or None: the user's input in the fields of `algorithm`.
 
     Raises
     ------
     QgsProcessingException
-        A layer is no file that the command can read.
+        A layer is not a file that the command can read.
     """
     return {field.name: _value(algorithm, field, parameters, context, feedback) for field in form}
 
 
 def _value(algorithm, field, parameters, context, feedback):
     name, kind = field.name, field.kind
-    if kind == fields.SWITCH:
+    if kind == forms.SWITCH:
         return algorithm.parameterAsBool(parameters, name, context)
-    if kind in (fields.NEW_FILE, fields.NEW_FOLDER):
+    if kind in (forms.NEW_FILE, forms.NEW_FOLDER):
         return algorithm.parameterAsString(parameters, name, context) or None
     given = parameters.get(name, algorithm.parameterDefinition(name).defaultValue())
     if given is None or given == "" or getattr(given, "isNull", bool)():
         return None
-    if kind == fields.RASTER:
+    if kind == forms.RASTER:
         return _raster_path(algorithm, field, parameters, context)
     if kind in VECTOR_TYPES:
         return _vector_path(algorithm, field, parameters, context, feedback)
-    if kind == fields.NUMBER:
+    if kind == forms.NUMBER:
         return algorithm.parameterAsDouble(parameters, name, context)
-    if kind == fields.INTEGER:
+    if kind == forms.INTEGER:
         return algorithm.parameterAsInt(parameters, name, context)
-    if kind == fields.CHOICE:
+    if kind == forms.CHOICE:
         return algorithm.parameterAsEnumString(parameters, name, context)
-    if kind == fields.CRS:
+    if kind == forms.CRS:
         return algorithm.parameterAsCrs(parameters, name, context).authid() or None
-    if kind == fields.FILES:
+    if kind == forms.FILES:
         return algorithm.parameterAsFileList(parameters, name, context) or None
-    if kind == fields.TEXTS:
+    if kind == forms.TEXTS:
         return split(algorithm.parameterAsString(parameters, name, context)) or None
-    if kind == fields.PLACE:
+    if kind == forms.PLACE:
         return _place_path(algorithm, field, parameters, context)
-    if kind == fields.EXTENT:
+    if kind == forms.EXTENT:
         return _extent_text(algorithm, name, parameters, context)
-    if kind in (fields.FILE, fields.FOLDER):
+    if kind in (forms.FILE, forms.FOLDER):
         return algorithm.parameterAsFile(parameters, name, context)
     return algorithm.parameterAsString(parameters, name, context).strip()
 
@@ -191,17 +199,17 @@ def _value(algorithm, field, parameters, context, feedback):
 def _raster_path(algorithm, field, parameters, context):
     layer = algorithm.parameterAsRasterLayer(parameters, field.name, context)
     if layer is None:
-        raise QgsProcessingException(f"{field.label}: {parameters.get(field.name)} is no raster that QGIS can read")
+        raise QgsProcessingException(f"{field.label}: {parameters.get(field.name)} is not a raster that QGIS can read")
     if layer.providerType() != "gdal":
         raise QgsProcessingException(
-            f"{field.label}: the layer {layer.name()} is no file (it comes from {layer.providerType()}); "
-            "save it as GeoTIFF and take that"
+            f"{field.label}: the layer {layer.name()} is not a file (its source is {layer.providerType()}); "
+            "save it as GeoTIFF and use that"
         )
     return layer.source()
 
 
 def _vector_path(algorithm, field, parameters, context, feedback):
-    """File with the layer, and '|layername=' where it has several; what is no such file is saved as one."""
+    """File with the layer, with '|layername=' for one of several; another kind of layer is saved as a file."""
     path, layer = algorithm.parameterAsCompatibleSourceLayerPathAndLayerName(
         parameters, field.name, context, VECTOR_FORMATS, VECTOR_FORMATS[0], feedback
     )
@@ -214,16 +222,16 @@ def _vector_path(algorithm, field, parameters, context, feedback):
 
 
 def split(text):
-    """List of the texts in `text`, one a line or with semicolons between them."""
+    """List of the texts in `text`, separated by line ends or semicolons."""
     return [part.strip() for part in text.replace(";", "\n").splitlines() if part.strip()]
 
 
 def _place_path(algorithm, field, parameters, context):
-    """Path of a file with the place that was clicked, which QGIS removes when it ends."""
+    """Path of a temporary file with the clicked point."""
     of_place = algorithm.parameterAsPointCrs(parameters, field.name, context)
     if not of_place.isValid():
         raise QgsProcessingException(
-            f"{field.label}: neither the place nor the project has a CRS; set the project's, or write x,y [EPSG:n]"
+            f"{field.label}: neither the point nor the project has a CRS; set the project CRS, or enter x,y [EPSG:n]"
         )
     point = algorithm.parameterAsPoint(parameters, field.name, context, QgsCoordinateReferenceSystem(DEGREES))
     path = QgsProcessingUtils.generateTempFilename("place.geojson")
@@ -234,10 +242,10 @@ def _place_path(algorithm, field, parameters, context):
 
 
 def _extent_text(algorithm, name, parameters, context):
-    """West, south, east and north in the CRS of the terrain model, with commas."""
+    """West, south, east and north in the CRS of the terrain model, separated by commas."""
     terrain = algorithm.parameterAsRasterLayer(parameters, "DEM", context)
     crs = QgsCoordinateReferenceSystem() if terrain is None else terrain.crs()
     found = algorithm.parameterAsExtent(parameters, name, context, crs)
     return ",".join(
-        fields.text(edge) for edge in (found.xMinimum(), found.yMinimum(), found.xMaximum(), found.yMaximum())
+        forms.text(edge) for edge in (found.xMinimum(), found.yMinimum(), found.xMaximum(), found.yMaximum())
     )

@@ -1,21 +1,20 @@
-"""The toolbox's entry in QGIS: its algorithms, and the setting that says where the command is."""
+"""The plugin and its Processing provider: the algorithms, and the setting with the path of the command."""
 
 from __future__ import annotations
 
 from processing.core.ProcessingConfig import ProcessingConfig, Setting
-from qgis.core import QgsProcessingProvider
+from qgis.core import QgsApplication, QgsProcessingProvider
 
-from .algorithms import algorithms
-from .finding import SETTING
-from .icons import plugin_icon
+from .algorithms import algorithms, plugin_icon
+from .command import SETTING
 
 
 class Provider(QgsProcessingProvider):
     """The provider `mpmgis`."""
 
     def load(self):
-        """Declare the setting and make the algorithms; called by QGIS."""
-        label = "Path of the command mpmgis (empty: look on PATH)"
+        """Declare the setting and create the algorithms; called by QGIS."""
+        label = "Path of the command mpmgis (empty: search PATH)"
         ProcessingConfig.settingIcons[self.name()] = self.icon()
         ProcessingConfig.addSetting(Setting(self.name(), SETTING, label, "", valuetype=Setting.FILE))
         ProcessingConfig.readSettings()
@@ -23,26 +22,48 @@ class Provider(QgsProcessingProvider):
         return True
 
     def unload(self):
-        """Take the setting away again; called by QGIS."""
+        """Remove the setting; called by QGIS."""
         ProcessingConfig.removeSetting(SETTING)
 
     def loadAlgorithms(self):
-        """Called by QGIS when it wants the algorithms."""
+        """Called by QGIS to get the algorithms."""
         for algorithm in algorithms():
             self.addAlgorithm(algorithm)
 
     def id(self):
-        """First part of the algorithms' names."""
+        """First part of the algorithm names."""
         return "mpmgis"
 
     def name(self):
-        """What the toolbox shows."""
+        """Name in the toolbox."""
         return "mpmgis"
 
     def longName(self):
-        """What the settings show."""
+        """Name in the settings."""
         return "mpmgis: landslides and avalanches"
 
     def icon(self):
-        """The plugin's own."""
+        """The plugin's icon."""
         return plugin_icon()
+
+
+class Plugin:
+    """The plugin object; qgis_process calls only `initProcessing`."""
+
+    def __init__(self):
+        self.provider = None
+
+    def initProcessing(self):
+        """Add the provider."""
+        self.provider = Provider()
+        QgsApplication.processingRegistry().addProvider(self.provider)
+
+    def initGui(self):
+        """Called by QGIS in its desktop program."""
+        self.initProcessing()
+
+    def unload(self):
+        """Remove the provider."""
+        if self.provider is not None:
+            QgsApplication.processingRegistry().removeProvider(self.provider)
+            self.provider = None

@@ -1,62 +1,91 @@
-"""A scene without writing TOML: the form for the usual case, and the scene file that comes of it."""
+"""The form for a usual simulation, and the scene file made from it."""
 
 from __future__ import annotations
 
 import json
 
-from .fields import INTEGER, NEW_FOLDER, NUMBER, RASTER, SWITCH, Field, text
-from .verbs import OUTPUT, RELEASE, THICKNESS, load
+from .forms import (
+    CHOICE,
+    COLUMN,
+    INTEGER,
+    LOAD,
+    NEW_FOLDER,
+    NUMBER,
+    OUTPUT,
+    POLYGONS,
+    RASTER,
+    SWITCH,
+    TEXT,
+    Field,
+    text,
+)
 
-IDENTIFIER = "simulate"
+IDENTIFIER, GROUP = "simulate", "Simulate"
 TITLE = "Simulate from a form"
 HELP = (
     "From a terrain model and release areas to an animated map: writes scene.toml into the folder, simulates it "
-    "depth-averaged with Voellmy friction, and makes the maps. mu and xi are calibrated values and yours to choose: "
+    "depth-averaged with Voellmy friction, and makes the maps. mu and xi must be calibrated by the user; usual values: "
     "snow avalanches mu 0.15 to 0.4, xi 1000 to 3000 m/s2; debris flows 0.05 to 0.2, 100 to 500; rock and rock-ice "
-    "avalanches 0.1 to 0.3, 300 to 1500. The scene in the folder can be edited and run again with 'Simulate a scene "
-    "file'; there it can have entrainment, barriers, inflow, friction by place, 3D."
+    "avalanches 0.1 to 0.3, 300 to 1500. You can edit the scene in the folder, for example add entrainment, forest, "
+    "barriers, inflow, friction zones or 3D, and run it again with 'Simulate a scene file'."
 )
 NAMES = ("scene.toml", "results", "results_gis")  # in the folder: scene, frames, maps
 RELEASE_FILE = "release.gpkg"
+OWN_FRICTION = "own values: mu and xi below"
+PRESETS = {  # (mu, xi [m s-2]); the middle of the range of docs/limits.md where no published value was read
+    "extreme snow avalanche: mu 0.16 and xi 1360 (Buser and Frutiger 1980)": (0.16, 1360.0),
+    "large snow avalanche: mu 0.15 and xi 1400 (Martinelli et al. 1980: 1200 to 1600)": (0.15, 1400.0),
+    "debris flow: mu 0.12 and xi 300 (middle of the usual range; no source read)": (0.12, 300.0),
+    "rock avalanche: mu 0.2 and xi 900 (middle of the usual range; no source read)": (0.2, 900.0),
+}
 FIELDS = (
     Field("DEM", RASTER, "Terrain model (DTM)", help="Elevation in metres, in a projected CRS in metres."),
-    Field("RELEASE", RELEASE.kind, RELEASE.label, help=RELEASE.help),
-    Field("THICKNESS", THICKNESS.kind, THICKNESS.label, help=THICKNESS.help, optional=True),
+    Field("RELEASE", POLYGONS, "Release areas",
+          help="Polygons where the mass starts; reprojected if their CRS is not the terrain's."),
+    Field("THICKNESS", TEXT, "Release thickness: metres, or name of a column",
+          help="Empty: the first of the columns thickness, d0, relth [m]. Normal to the slope.", optional=True),
+    Field("THICKNESS_COLUMN", COLUMN, "or: column of the release areas with the thickness [m]",
+          help="One of the numeric columns of the release areas, in metres, normal to the slope.", optional=True),
     Field("FILL_NODATA", SWITCH, "Fill holes of the terrain model",
-          help="Heights without data amid the terrain are interpolated from the ground around them; off: what flows "
-          "into a hole has left the terrain.", default=False, optional=True, advanced=True),
+          help="Elevations in holes inside the terrain are interpolated from the ground around them; off: flow that "
+          "enters a hole has left the terrain.", default=False, optional=True, advanced=True),
     Field("DENSITY", NUMBER, "Density [kg/m3]",
           help="Of the release [kg/m3]: dense snow 200 to 400, debris 1600 to 2200.",
           default=1000.0, least=0),
+    Field("PRESET", CHOICE, "Friction for a kind of process",
+          help="Starting values for a calibration, not a substitute for one. Only with own values mu and xi are used.",
+          default=OWN_FRICTION, choices=(OWN_FRICTION, *PRESETS), optional=True),
     Field("MU", NUMBER, "Dry friction mu [1]", help="Tangent of the bed friction angle [1].", default=0.2, least=0),
     Field("XI", NUMBER, "Turbulent friction xi [m/s2]",
           help="[m/s2]; larger is more mobile. Empty: none, Coulomb friction.", default=1000.0, optional=True, least=0),
     Field("CELL_SIZE", NUMBER, "Cell size [m]", help="Metres. Empty: the terrain's own cells.", optional=True, least=0),
     Field("END_TIME", NUMBER, "Simulate until [s]",
-          help="Seconds; it ends before if the flow comes to rest.", default=300.0, least=0),
+          help="Seconds; it ends earlier if the flow comes to rest.", default=300.0, least=0),
     Field("FRAME_INTERVAL", NUMBER, "A map every [s]", help="Seconds of simulated time.", default=2.0, least=0),
     Field("YES", SWITCH, "Start even if predicted to take over an hour",
-          help="Off: the predicted time is told, and nothing is started.", default=False),
-    Field("THREADS", INTEGER, "Processor threads", help="Empty: all. The result is the same.", optional=True,
+          help="Off: the predicted time is shown, and nothing is started.", default=False),
+    Field("THREADS", INTEGER, "Processor threads", help="Empty: all. The result does not depend on it.", optional=True,
           advanced=True, least=1),
     Field("OVERWRITE", SWITCH, "Replace an earlier simulation in the folder",
-          help="Off: an earlier simulation is left as it is.", default=False),
+          help="Off: an earlier simulation is an error.", default=False),
     Field(OUTPUT, NEW_FOLDER, "Folder for scene, frames and maps",
-          help="scene.toml, results and results_gis go into it."),
-    load("the maps"),
+          help="It will contain scene.toml, results and results_gis."),
+    Field(LOAD, SWITCH, "Open the maps in this project", help="With their styles and times.", default=True),
 )  # fmt: skip
 
 
 def scene_text(values):
     """The scene file for `values` (name -> value, paths as text), in TOML."""
-    friction = {"law": "Coulomb", "mu": values["MU"]}
-    if values.get("XI") is not None:  # 0 is refused by the command, not another law
-        friction = {"law": "Voellmy", "mu": values["MU"], "xi": values["XI"]}
+    preset = values.get("PRESET")
+    mu, xi = PRESETS.get(preset, (values["MU"], values.get("XI")))
+    friction = {"law": "Coulomb", "mu": mu}
+    if xi is not None:  # the command refuses 0
+        friction = {"law": "Voellmy", "mu": mu, "xi": xi}
     tables = {
         "terrain": {"dem": values["DEM"], "fill_nodata": "interpolate" if values.get("FILL_NODATA") else None},
         "release": {
             "source": values["RELEASE"],
-            "thickness": _number_or_name(values.get("THICKNESS")),
+            "thickness": _number_or_name(values.get("THICKNESS") or values.get("THICKNESS_COLUMN")),
             "density": values["DENSITY"],
         },
         "friction": friction,
@@ -64,6 +93,8 @@ def scene_text(values):
         "output": {"end_time": values["END_TIME"], "frame_interval": values["FRAME_INTERVAL"], "maxima": True},
     }
     lines = ["# Written by the QGIS toolbox; `mpmgis run --template` explains every key. SI units."]
+    if preset in PRESETS:
+        lines.append(f"# Friction: {preset}")
     for table, keys in tables.items():
         given = [f"{key} = {_toml(value)}" for key, value in keys.items() if value is not None]
         lines += ["", f"[{table}]", *given] if given else []
@@ -71,7 +102,7 @@ def scene_text(values):
 
 
 def _number_or_name(word):
-    """A thickness that was typed: metres as a number, else the name of a column; None where nothing was."""
+    """A typed thickness: metres as a number, else the name of a column; None for an empty field."""
     word = (word or "").strip()
     try:
         return float(word)
@@ -83,5 +114,5 @@ def _toml(value):
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # what TOML's basic strings are, too
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # also a TOML basic string
     return text(value)

@@ -1,6 +1,6 @@
-"""Constants of QGIS that have another name by version: its own up to 3.34, in Qgis from 3.36 on and in QGIS 4.
+"""Constants of QGIS whose name depends on the version: in their class up to 3.34, in Qgis from 3.36 and in QGIS 4.
 
-All with the enumeration that they belong to, because Qt 6 knows no others. No other module names one.
+All are written with their enumeration, as Qt 6 requires. No other module uses such constants.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from qgis.core import (
     Qgis,
     QgsProcessing,
     QgsProcessingParameterDefinition,
+    QgsProcessingParameterField,
     QgsProcessingParameterFile,
     QgsProcessingParameterNumber,
     QgsTemporalNavigationObject,
@@ -29,6 +30,7 @@ ADVANCED = _constant("ProcessingParameterFlag", "Advanced", lambda: QgsProcessin
 FOLDER = _constant("ProcessingFileParameterBehavior", "Folder", lambda: QgsProcessingParameterFile.Behavior.Folder)
 WHOLE = _constant("ProcessingNumberParameterType", "Integer", lambda: QgsProcessingParameterNumber.Type.Integer)
 ANY_NUMBER = _constant("ProcessingNumberParameterType", "Double", lambda: QgsProcessingParameterNumber.Type.Double)
+NUMERIC = _constant("ProcessingFieldParameterDataType", "Numeric", lambda: QgsProcessingParameterField.DataType.Numeric)
 CLOCK_OFF = _constant(
     "TemporalNavigationMode", "NavigationOff", lambda: QgsTemporalNavigationObject.NavigationMode.NavigationOff
 )

@@ -1,4 +1,4 @@
-"""Files that the toolbox writes itself: whole or not at all, and back as they were where the command refuses them."""
+"""Writes files of the toolbox atomically, and restores earlier ones if the command refuses the new ones."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def kept_unless(paths, undoes):
-    """Within this block files may be written at `paths`, all in one folder.
+    """A block that writes files at `paths`, all in one folder.
 
-    Where it raises what `undoes(error)`, or cannot write, they are as they were before. A folder that was made for them
-    goes too if nothing else is in it.
+    If it raises an error for which `undoes(error)` is true, or cannot write, the earlier files are restored. A new
+    folder is removed if it is empty.
     """
     folder = os.path.dirname(paths[0])
     made = not os.path.isdir(folder)
@@ -34,22 +34,22 @@ def kept_unless(paths, undoes):
 
 
 def write_whole(path, data):
-    """Write the bytes `data` to `path`, by a file beside it that takes its place when it is whole."""
-    with _beside(path) as part, open(part, "wb") as file:
+    """Write the bytes `data` to `path` atomically, through a temporary file in the same folder."""
+    with _part_of(path) as part, open(part, "wb") as file:
         file.write(data)
 
 
 def copy_whole(source, path):
     """Copy the file `source` to `path` in the same way."""
-    with _beside(path) as part:
+    with _part_of(path) as part:
         shutil.copyfile(source, part)
 
 
 @contextmanager
-def _beside(path):
+def _part_of(path):
     if os.path.islink(path):
-        raise OSError(f"{path} is a link, and links are not followed where something is written")
-    part = f"{path}.part{os.urandom(8).hex()}"  # a name that nobody has put a link under
+        raise OSError(f"{path} is a link; links are not followed when writing")
+    part = f"{path}.part{os.urandom(8).hex()}"  # a random name, so that no link can exist there
     try:
         yield part
         os.replace(part, path)

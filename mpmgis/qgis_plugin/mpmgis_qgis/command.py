@@ -1,0 +1,99 @@
+"""The command `mpmgis`: its path, its environment, and its messages: lines, progress, errors."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+
+COMMAND = "mpmgis"
+SETTING = "MPMGIS_COMMAND"
+SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
+# QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
+OF_QGIS = (
+    *("PYTHONHOME", "PYTHONPATH", "PYTHONEXECUTABLE", "PYTHONSTARTUP"),
+    *("PROJ_LIB", "PROJ_DATA", "GDAL_DATA", "GDAL_DRIVER_PATH"),
+)
+
+_TIME, _FRAME = re.compile(r"t = ([\d.]+) of ([\d.]+)"), re.compile(r"frame (\d+) of (\d+)")
+_MEMBER = re.compile(r"run (\d+) of (\d+)")
+_SETTING = re.compile(r"(\d+) of (\d+): ")  # printed at its start: one less is done
+# progress lines by verb: (pattern, offset of the first number, share of the progress bar)
+_USUAL = ((_TIME, 0, (0.0, 1.0)), (_FRAME, 0, (0.0, 1.0)))
+_OF_VERB = {
+    "demo": ((_TIME, 0, (0.0, 0.7)), (_FRAME, 0, (0.7, 1.0))),
+    "ensemble": ((_MEMBER, 0, (0.0, 1.0)),),
+    "calibrate": ((_MEMBER, 0, (0.0, 1.0)),),
+    "region": ((_MEMBER, 0, (0.0, 1.0)),),
+    "study": ((_SETTING, 1, (0.0, 1.0)),),
+}
+
+
+class CommandMissing(Exception):
+    """The command was not found; the message is one line with the fix."""
+
+
+def find_command(setting):
+    """Absolute path of the command: from `setting`, else on PATH, else in the folder of pipx.
+
+    Raises
+    ------
+    CommandMissing
+    """
+    named = (setting or "").strip().strip('"')
+    if named:
+        found = shutil.which(os.path.expanduser(named))
+        if found is None:
+            raise CommandMissing(
+                f"the command mpmgis is not at {named}; set its path in {SETTING_PLACE} (empty: search PATH)"
+            )
+        return os.path.abspath(found)
+    found = shutil.which(COMMAND) or shutil.which(COMMAND, path=os.path.join(os.path.expanduser("~"), ".local", "bin"))
+    if found is None:
+        raise CommandMissing(
+            "the command mpmgis is not on PATH; install it in a separate environment, never in QGIS' Python "
+            f"(pipx install mpmgis, or pip install in a virtual environment), and set its path in {SETTING_PLACE}"
+        )
+    return os.path.abspath(found)
+
+
+def environment(of_qgis):
+    """Dictionary: the environment of QGIS without the variables for its own Python and libraries."""
+    kept = {name: value for name, value in of_qgis.items() if name not in OF_QGIS}
+    return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1"}
+
+
+class Lines:
+    """Splits a stream of bytes into complete lines of text."""
+
+    def __init__(self):
+        self._rest = b""
+
+    def add(self, data):
+        """List of the lines that `data` completes; a carriage return also ends a line."""
+        *whole, self._rest = (self._rest + data).replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        return [line.decode("utf-8", "replace") for line in whole if line.strip()]
+
+    def end(self):
+        """List of the remaining text without an end of line: at most one line."""
+        return self.add(b"\n")
+
+
+def progress(line, verb):
+    """Share (0 to 1) of the work of `verb` that is done by the progress line `line`; None for another line."""
+    for pattern, earlier, (begin, end) in _OF_VERB.get(verb, _USUAL):
+        found = pattern.match(line)
+        if found is not None and float(found[2]) > 0:
+            return begin + min((float(found[1]) - earlier) / float(found[2]), 1.0) * (end - begin)
+    return None
+
+
+def is_error_line(line, verb):
+    """Whether `line` is an error of the command `verb`."""
+    return line.startswith(f"mpmgis {verb}: ")
+
+
+def error_line(lines, verb, code):
+    """The error of the command `verb`: its last error line, else its last line, else the exit code."""
+    own = [line for line in lines if is_error_line(line, verb)]
+    return (own or lines or [f"mpmgis {verb}: ended with exit code {code} without a message"])[-1]

@@ -1,0 +1,34 @@
+"""A list of records as an HTML page with one table, for the Results Viewer of QGIS."""
+
+from __future__ import annotations
+
+from html import escape
+
+STYLE = (
+    "body{font-family:sans-serif;font-size:10pt}table{border-collapse:collapse}"
+    "th,td{border:1px solid #bbb;padding:2px 6px;text-align:left;vertical-align:top}th{background:#e8e8e8}"
+)
+DIGITS = 4  # of a number
+
+
+def page_of(title, records):
+    """Text of the page: a row for each of `records` (a list of dictionaries), a column for each key."""
+    keys = list(dict.fromkeys(key for record in records for key in record))
+    head = "".join(f"<th>{escape(key.replace('_', ' '))}</th>" for key in keys)
+    rows = ("".join(f"<td>{escape(shown(record.get(key)))}</td>" for key in keys) for record in records)
+    body = "\n".join(f"<tr>{row}</tr>" for row in rows)
+    return (
+        '<!DOCTYPE html>\n<html><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body><h3>{escape(title)}</h3>\n<table>\n<tr>{head}</tr>\n{body}\n</table></body></html>\n"
+    )
+
+
+def shown(value):
+    """A value as text: numbers with four digits, a dictionary as key [value], nothing for None."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} [{shown(part)}]" for key, part in value.items())
+    return str(value)
