@@ -200,6 +200,12 @@ def _cells_of(frame, placed, grid, clamped):
     return row, column, bounds
 
 
+def flat_cells(frame: Frame, placed: Placed, grid: Grid, clamped: bool = False) -> np.ndarray:
+    """int64[n]: flat number of the cell of `grid` that each particle counts in; -1 outside."""
+    row, column, _ = _cells_of(frame, placed, grid, clamped and frame.dimension == 3)
+    return np.where(row >= 0, row.astype(np.int64) * grid.shape[1] + column, -1)
+
+
 def _numbered(marker, bounds, grid):
     """Number the cells that `marker` (a function of the empty window) marks: (window, flat index of each)."""
     window = np.zeros((max(bounds[1] - bounds[0], 0), max(bounds[3] - bounds[2], 0)), np.int32)

@@ -9,6 +9,7 @@ from ..kernels import cell_places
 from ..particles import Frame
 from ..terrain.grid import Grid
 from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
+from .height_layers import HeightLayers, height_layers
 from .maxima import least_depth
 from .quantities import PRODUCTS, cell_values, map_speed, volume_thickness
 from .sampling import FrameFacts, export_axes, export_grid
@@ -34,6 +35,8 @@ class Averaging:
     min_depth : float [m]
     second_grid : Grid or None
         Second grid to average on; `second_names` are its products.
+    layers : tuple of float [m]
+        Edges of layers of height over the bed; empty: no layers.
     """
 
     bed: Bed
@@ -44,6 +47,7 @@ class Averaging:
     min_depth: float = 0.05
     second_grid: Grid | None = None
     second_names: tuple = ()
+    layers: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,8 @@ class FrameValues:
         Cell size of Eq 15: cube root of the mean current volume of points; 0 for columns.
     fastest : float [m s-1]
         Largest depth-averaged horizontal speed where the flow is at least min_depth deep.
+    layers : HeightLayers or None
+        Of `Averaging.layers`.
     """
 
     time: float
@@ -93,6 +99,7 @@ class FrameValues:
     least: float
     point_side: float
     fastest: float
+    layers: HeightLayers | None = None
 
 
 def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
@@ -128,7 +135,14 @@ def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
         least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
         point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
         fastest=_fastest(cells, values["h"], averaging.min_depth),
+        layers=_layers(frame, placed, averaging),
     )
+
+
+def _layers(frame, placed, averaging):
+    if not averaging.layers:
+        return None
+    return height_layers(frame, placed, averaging.bed, averaging.grid, averaging.layers)
 
 
 def _bin(frame, placed, averaging, grid):

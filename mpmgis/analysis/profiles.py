@@ -18,6 +18,7 @@ from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .cells import Bed, Placed, bin_frame, grid_spacing, lower_percentile, place
+from .height_layers import point_extents
 from .quantities import impact_pressure, normal_velocity, parallel_speed, volume_thickness
 
 if TYPE_CHECKING:
@@ -264,7 +265,7 @@ def _profile(frame, placed, there, bed, density, grid, layer, percentile):
     """The VerticalProfile of the particles `there` (their numbers) in the one cell of `grid`."""
     part = replace(frame, particles=frame.particles.take(there))
     placed = Placed(placed.pixel[there], placed.distance[there])
-    lower, upper = _extents(part.particles.volume, placed, bed)
+    lower, upper = point_extents(part.particles.volume, placed, bed)
     first = math.floor(min(lower.min(initial=0.0), 0.0) / layer)
     end = max(math.ceil(upper.max(initial=0.0) / layer), first + 1)
     if end - first > MOST_LAYERS:
@@ -290,14 +291,6 @@ def _overburden(density, layer, part, placed, bed):
     cosine = np.average(1.0 / np.sqrt(1.0 + slope2), weights=np.asarray(part.particles.mass, float))
     weight = GRAVITY * cosine * layer * density
     return np.cumsum(weight[::-1])[::-1] - 0.5 * weight
-
-
-def _extents(volume, placed, bed):
-    """(lower, upper) float64[n] [m]: height range of a point (side of a cube), cut at the bed for points above it."""
-    slope = bed.gradient_by_pixel[placed.pixel]
-    side = np.cbrt(np.asarray(volume, float)) / np.sqrt(1.0 + (slope**2).sum(axis=-1))
-    lower, upper = placed.distance - 0.5 * side, placed.distance + 0.5 * side
-    return np.where(placed.distance >= 0, np.maximum(lower, 0.0), lower), upper
 
 
 def _layer_values(part, placed, share, bed, density, grid, layer):

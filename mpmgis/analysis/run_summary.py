@@ -28,15 +28,18 @@ CLIPPED = {  # names of clips in `balances`, as text
     "stretch_held": "a point's stretch was limited to the range of its material",
 }
 CLOSES = 1e-3  # of the energy input, above which the energy balance is reported as not closed
-STILL_SPEED = {"columns": 0.05, "points": 0.3}  # [m s-1]; elastic solids oscillate while they settle
+STILL_SPEED = {"columns": 0.05, "points": 0.5}  # [m s-1]; elastic solids oscillate while they settle
 STILL_FALL = 0.05  # [m], largest mean drop of a mass at rest
+STILL_SHALLOW = 0.03  # largest mean drop of a mass at rest, over its thickness
+STILL_FROUDE = 0.04  # largest speed of a mass at rest, over sqrt(g h)
 
 
 def stood_still(stages: list[dict]) -> str:
     """Message about a run in which nothing ever moved; '' for any other run.
 
     The test uses energy: the kinetic energy was always below that of the mass at STILL_SPEED, and the lost energy
-    corresponds to a drop of less than STILL_FALL. So neither creep nor a slide between two frames counts as rest.
+    corresponds to a drop of less than STILL_FALL. So neither creep nor a slide between two frames counts as rest. In
+    flows of laboratory size the limits of speed and drop are smaller: STILL_FROUDE and STILL_SHALLOW of the thickness.
 
     Parameters
     ----------
@@ -48,10 +51,12 @@ def stood_still(stages: list[dict]) -> str:
         parts = [balances, *(part for part in [balances.get("outside_columns")] if part is not None)]
         mass = balances.get("mass_released", balances["mass_start"]) + balances.get("mass_entrained", 0.0)
         peak, lost = (sum(part.get(name, inf) for part in parts) for name in ("kinetic_energy_peak", "energy_lost"))
-        if not (mass > 0.0 and lost < mass * GRAVITY * STILL_FALL):
+        thickness = max(part.get("thickness_max", inf) for part in parts)
+        if not (mass > 0.0 and lost < mass * GRAVITY * min(STILL_FALL, STILL_SHALLOW * thickness)):
             return ""
         speed = sqrt(2.0 * peak / mass)
-        if not speed < STILL_SPEED["points" if "elastic_energy" in balances else "columns"]:
+        limit = STILL_SPEED["points" if "elastic_energy" in balances else "columns"]
+        if not speed < min(limit, STILL_FROUDE * sqrt(GRAVITY * thickness)):
             return ""
         fastest = max(fastest, speed)
     return (
@@ -244,6 +249,12 @@ def _of_columns(b):
     if b["mass_entrained"] > 0:
         share = b["mass_entrained"] / b["mass_released"]
         lines.append(f"entrained: {b['mass_entrained']:.6g} kg, {share:.2f} times the release")
+    if "mass_detrained" in b:
+        lines.append(
+            f"forest: {b['mass_detrained']:.6g} kg stopped in it ({100 * b['mass_detrained'] / total:.3g} %), "
+            f"{b['forest_broken_area'] / 1e4:.3g} of {b['forest_area'] / 1e4:.3g} ha broken; of the rest "
+            f"{b['mass_flowing']:.6g} kg flows, {b['mass_at_rest']:.6g} kg is at rest"
+        )
     return lines
 
 
@@ -255,7 +266,8 @@ def _energy_of_columns(b):
     more = "".join(f", {joules:.4g} J {word}" for joules, word in sources if abs(joules) > 1e-9 * abs(put_in))
     takers = {
         "friction on the bed": "ground", "acceleration of eroded mass": "eroded_mass", "barriers": "barriers",
-        "the speed limit": "speed_limit", "mixing and the grid": "mixing", "bends of the bed": "bends",
+        **({"forest": "forest"} if "energy_lost_to_forest" in b else {}), "the speed limit": "speed_limit",
+        "mixing and the grid": "mixing", "bends of the bed": "bends",
     }  # fmt: skip
     lines = [
         f"energy: {b['energy_start']:.4g} J at the start{more}; {_lost(b, takers)}; kinetic now "

@@ -11,7 +11,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 
 from ..errors import FormatError, GeoreferenceError, InputError
-from ..io.frames import PLACES, read_frame, read_maxima
+from ..io.frames import PLACES, read_bed_change, read_frame, read_maxima
 from ..particles import Frame
 from ..terrain.georeference import name_of, same_place
 from .declarations import Declarations, merged, with_sidecar
@@ -66,6 +66,10 @@ class FrameEntry:
     def read_maxima(self):
         """Running peaks of the solver by name (`mpmgis.peaks.PEAK_NAMES`); empty where there are none."""
         return read_maxima(self.path) if self.reader == OWN else {}
+
+    def read_bed_change(self):
+        """What the flow took from its bed (`io.frames.read_bed_change`); empty where there is no erosion."""
+        return read_bed_change(self.path) if self.reader == OWN else {}
 
 
 def list_frames(paths, terms=None):

@@ -53,10 +53,10 @@ def whole_file(path):
         refuse_link(path)
         system.replace(part, path)
     except BaseException as error:
-        told = _output_error(part, path, error)
+        translated = _output_error(part, path, error)
         _remove(part, *new_parents)
-        if told is not None:
-            raise told from error
+        if translated is not None:
+            raise translated from error
         raise
 
 
@@ -86,11 +86,11 @@ def whole_folder(path, overwrite=False):
             system.replace(path, old)
         system.replace(part, path)
     except BaseException as error:
-        told = _output_error(part, shown, error)
+        translated = _output_error(part, shown, error)
         _remove(part, *new_parents)
         _restore(old, path)
-        if told is not None:
-            raise told from error
+        if translated is not None:
+            raise translated from error
         raise
     remove(old)
 

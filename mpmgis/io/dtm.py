@@ -1,7 +1,7 @@
 """Digital terrain models (DTM): elevation rasters with checks of CRS, unit, nodata and slope."""
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +23,8 @@ from ..terrain.georeference import (
 from ..terrain.grid import Grid
 from .nodata_fill import INTERPOLATE, filled
 from .raster import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
+from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned, warped_values
 
-METRES = {"", "m", "metre", "metres", "meter", "meters"}
-_OTHER_UNITS = {  # unit type of a band -> metres
-    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "intlft": 0.3048,
-    "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937, "us survey feet": 1200 / 3937, "ftus": 1200 / 3937,
-    "sftus": 1200 / 3937, "foot_us": 1200 / 3937, "us_survey_foot": 1200 / 3937, "us foot": 1200 / 3937,
-    "km": 1000.0, "kilometre": 1000.0, "dm": 0.1, "cm": 0.01, "centimetre": 0.01, "mm": 0.001, "yd": 0.9144,
-    "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
-}  # fmt: skip
-_USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
 STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
 READ_WHOLE = 25_000_000  # pixels up to which a DTM is always read and checked completely: 0.2 GB
@@ -45,7 +37,7 @@ class WithoutCRS(GeoreferenceError):
     bounds = None
 
 
-def read_terrain(path, crs=None, band=None, fill_nodata=None):
+def read_terrain(path, crs=None, band=None, fill_nodata=None, to_crs=None):
     """The DTM at `path` as a Terrain.
 
     Parameters
@@ -58,12 +50,14 @@ def read_terrain(path, crs=None, band=None, fill_nodata=None):
         Counted from 1; required where there are several bands.
     fill_nodata : {"interpolate"}, optional
         Treatment of holes in the DTM (`io.nodata_fill`).
+    to_crs : str, optional
+        ``auto`` or ``EPSG:n``: a DTM in another CRS is reprojected, heights in feet become metres (`io.terrain_warp`).
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
     """
-    return TerrainFile(path, crs, band, fill_nodata).whole()
+    return TerrainFile(path, crs, band, fill_nodata, to_crs).whole()
 
 
 class TerrainFile:
@@ -73,12 +67,13 @@ class TerrainFile:
 
     Parameters
     ----------
-    path, crs, band, fill_nodata : as for `read_terrain`
+    path, crs, band, fill_nodata, to_crs : as for `read_terrain`
 
     Attributes
     ----------
     grid : Grid
-        Of the whole file.
+        Of the whole file, in the CRS of the terrain.
+    reprojection : Reprojection or None
     path : str
     fill : NodataFill or None
         Filled holes of the part that was read last.
@@ -88,18 +83,26 @@ class TerrainFile:
     FormatError, GeoreferenceError, InputError
     """
 
-    def __init__(self, path, crs=None, band=None, fill_nodata=None):
+    def __init__(self, path, crs=None, band=None, fill_nodata=None, to_crs=None):
         self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = band_number(source, path, band)
-            crs = _terrain_crs(source, path, crs)
-            _require_metres_up(source, path, self._band)
-            self.grid = Grid(crs, transform_of(source, path, local=crs is None), source.shape)
+            crs = _terrain_crs(source, path, crs, to_crs)
+            self.reprojection = None if to_crs is None else planned(source, path, self._band, crs, to_crs)
+            self.grid = self._grid(source, crs)
             if min(self.grid.shape) < 2:
                 raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
-            if crs is not None:
+            if crs is not None and self.reprojection is None:
                 require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path)
+        if self.reprojection is not None and (line := self.reprojection.line(self.path)):
+            log.info(line)
+
+    def _grid(self, source, crs):
+        if self.reprojection is not None:
+            return self.reprojection.grid
+        _require_metres_up(source, self._file, self._band)
+        return Grid(crs, transform_of(source, self._file, local=crs is None), source.shape)
 
     @property
     def pixels(self):
@@ -109,7 +112,8 @@ class TerrainFile:
     @cached_property
     def sha256(self):
         """Hex digest of the whole file."""
-        return file_sha256(self._file)
+        about = self._file.stat()
+        return _sha256(self._file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
 
     def whole(self):
         """The Terrain of all pixels."""
@@ -124,11 +128,16 @@ class TerrainFile:
         """As `Terrain.cropped`."""
         return self.part(*self.grid.window(bounds, margin))
 
+    def _values(self, source, window):
+        if self.reprojection is None:
+            return band_values(source, self._file, self._band, window=window)
+        return warped_values(source, self._file, self._band, self.reprojection, window)
+
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:
-            elevation = band_values(source, self._file, self._band, window=window)
+            elevation = self._values(source, window)
         mask_false_heights(elevation, self._file)
-        terrain = Terrain(grid, elevation, self.path, self.sha256)
+        terrain = Terrain(grid, elevation, self.path, self.sha256, self.reprojection)
         if self._fills:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
@@ -137,7 +146,13 @@ class TerrainFile:
         return terrain
 
 
-def _terrain_crs(source, path, asked):
+@lru_cache(maxsize=4)
+def _sha256(path, size, changed, number):
+    """Digest of a file, computed once for each state of it: many runs read windows of one large DTM."""
+    return file_sha256(path)
+
+
+def _terrain_crs(source, path, asked, to_crs=None):
     """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
     own = crs_of(source, path)
     given = parse_crs(asked) if asked is not None else None
@@ -164,8 +179,9 @@ def _terrain_crs(source, path, asked):
     plane = horizontal(own)
     if own.is_compound:
         log.info(
-            f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations are used unchanged, and "
-            f"results have the horizontal part, {name_of(plane)}"
+            f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations "
+            f"{'are used unchanged' if to_crs is None else 'keep that datum'}, and results have the horizontal part"
+            f"{f', {name_of(plane)}' if to_crs is None else ' alone'}"
         )
     return plane
 
@@ -173,10 +189,10 @@ def _terrain_crs(source, path, asked):
 def _require_metres_up(source, path, band):
     """Refuse a band with a known unit other than metre; an unknown unit is reported."""
     unit = (source.units[band - 1] or "").strip()
-    factor = _OTHER_UNITS.get(unit.lower())
+    factor = UNIT_METRES.get(unit.lower())
     if factor is not None:
         raise GeoreferenceError(
-            f"{path}: elevations are in {unit}, expected metres; convert them, for example: "
+            f"{path}: elevations are in {unit}, expected metres; give --to-crs auto, or convert them, for example: "
             f"{scale_command(path, factor)}, and set the unit to m"
         )
     if unit.lower() not in METRES:
@@ -185,7 +201,7 @@ def _require_metres_up(source, path, band):
 
 def mask_false_heights(elevation, path):
     """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
-    for value in _USUAL_NODATA:
+    for value in USUAL_NODATA:
         false = elevation == value
         count = int(false.sum())
         if count:

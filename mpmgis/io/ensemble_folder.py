@@ -117,7 +117,7 @@ class EnsembleFolder:
         """Remove the results of all other members."""
         kept = set(digests)
         for entry in self.members.iterdir():
-            if entry.name.split(".")[0].removesuffix("_max") in kept:
+            if entry.name.split(".")[0].removesuffix("_max").removesuffix("_deposit") in kept:
                 continue
             remove(entry)
 
@@ -173,7 +173,12 @@ def member_files(folder, digest):
     return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
 
 
-def read_member(folder, digest, frames=False):
+def deposit_file(folder, digest):
+    """Path of the deposit of the member with a digest."""
+    return Path(folder) / f"{digest}_deposit.tif"
+
+
+def read_member(folder, digest, frames=False, deposit=False):
     """The record of a member in a final state; None where there is none, or results are missing."""
     record_file, raster, kept = member_files(folder, digest)
     require_file(record_file)
@@ -184,6 +189,8 @@ def read_member(folder, digest, frames=False):
     if not isinstance(record, dict) or record.get("status") not in FINAL or record.get("digest") != digest:
         return None
     if record["status"] == "finished" and not (raster.is_file() and (kept.is_dir() or not frames)):
+        return None
+    if record["status"] == "finished" and deposit and not deposit_file(folder, digest).is_file():
         return None
     return record
 

@@ -14,7 +14,7 @@ from ..terrain.grid import Grid
 from .raster import grid_of, open_raster, read_raster
 from .raster_output import NAMESPACE
 
-TYPICAL_PERCENTILE = 95.0  # of the wet cells' maxima: a few extreme cells must not use up the colour scale
+TYPICAL_PERCENTILE = 99.0  # of the wet cells' maxima: a few extreme cells must not use up the colour scale
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class ExportedRun:
         Largest absolute finite value of each band over all steps.
     min_depth : float [m]
         Depth below which velocities are nodata; outlines enclose the cells at least this deep.
+    bed_bands, surface_bands : tuple of Quantity
+        Bands of `bed_file` and `ground_file`; empty without erosion, where there are no such files.
     """
 
     folder: Path
@@ -60,6 +62,18 @@ class ExportedRun:
     deposit_bands: tuple
     largest: dict = field(default_factory=dict)
     min_depth: float = 0.05
+    bed_bands: tuple = ()
+    surface_bands: tuple = ()
+
+    @property
+    def bed_file(self):
+        """Name of the raster of eroded depth, rate and deposit, which runs with erosion have."""
+        return f"rasters/{self.name}_bed.tif"
+
+    @property
+    def ground_file(self):
+        """Name of the raster of the ground and the bed at the end, which runs with erosion have."""
+        return f"rasters/{self.name}_surface.tif"
 
     @property
     def mesh_file(self):
@@ -75,6 +89,11 @@ class ExportedRun:
     def project_file(self):
         """Name of the QGIS project."""
         return f"{self.name}.qgz"
+
+    @property
+    def surface_file(self):
+        """Name of the raster of the highest flow surface."""
+        return f"{self.name}_surface.tif"
 
     def stack_file(self, band):
         """Name of the stack of all steps of one band (its name or Quantity)."""
@@ -103,9 +122,18 @@ class ExportedRun:
         with rasterio.open(self.folder / file) as source:
             return [read_part(source, bands.index(name) + 1, window) if name in bands else None for name in names]
 
+    def tags(self, file):
+        """Dict of str to str: the tags of one of the run's rasters that say how it was made."""
+        with open_raster(self.folder / file) as source:
+            return source.tags(ns=NAMESPACE)
+
     def bands_of(self, file):
         """Tuple of Quantity: the bands of one of the run's rasters, in order."""
-        return {self.maxima_file: self.maxima_bands, self.deposit_file: self.deposit_bands}.get(file, self.step_bands)
+        known = {
+            self.maxima_file: self.maxima_bands, self.deposit_file: self.deposit_bands,
+            self.bed_file: self.bed_bands, self.ground_file: self.surface_bands,
+        }  # fmt: skip
+        return known.get(file, self.step_bands)
 
     def read_terrain(self):
         """float32[rows, columns] [m]: elevation on `flow_grid`, NaN where there is none."""
@@ -142,7 +170,7 @@ class ExportedRun:
     def typical(self):
         """Typical size of the values of each band, by name: range of the colour scale.
 
-        The 95th percentile over the wet cells of a maxima band, also for the band of which it is the maximum; the
+        The 99th percentile over the wet cells of a maxima band, also for the band of which it is the maximum; the
         largest value where there is no maximum.
         """
         typical = {name: value for name, value in self.largest.items() if value > 0}

@@ -11,6 +11,33 @@ from ..peaks import lattices_of
 from .hdf5 import require_memory
 
 
+def require_bed_change(path, kept):
+    """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
+
+    Forest adds further arrays of the same shape, which are of at least 0 too.
+
+    Raises
+    ------
+    FormatError
+    """
+    mass, transform, density = (np.asarray(kept.get(name)) for name in ("eroded_mass", "transform", "bed_density"))
+    if mass.ndim != 2 or mass.dtype.kind != "f" or not (np.isfinite(mass).all() and (mass >= 0).all()):
+        raise FormatError(f"{path}: bed_change/eroded_mass is not an array (rows, columns) of numbers of at least 0")
+    for name in set(kept) & {"detrained_mass", "broken_forest"}:
+        found = np.asarray(kept[name])
+        sound = found.shape == mass.shape and found.dtype.kind == "f"
+        if not (sound and np.isfinite(found).all() and (found >= 0).all()):
+            raise FormatError(f"{path}: bed_change/{name} is not an array {list(mass.shape)} of numbers of at least 0")
+    if transform.shape != (6,) or transform.dtype.kind != "f" or not np.isfinite(transform).all():
+        raise FormatError(f"{path}: bed_change/transform is not (dx, 0, west, 0, dx, south)")
+    dx, shear, _, turn, dy, _ = transform.tolist()
+    if not (dx > 0 and dx == dy and shear == turn == 0):
+        raise FormatError(f"{path}: bed_change/transform is {transform.tolist()}, expected (dx, 0, west, 0, dx, south)")
+    if density.size != 1 or density.dtype.kind not in "fiu" or not (np.isfinite(density).all() and density > 0):
+        raise FormatError(f"{path}: bed_change/bed_density is {one_line(density)[:40]}, expected kg m-3 above 0")
+    return kept
+
+
 def require_maxima(path, kept):
     """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
 

@@ -9,7 +9,8 @@ from ..errors import FormatError, one_line
 from .hdf5 import opened_whole, require_numbers_that_fit
 
 CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
-DIGESTED = ("particles", "maxima")  # groups; the restart state is removed later
+BED_CHANGE = "bed_change"
+DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
 AS_WRITTEN = "as written"
 
 

@@ -11,8 +11,15 @@ from ..errors import FormatError, InputError, one_line
 from ..particles import Frame
 from ..terrain.georeference import crs_of_text
 from .atomic import whole_file
-from .frame_contents import create_dataset, particle_count, read_particles, require_maxima, require_particles_fit
-from .frame_digest import CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
+from .frame_contents import (
+    create_dataset,
+    particle_count,
+    read_particles,
+    require_bed_change,
+    require_maxima,
+    require_particles_fit,
+)
+from .frame_digest import BED_CHANGE, CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .hdf5 import opened_whole, require_numbers_that_fit, written
 
 FORMAT = "mpmgis-frame"
@@ -59,6 +66,10 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
         for name, values in frame.maxima.items():
             if isinstance(values, np.ndarray):
                 digest.add(f"maxima/{name}", values)
+        _write_group(file, BED_CHANGE, frame.bed_change, count)
+        for name, values in frame.bed_change.items():
+            if isinstance(values, np.ndarray):
+                digest.add(f"{BED_CHANGE}/{name}", values)
         content = file.attrs[CONTENT] = digest.hexdigest()
         if frame.state:
             file.attrs[STATE] = state_digest(content, frame.state)
@@ -166,6 +177,27 @@ def read_maxima(path):
     return require_maxima(path, kept) if kept else {}
 
 
+def read_bed_change(path):
+    """What the flow took from its bed up to the frame at `path`; empty where nothing is eroded.
+
+    Returns
+    -------
+    dict
+        eroded_mass float64[rows, columns] [kg m-2], row 0 in the south; transform float64[6]; bed_density [kg m-3];
+        with forest detrained_mass [kg m-2] and broken_forest [1].
+
+    Raises
+    ------
+    FormatError
+    """
+    try:
+        with opened_whole(path) as file:
+            kept = _read_group(path, file, BED_CHANGE)
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path}: the bed change cannot be read ({one_line(error)[:120]}); it is damaged") from error
+    return require_bed_change(path, kept) if kept else {}
+
+
 def _read(path, file, with_state, with_particles, density, memory, names):
     attrs = _attributes(path, file)
     if attrs.get("format") != FORMAT:
@@ -211,6 +243,7 @@ def _read(path, file, with_state, with_particles, density, memory, names):
         header=header,
         state=_read_group(path, file, "state") if with_state else {},
         maxima=_read_group(path, file, "maxima") if with_state else {},
+        bed_change=_read_group(path, file, BED_CHANGE) if with_state else {},
     )
 
 

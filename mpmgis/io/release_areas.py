@@ -84,6 +84,16 @@ def read_outlines(path, terrain):
     return [part.polygon for part in without_overlaps(features)]
 
 
+def parts_of(path, terrain, thickness=None, surface=None):
+    """ReleasePart per polygon of a vector file, overlaps included; thickness NaN where a raster gives it.
+
+    Parameters as in `read_release`.
+    """
+    if is_raster(path):
+        raise InputError(f"{path} is a raster, expected polygons; convert it in QGIS: Polygonize")
+    return _vector_features(path, terrain, _Thickness.parse(thickness, surface))
+
+
 class _Thickness:
     """The thickness by --thickness or --surface: a number, the name of a column, or a raster."""
 

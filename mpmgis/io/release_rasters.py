@@ -7,6 +7,7 @@ import numpy as np
 import rasterio.features
 import shapely
 from affine import Affine
+from rasterio.enums import Resampling
 
 from ..errors import GeoreferenceError, InputError
 from ..messages import log
@@ -16,6 +17,7 @@ from ..terrain.grid import Grid
 from ..terrain.release import ReleasePart, ThicknessRaster, polygons_only
 from .raster import read_raster
 from .reprojection import require_lies_on, transformer_to
+from .terrain_warp import reprojected_raster
 
 _ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] larger values this close to the terrain are elevations
 _SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # subdivision of the pixels of a surface, limited by memory
@@ -29,7 +31,7 @@ def area_of_raster(path, terrain, wanted):
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
         )
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path)
+    values, grid = _on_terrain(values, grid, terrain, path)
     inside = np.isfinite(values) & (values != 0)
     if not inside.any():
         raise InputError(f"{path}: all values are 0 or nodata, expected a mask or a thickness in metres")
@@ -88,7 +90,7 @@ def _require_no_negative(values, path):
 def thickness_raster(path, terrain):
     """The thickness raster at `path` on its own grid, in the terrain's CRS; 0 and nodata mean no material."""
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path)
+    values, grid = _on_terrain(values, grid, terrain, path)
     _require_no_negative(values, path)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
@@ -101,7 +103,7 @@ def surface_thickness(path, terrain, features, record):
     of a pixel.
     """
     values, grid = read_raster(path)
-    grid = _grid_on_terrain(values, grid, terrain, path)
+    values, grid = _on_terrain(values, grid, terrain, path, Resampling.bilinear)
     polygons = [part.polygon for part in features]
     finer = grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9)
     rows, columns = around = _pixels_around(grid if finer else terrain.grid, shapely.total_bounds(polygons))
@@ -180,14 +182,17 @@ def _pixels_around(grid, bounds):
     return tuple(slices)
 
 
-def _grid_on_terrain(values, grid, terrain, path):
-    """The grid of the raster in the terrain's CRS; another CRS is approximated by an affine over the valid pixels."""
+def _on_terrain(values, grid, terrain, path, resampling=Resampling.nearest):
+    """(values, Grid) of the raster in the terrain's CRS; another CRS is approximated by an affine over valid pixels.
+
+    Where no affine fits, it is resampled if the terrain was brought to its CRS by `to_crs`, else refused.
+    """
     target = terrain.grid.crs
     if grid.crs is None or target is None:
         require_lies_on(grid.bounds, grid.crs, terrain, path)
-        return Grid(target, grid.transform, grid.shape)
+        return values, Grid(target, grid.transform, grid.shape)
     if same_place(grid.crs, target):
-        return Grid(target, grid.transform, grid.shape)
+        return values, Grid(target, grid.transform, grid.shape)
     rows, columns = np.nonzero(np.isfinite(values) & (values != 0))
     if rows.size == 0:
         raise InputError(f"{path}: all values are 0 or nodata")
@@ -205,14 +210,16 @@ def _grid_on_terrain(values, grid, terrain, path):
     placed = Grid(target, Affine(a, b, c, d, e, f), grid.shape)
     row, column = placed.rowcol(x, y)
     misfit = max(np.abs(row - i).max(), np.abs(column - j).max())
+    if misfit > _AFFINE_PIXELS and terrain.reprojection is not None:
+        return reprojected_raster(path, target, resampling)
     if misfit > _AFFINE_PIXELS:
         code = target.to_epsg() or "n"
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)} and too large for {name_of(target)} without resampling; "
-            f"reproject it: {warp_command(path, f'EPSG:{code}')}"
+            f"give --to-crs auto, or reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
     log.info(
         f"{path}: transformed from {name_of(grid.crs)} to {name_of(target)}, the terrain's CRS (within {misfit:.2g} "
         "of a pixel)"
     )
-    return placed
+    return values, placed

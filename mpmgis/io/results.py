@@ -1,15 +1,21 @@
-"""Results on disk as bands by name: an export folder, rasters named as in ISeeSnow and AvaFrame, a single raster."""
+"""Results on disk as bands by name: an export, a region, rasters named as in ISeeSnow and AvaFrame, one raster."""
 
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..analysis.comparison import SAME_QUANTITY
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..fields import Quantity
 from ..messages import muted
+from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, require_metric, same_place, warp_command
-from .raster import open_raster, read_raster
+from ..terrain.grid import Grid
+from .raster import grid_of, open_raster, read_raster
+from .region_folder import MAPS, RECORD_FILE
+from .region_maps import LARGEST
 
 PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
     "pft": (Quantity("pft", "m", "peak flow thickness"), 1.0),
@@ -18,6 +24,7 @@ PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
 }
 UNNAMED = "value"  # name of a band without a description
 DEPOSIT = "_deposit"  # suffix of the file of an export's last step, and of the names of its bands here
+STRIP = 1024  # [rows] of the maps of a region that are read at a time
 _PEAK_NAME = re.compile(r"(?:(.*)_)?(pft|pfv|ppr)\.(?:asc|tif|tiff)", re.IGNORECASE)
 
 
@@ -43,6 +50,38 @@ class BandSource:
 
 
 @dataclass(frozen=True)
+class CroppedBand:
+    """A band of a map of a region within the `extent` of its flow (first row, end, first column, end)."""
+
+    path: Path
+    number: int
+    quantity: Quantity
+    extent: tuple
+
+    def read(self):
+        """(float64[rows, columns] with NaN for nodata, Grid) of the extent."""
+        top, bottom, left, right = self.extent
+        with open_raster(self.path) as source:
+            values = source.read(self.number, window=((top, bottom), (left, right)), masked=True)
+            grid = grid_of(source, self.path).part(top, left, (bottom - top, right - left))
+        return values.astype(float).filled(np.nan), grid
+
+
+@dataclass(frozen=True)
+class BandInMemory:
+    """A band of frames that is not written: `quantity`, float32[rows, columns] `values` on `grid`; `path` of frames."""
+
+    path: Path
+    quantity: Quantity
+    values: np.ndarray
+    grid: Grid
+
+    def read(self):
+        """(float64[rows, columns] with NaN for nodata, Grid)."""
+        return self.values.astype(float), self.grid
+
+
+@dataclass(frozen=True)
 class Result:
     """Rasters of one model run.
 
@@ -52,14 +91,14 @@ class Result:
     kind : str
         "export", "rasters" or "raster".
     bands : dict of str to BandSource
-    terrain : Path or None
-        The terrain raster of the export.
+    terrain : Path, Terrain or None
+        The terrain of the export or of the frames.
     """
 
     name: str
     kind: str
     bands: dict
-    terrain: Path | None = None
+    terrain: Path | Terrain | None = None
 
     def read(self, band, crs_of=None):
         """(values, Grid) of one band; with `crs_of` (a Grid) it must be in the same CRS, or have none.
@@ -89,8 +128,10 @@ class Result:
 
 
 def names_rasters(path):
-    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, the prefix of their names, or one of them."""
+    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, a prefix of their names, one of them, a region."""
     path = Path(path)
+    if _region_maps(path) is not None:
+        return True
     if path.is_file():
         return _PEAK_NAME.fullmatch(path.name) is not None
     if path.is_dir():
@@ -99,7 +140,9 @@ def names_rasters(path):
 
 
 def open_result(path):
-    """The Result at `path`: an export folder, a folder or common prefix of `..._pft.asc`, or one raster.
+    """The Result at `path`: an export folder, a folder or common prefix of `..._pft.asc`, a region, or one raster.
+
+    A region is its folder, for all areas, or the prefix of the maps of one scenario (`region/maps/scenario_30`).
 
     Raises
     ------
@@ -107,6 +150,9 @@ def open_result(path):
         None of these, or several results at once.
     """
     path = Path(path)
+    maps = _region_maps(path)
+    if maps is not None:
+        return _region(maps)
     if path.is_dir():
         return _folder(path)
     siblings = _peak_files(path.parent, path.name) if not path.exists() and path.parent.is_dir() else {}
@@ -149,6 +195,41 @@ def _exported(folder):
     terrain = inside.parent / "dtm.tif"
     shown = folder if inside != folder else folder.parent
     return Result(shown.resolve().name, "export", bands, terrain if terrain.is_file() else None)
+
+
+def _region_maps(path):
+    """Prefix of the maps of a region at `path`; None for anything else."""
+    if path.is_dir():
+        return path / MAPS / "all" if (path / RECORD_FILE).is_file() and (path / MAPS).is_dir() else None
+    there = path.parent.name == MAPS and (path.parent.parent / RECORD_FILE).is_file()
+    return path if there and path.with_name(f"{path.name}_h_max.tif").is_file() else None
+
+
+def _region(maps):
+    """The Result of the largest values of a region's areas: nodata is a cell without flow, as in an export."""
+    found = {}
+    for key in LARGEST:
+        found |= _named_bands(maps.with_name(f"{maps.name}_{key}.tif"))
+    extent = _extent_of_flow(maps.with_name("all_h_max.tif"))  # the same for all scenarios
+    bands = {name: CroppedBand(band.path, band.number, band.quantity, extent) for name, band in found.items()}
+    name = maps.parent.parent.resolve().name
+    return Result(name if maps.name == "all" else f"{name} {maps.name}", "export", bands)
+
+
+def _extent_of_flow(path):
+    """(first row, end, first column, end) of the cells with data, read in strips."""
+    with open_raster(path) as source:
+        rows, columns = source.shape
+        held, across = [], np.zeros(columns, bool)
+        for first in range(0, rows, STRIP):
+            last = min(first + STRIP, rows)
+            known = source.read_masks(1, window=((first, last), (0, columns))) > 0
+            across |= known.any(axis=0)
+            held.extend((first + np.flatnonzero(known.any(axis=1))).tolist())
+    if not held:
+        raise FormatError(f"{path} has no cell with flow")
+    there = np.flatnonzero(across)
+    return held[0], held[-1] + 1, int(there[0]), int(there[-1]) + 1
 
 
 def _named_bands(path, ending=""):

@@ -273,6 +273,8 @@ class RunFolder:
             target.write(terrain.elevation, 1)
             target.set_band_description(1, "elevation [m]")
             target.set_band_unit(1, "m")
+            if terrain.reprojection is not None:
+                target.update_tags(**{name: str(value) for name, value in terrain.reprojection.facts().items()})
         return file_sha256(path)
 
     def write_frame(self, frame):

@@ -11,6 +11,7 @@ from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from .raster import read_raster
 from .reprojection import repaired, require_lies_on, to_terrain
+from .terrain_warp import reprojected_raster
 from .vector_table import names_of, read_table, require_polygons
 
 
@@ -95,14 +96,17 @@ def read_placed_raster(path, terrain):
     Raises
     ------
     GeoreferenceError
-        In another CRS: spatial values are not resampled.
+        In another CRS, unless the terrain was brought to its CRS by `to_crs`: spatial values are resampled only where
+        that is asked for.
     FormatError, InputError
     """
     values, grid = read_raster(path)
     target = terrain.grid.crs
     if grid.crs is not None and target is not None and not same_place(grid.crs, target):
+        if terrain.reprojection is not None:
+            return reprojected_raster(path, target)
         raise GeoreferenceError(
-            f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; reproject it: "
+            f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; give --to-crs auto, or reproject it: "
             f"{warp_command(path, name_of(target), 'nearest')}"
         )
     if grid.crs is None or target is None:

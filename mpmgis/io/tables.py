@@ -105,6 +105,26 @@ class BarrierTable:
         return [row for row in rows if row[0] <= until * (1.0 + 1e-12)]
 
 
+def read_barrier_table(path: Path) -> dict[str, dict[str, np.ndarray]]:
+    """Name of a barrier -> heading of a column -> float64[frames], of a file that BarrierTable wrote.
+
+    Raises
+    ------
+    FormatError
+    """
+    try:
+        with open(path, encoding="utf-8", newline="") as handle:
+            rows = list(csv.DictReader(handle))
+        found = {}
+        for name in dict.fromkeys(row["barrier"] for row in rows):
+            mine = [row for row in rows if row["barrier"] == name]
+            headings = [heading for heading in mine[0] if heading != "barrier"]
+            found[name] = {heading: np.array([float(row[heading]) for row in mine]) for heading in headings}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{path} is not a table of barriers of a run ({one_line(error)[:80]})") from error
+    return found
+
+
 def append_rows(sink, columns, delimiter):
     """Append rows to a binary file.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gis.clock import Clock
-from ..gis.styles import colour_classes, look_of
+from ..gis.colours import colour_classes, look_of
 from ..io.atomic import whole_file
 from ..io.exported import ExportedRun
 from ..io.libraries import needed_for

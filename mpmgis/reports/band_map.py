@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..gis.styles import LOOKS, Look
+from ..gis.colours import LOOKS, Look
 from ..io.atomic import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .picture import (
     INK,
     RELEASE_COLOUR,
-    draw_north_arrow,
     draw_outline,
-    draw_scale_bar,
+    draw_scale_and_north,
     draw_terrain,
     draw_values,
     map_axes,
@@ -22,6 +21,7 @@ from .picture import (
 )
 
 DOTS_PER_INCH = 100
+WALL_COLOUR = "#111111"
 
 
 def write_band_map(
@@ -33,6 +33,9 @@ def write_band_map(
     title: str = "",
     release: Sequence | None = None,
     min_depth: float = 0.05,
+    view: tuple | None = None,
+    walls: Sequence = (),
+    marks: Sequence = (),
 ) -> None:
     """Write a PNG map of a band, with the same classes as in QGIS.
 
@@ -51,6 +54,12 @@ def write_band_map(
     release : sequence of shapely polygons, optional
     min_depth : float [m]
         Depths up to this are not drawn.
+    view : (west, south, east, north) [m], optional
+        Instead of the part with flow and release.
+    walls : sequence of shapely polygons
+        Barriers.
+    marks : sequence of (E, N, text)
+        Places [m], drawn as labelled dots.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -59,25 +68,42 @@ def write_band_map(
     floor = min_depth if look.shown == "depth" else 0.0
     figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)
-    with np.errstate(invalid="ignore"):
-        view = map_view(terrain, grid, values > floor, release)
+    if view is None:
+        with np.errstate(invalid="ignore"):
+            view = map_view(terrain, grid, values > floor, release)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
     classes = draw_values(axes, grid, values, look, floor)
     draw_outline(axes, release, RELEASE_COLOUR)
-    draw_scale_bar(axes, view)
-    draw_north_arrow(axes)
-    _draw_legend(axes, look, classes, bool(release), interval)
+    draw_outline(axes, list(walls), WALL_COLOUR)
+    _draw_marks(axes, marks)
+    draw_scale_and_north(axes, view)
+    _draw_legend(axes, look, classes, (bool(release), bool(walls)), interval)
     axes.set_title(title, loc="left", fontsize=12, fontweight="bold", pad=10)
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
 
-def _draw_legend(axes, look, classes, has_release, interval):
+def _draw_marks(axes, marks):
+    from matplotlib.patheffects import withStroke
+
+    for x, y, text in marks:
+        dot = {"color": "white", "markeredgecolor": "black", "markersize": 7, "zorder": 8}
+        axes.plot([x], [y], "o", scalex=False, scaley=False, **dot)
+        axes.annotate(
+            text, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=9, fontweight="bold", zorder=9,
+            annotation_clip=True, path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )  # fmt: skip
+
+
+def _draw_legend(axes, look, classes, outlined, interval):
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     entries = [Patch(facecolor=entry.colour, edgecolor=INK, linewidth=0.4, label=entry.label) for entry in classes]
+    has_release, has_walls = outlined
+    if has_walls:
+        entries.append(Line2D([], [], color=WALL_COLOUR, linewidth=1.6, label="barrier"))
     if has_release:
         entries.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
     if interval:

@@ -9,8 +9,9 @@ import rasterio
 
 from ..experiments.statistics import ARRIVAL, PEAKS, PROBABILITY, WORDS, statistics
 from ..fields import Quantity
+from ..gis.colours import look_of
 from ..gis.project import Group, project_document, raster_layer, terrain_group, title_settings, write_archive
-from ..gis.styles import hillshade_pipe, look_of, style_document, value_pipe, write_sidecar
+from ..gis.styles import hillshade_pipe, style_document, value_pipe, write_sidecar
 from ..io.ensemble_folder import MemberStack
 from ..io.exported import TYPICAL_PERCENTILE, moved_corner
 from ..io.raster_output import write_rows

@@ -36,15 +36,16 @@ class Source(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A `title` and its blocks: Table, Picture, Lines or Source."""
+    """A `title` and its blocks: Table, Picture, Lines or Source; a `page` of its own in print."""
 
     title: str
     blocks: tuple
+    page: bool = False
 
 
-def section(title: str, *blocks) -> Section:
+def section(title: str, *blocks, page: bool = False) -> Section:
     """A Section of the blocks that are not empty."""
-    return Section(title, tuple(block for block in blocks if block is not None and any(block)))
+    return Section(title, tuple(block for block in blocks if block is not None and any(block)), page)
 
 
 def figure_rows(facts: Iterable[tuple]) -> tuple:
@@ -68,6 +69,7 @@ pre { background: #f4f2ee; padding: 0.8em; font-size: 0.85em; white-space: pre-w
 td, li { overflow-wrap: anywhere; }
 @page { size: A4; margin: 16mm; }
 @media print {
+  h2.page { break-before: page; }
   body { font-size: 10.5pt; margin: 0; max-width: none; } h2 { break-after: avoid; } img { max-height: 200mm; }
 }
 """
@@ -92,7 +94,8 @@ def write_report(path: Path, title: str, under: str, sections: Iterable[Section]
     ]
     for section in sections:
         if section.blocks:
-            parts += [f"<h2>{escape(section.title)}</h2>", *map(_block, section.blocks)]
+            own = ' class="page"' if section.page else ""
+            parts += [f"<h2{own}>{escape(section.title)}</h2>", *map(_block, section.blocks)]
     with whole_file(path) as part:
         part.write_text("\n".join([*parts, "</body>\n</html>\n"]), encoding="utf-8", newline="\n")
 

@@ -29,7 +29,7 @@ from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 from ..scene import read_scene
 from ..terrain.georeference import name_of
 from .inspect_maps import project_facts, raster_facts, vector_facts
-from .inspect_particles import PEAKS, foreign_facts, frame_facts, particle_table_facts
+from .inspect_particles import PEAKS, frame_facts, particle_table_facts, third_party_facts
 
 README = "README.txt"
 CLOSE = 1e-6  # relative tolerance of the mass in README.txt
@@ -86,7 +86,7 @@ def _of_series(folder):
     reader, files = third_party_files(folder)
     if not files:
         raise FormatError(f"{folder} has no points; write it again")
-    facts = foreign_facts(files, reader, Declarations())
+    facts = third_party_facts(files, reader, Declarations())
     names = ("frames", "first_time", "time", "n", "mass", "volume", "bbox", "elevation", "max_speed", "series", "lost")
     first = (facts.get("series") or [facts])[0]
     kept = {name: facts[name] for name in names if name in facts}
@@ -141,7 +141,7 @@ def _facts(path, terms):
         raise FormatError(f"{path} is empty (0 bytes)")
     foreign = reader_of(path, terms.reader, lenient=bool(terms.columns) or find_sidecar(path) is not None)
     if foreign != OWN:
-        return {"file": str(path), "bytes": path.stat().st_size, **foreign_facts([path], foreign, terms)}
+        return {"file": str(path), "bytes": path.stat().st_size, **third_party_facts([path], foreign, terms)}
     _reject_unused(path, terms)
     known = _BY_SUFFIX.get(path.suffix.lower(), _map_facts)
     return {"file": str(path), "bytes": path.stat().st_size, **known(path)}
@@ -182,7 +182,7 @@ def _folder_facts(path, terms):
         return _results_facts(path, frames)
     reader, files = third_party_files(path, terms.reader)
     if files:
-        return foreign_facts(files, reader, terms)
+        return third_party_facts(files, reader, terms)
     _reject_unused(path, terms)
     projects = sorted([*path.glob("*.qgz"), *path.glob("*.qgs")])
     rasters = sorted((path / "rasters").glob("*.tif")) + sorted((path / "rasters").glob("*.vrt"))

@@ -127,7 +127,8 @@ def raster_facts(path: Path, values: bool = True) -> dict:
         facts = {
             "kind": "raster",
             "driver": source.driver,
-            "cells": list(source.shape),
+            "size": {"columns": source.width, "rows": source.height},
+            "cells": list(source.shape),  # rows, columns: for programs that read it
             "cell_size": [float(np.hypot(*grid.matrix[:, k])) for k in (0, 1)] if placed else None,
             "orientation": _orientation(source.transform) if placed else None,
             "bbox": list(grid.bounds) if placed else None,

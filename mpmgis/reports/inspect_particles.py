@@ -66,7 +66,7 @@ def frame_facts(path: Path) -> dict:
     return facts
 
 
-def foreign_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
+def third_party_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
     """Facts about files of another code, with the user declarations `terms` (Declarations); unknown facts are None.
 
     For several frames: facts of the last one, and number and mass of each.
@@ -82,9 +82,9 @@ def foreign_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
         times = [None] * len(frames)  # the number of --times differs from that of the frames
     series = sorted(zip(frames, times, strict=True), key=lambda entry: series_position(entry[0]))
     if len(series) == 1:
-        return {"kind": "particles", **_foreign_frame_facts(*series[0], reader, terms)}
+        return {"kind": "particles", **_third_party_frame_facts(*series[0], reader, terms)}
     shown = series if len(series) <= MOST_FRAMES_READ else [series[0], series[-1]]
-    read = [_foreign_frame_facts(frame, time, reader, terms) for frame, time in shown]
+    read = [_third_party_frame_facts(frame, time, reader, terms) for frame, time in shown]
     facts = {"kind": "results", "frames": len(series), "first_time": read[0]["time"], **read[-1]}
     facts["series"] = [
         {"name": frame.path.name, **{key: some[key] for key in ("time", "n", "mass")}}
@@ -94,7 +94,7 @@ def foreign_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
     return facts | ({"lost": f"{lost} particles, between the largest of these frames and the last"} if lost else {})
 
 
-def _foreign_frame_facts(frame, time, reader, terms):
+def _third_party_frame_facts(frame, time, reader, terms):
     """Facts about one frame of another code."""
     particles = third_party_particles(frame, terms)
     origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)

@@ -31,11 +31,18 @@ def read_guidelines(own: Path | None = None) -> dict[str, Guideline]:
     FormatError, InputError
         The file is missing, not TOML, or not a table of guidelines.
     """
-    guidelines = parse_guidelines(_tables(SHIPPED), SHIPPED.name)
-    return guidelines if own is None else guidelines | parse_guidelines(_tables(own), own)
+    guidelines = parse_guidelines(read_tables(SHIPPED), SHIPPED.name)
+    return guidelines if own is None else guidelines | parse_guidelines(read_tables(own), own)
 
 
-def _tables(path):
+def read_tables(path: Path) -> dict:
+    """Tables of a TOML file.
+
+    Raises
+    ------
+    FormatError
+        It is missing, or not TOML.
+    """
     path = Path(path)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from ..gis.colours import LOOKS, ColourClass, Look, colour_classes, round_up
 from ..gis.outlines import mask_outline
-from ..gis.styles import LOOKS, ColourClass, Look, colour_classes, contour_interval, round_up
+from ..gis.styles import contour_interval
 from ..io.atomic import whole_file
 from ..io.exported import TYPICAL_PERCENTILE
 from ..terrain.elevation import Terrain
@@ -25,6 +26,7 @@ DOTS_PER_INCH = 150
 MAP_LONG_SIDE = 7.5  # [inch]
 LABEL_WIDTH = 0.7  # [inch] along the axis
 LEGEND_WIDTH = 2.6  # [inch]
+SCALE_BAR = 1.5  # [inch], its greatest length
 MARGIN = 0.12  # around the flow, as a share of its longer side
 SLIMMEST = 0.62  # smallest ratio of the map sides
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
@@ -75,7 +77,7 @@ def write_picture(
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
     classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
-    deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform)
+    deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, smooth=True)
     draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
     draw_scale_bar(axes, view)
@@ -130,7 +132,7 @@ def map_axes(figure: "Figure", view: tuple) -> "Axes":
     inch = MAP_LONG_SIDE / max(east - west, north - south)
     width, height = (east - west) * inch, (north - south) * inch
     left, below, above = 0.85, 0.75, 0.55
-    total = (left + width + LEGEND_WIDTH, max(below + height + above, 4.6))
+    total = (left + width + LEGEND_WIDTH, max(below + height + above, 5.4))
     figure.set_size_inches(total)
     axes = figure.add_axes(
         [left / total[0], (total[1] - above - height) / total[1], width / total[0], height / total[1]]
@@ -235,38 +237,72 @@ def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:
 
 
 def draw_scale_bar(axes: "Axes", view: tuple) -> None:
-    """Draw a scale bar of a round length in the lower left corner."""
+    """Draw a scale bar of a round length beside the map, below the legend, where it never covers the flow."""
     from matplotlib.patches import Rectangle
 
-    west, south, east, north = view
-    length = round_up(0.16 * (east - west))
-    height = 0.010 * max(east - west, north - south)
-    x, y = west + 0.05 * (east - west), south + 0.035 * (north - south)
-    back = (x - 3 * height, y - 1.5 * height)
-    axes.add_patch(Rectangle(back, length + 9 * height, 6.5 * height, facecolor="white", alpha=0.8, zorder=6))
+    figure, (left, bottom) = axes.figure, _lower_left_corner(axes)
+    metres = (view[2] - view[0]) / (axes.get_position().width * figure.get_figwidth())  # per inch
+    length = _round_down(SCALE_BAR * metres)
+    width, height = length / metres, 0.06
+    inches = figure.dpi_scale_trans
     for k, colour in enumerate(("black", "white")):
-        place = (x + k * length / 2, y)
-        axes.add_patch(Rectangle(place, length / 2, height, facecolor=colour, edgecolor="black", lw=0.7, zorder=7))
+        place = (left + k * width / 2, bottom)
+        half = Rectangle(place, width / 2, height, facecolor=colour, edgecolor="black", lw=0.7, transform=inches)
+        figure.add_artist(half).set_gid("scale bar")
     text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
-    for at, label in ((0.0, "0"), (length, text)):
-        axes.text(x + at, y + 1.8 * height, label, fontsize=7.5, ha="center", va="bottom", zorder=7)
+    for at, label in ((0.0, "0"), (width, text)):
+        figure.text(left + at, bottom + 0.1, label, fontsize=7.5, ha="center", va="bottom", transform=inches)
 
 
 def draw_north_arrow(axes: "Axes") -> None:
-    """Draw an arrow in the upper right corner; the map is always north-up."""
+    """Draw an arrow beside the map, right of the scale bar; the map is always north-up."""
+    from matplotlib.patches import FancyArrowPatch
+
+    figure, (left, bottom) = axes.figure, _lower_left_corner(axes)
+    inches, middle = figure.dpi_scale_trans, left + SCALE_BAR + 0.35
+    arrow = FancyArrowPatch((middle, bottom - 0.1), (middle, bottom + 0.3), arrowstyle="-|>", mutation_scale=11,
+                            color="black", lw=1.2, shrinkA=0, shrinkB=0, transform=inches)  # fmt: skip
+    figure.add_artist(arrow).set_gid("north arrow")
+    figure.text(middle, bottom + 0.32, "N", fontsize=9.5, fontweight="bold", ha="center", va="bottom", transform=inches)
+
+
+def _lower_left_corner(axes):
+    """Left and lower end [inch] of the place for scale bar and north arrow, at the foot of the legend's column."""
+    figure = axes.figure
+    return axes.get_position().x1 * figure.get_figwidth() + 0.3, 0.4
+
+
+def _round_down(value):
+    """The largest 1, 2 or 5 times a power of ten up to `value`."""
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-9)) * power
+
+
+LENGTH_OFF_MAP = 1.6  # [inch] longest scale bar beside a map
+
+
+def draw_scale_and_north(axes: "Axes", view: tuple) -> None:
+    """Draw scale bar and north arrow in the column of the legend, off the map, at the lower end of the figure."""
+    from matplotlib.patches import Rectangle
+
+    figure, box = axes.figure, axes.get_position()
+    width, height = figure.get_size_inches()
+    metre = box.width * width / (view[2] - view[0])  # [inch]
+    length = round_up(0.4 * LENGTH_OFF_MAP / metre)
+    left, low, bar = box.x1 + 0.35 / width, 0.45 / height, 0.07 / height
+    half = 0.5 * length * metre / width
+    for k, colour in enumerate(("black", "white")):
+        place = (left + k * half, low)
+        figure.add_artist(Rectangle(place, half, bar, facecolor=colour, edgecolor="black", lw=0.7))
+    text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+    for at, label in ((0.0, "0"), (2 * half, text)):
+        figure.text(left + at, low + 1.6 * bar, label, fontsize=7.5, ha="center", va="bottom", color=INK)
     axes.annotate(
-        "N",
-        xy=(0.955, 0.885),
-        xytext=(0.955, 0.965),
-        xycoords="axes fraction",
-        ha="center",
-        va="center",
-        fontsize=10,
-        fontweight="bold",
-        zorder=8,
-        arrowprops={"arrowstyle": "<|-,head_width=0.35,head_length=0.6", "color": "black", "lw": 1.4},
-        bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-    )
+        "N", xy=(left + half, low + 1.0 / height), xytext=(left + half, low + 0.5 / height),
+        xycoords="figure fraction", textcoords="figure fraction", ha="center", va="center", fontsize=10,
+        fontweight="bold", annotation_clip=False,
+        arrowprops={"arrowstyle": "-|>,head_width=0.35,head_length=0.6", "color": "black", "lw": 1.4},
+    )  # fmt: skip
 
 
 def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):

@@ -7,7 +7,7 @@ import numpy as np
 from ..analysis.profiles import LOAD_COLUMNS, PROFILE_COLUMNS, ProfileFound, SeriesFound, VerticalFound
 from ..analysis.runout import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
 from ..analysis.section_flux import COLUMNS, HydrographFound
-from ..gis.styles import BATLOW, LOOKS, ramp_colours
+from ..gis.colours import BATLOW, LOOKS, ramp_colours
 from ..io.tables import column_name, write_records
 from .plots import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot_file
 

@@ -155,7 +155,7 @@ def _colour(parameter):
 def _plot_others(axes, study):
     """Results of other codes: hollow markers, one kind per code, labelled with their settings."""
     codes = list(dict.fromkeys(other.code for other in study.beside))
-    for k, (other, error) in enumerate(zip(study.beside, study.beside_errors(), strict=True)):
+    for k, (other, error) in enumerate(zip(study.beside, study.errors_of_others(), strict=True)):
         marker, colour = OTHERS[codes.index(other.code) % len(OTHERS)]
         typical, least, most = other.seconds
         first = other.code not in [earlier.code for earlier in study.beside[:k]]

@@ -1,12 +1,13 @@
 """Terrain: elevation on a grid, with its gradient, its normal and its value at any point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded when they are first used
 
 from .grid import Grid
+from .reprojected import Reprojection
 
 BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge
 
@@ -19,15 +20,18 @@ class Terrain:
     ----------
     grid : Grid
     elevation : float64[rows, columns] [m]
-        NaN where there is no data; the value of a pixel holds at its centre.
+        NaN where there is no data; the value of a pixel is that at its centre.
     path, sha256 : str
         Where it came from and the digest of that file; '' where unknown.
+    reprojection : Reprojection, optional
+        How it came to its CRS and to metres, where that was asked for.
     """
 
     grid: Grid
     elevation: np.ndarray
     path: str = ""
     sha256: str = ""
+    reprojection: Reprojection | None = None
 
     @cached_property
     def valid(self):
@@ -40,7 +44,7 @@ class Terrain:
 
         One-sided to second order at the rim and first order next to nodata; both components NaN where one axis has
         no valid neighbour; 0 across a raster of a single row or column. Mapped by the inverse
-        transpose of the pixel matrix, so that it holds for any affine.
+        transpose of the pixel matrix, for any affine.
         """
         return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))
 
@@ -71,7 +75,7 @@ class Terrain:
         return bilinear(self.elevation, row, column)
 
     def rows_on(self, grid, first, last):
-        """Elevation [m] at the centres of some rows of `grid`: between pixels, or next to nodata the pixel's own."""
+        """Elevation [m] at the centres of some rows of `grid`: interpolated, or next to nodata that of the pixel."""
         if (grid.transform, grid.shape) == (self.grid.transform, self.grid.shape):
             return self.elevation[first:last]
         row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
@@ -85,7 +89,7 @@ class Terrain:
 
     def moved(self, east, north):
         """The same ground `east` and `north` [m] further; see `Grid.moved`."""
-        return Terrain(self.grid.moved(east, north), self.elevation, self.path, self.sha256)
+        return replace(self, grid=self.grid.moved(east, north))
 
     def cropped(self, bounds, margin):
         """The Terrain of the pixels that meet `bounds` (west, south, east, north) [m] and `margin` pixels around."""
@@ -94,13 +98,13 @@ class Terrain:
     def part(self, rows, columns):
         """The Terrain of two slices, of `rows` and of `columns`."""
         elevation = self.elevation[rows, columns]
-        return Terrain(self.grid.part(rows.start, columns.start, elevation.shape), elevation, self.path, self.sha256)
+        return replace(self, grid=self.grid.part(rows.start, columns.start, elevation.shape), elevation=elevation)
 
 
 def continued(elevation, pad=0, most=np.inf):
-    """`elevation` with `pad` pixels more on every side, and where it has no data the ground goes on with its slope.
+    """`elevation` with `pad` more pixels on every side; without data the ground is extended with its slope.
 
-    Each missing pixel lies on the tangent plane of the nearest pixel whose slope is known, so that a plane stays
+    Each missing pixel is on the tangent plane of the nearest pixel with a known slope, so that a plane stays
     one, whatever its holes; beyond `most` pixels along an axis it is level. What has an elevation keeps it.
     """
     padded = np.pad(elevation, pad, constant_values=np.nan)
@@ -157,7 +161,7 @@ def _difference(elevation, axis, limit=np.inf):
         result = 0.5 * (forward + backward)
         smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
         result = np.where(np.abs(forward - backward) > limit, smaller, result)
-        if n > 2:  # second-order one-sided at the rim, unless a cliff stands one pixel further in
+        if n > 2:  # second-order one-sided at the edge, unless there is a cliff one pixel further inside
             for rim, inner in ((0, 1), (-1, -2)):
                 smooth = np.abs(step[rim] - step[inner]) <= limit
                 result[rim] = np.where(smooth, 1.5 * step[rim] - 0.5 * step[inner], step[rim])

@@ -10,15 +10,15 @@ import pyproj
 from ..errors import GeoreferenceError, InputError, one_line
 from ..messages import log
 
-LOCAL = "local"
+LOCAL, AUTO = "local", "auto"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
 _SAME_NUMBERS = 1e-3  # [m] that the same place may differ by in two projections that are one
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
 _LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1]
 
 
-def parse_crs(text):
-    """The CRS that ``--crs`` names: a pyproj.CRS, or None for ``local`` (metres without a place).
+def parse_crs(text, option="--crs"):
+    """The CRS that the `option` names: a pyproj.CRS, or None for ``local`` (metres without a place).
 
     Raises
     ------
@@ -30,11 +30,12 @@ def parse_crs(text):
         return None
     authority, _, code = word.partition(":")
     if authority.upper() != "EPSG" or not code.isdigit():
-        raise InputError(f"--crs got {word!r}, expected EPSG:n, for example EPSG:32632, or local")
+        other = AUTO if option == "--to-crs" else LOCAL
+        raise InputError(f"{option} got {word!r}, expected EPSG:n, for example EPSG:32632, or {other}")
     try:
         return pyproj.CRS.from_epsg(int(code))
     except pyproj.exceptions.CRSError as error:
-        raise InputError(f"--crs got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
+        raise InputError(f"{option} got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
 
 
 def crs_of_text(text):
@@ -43,7 +44,7 @@ def crs_of_text(text):
     Raises
     ------
     InputError
-        None of these, or one that PROJ does not know.
+        None of these, or unknown to PROJ.
     """
     word = str(text).strip()
     try:
@@ -90,9 +91,9 @@ def metric_equivalent(longitude, latitude):
 
 
 def warp_command(path, crs=None, resampling="bilinear", size=None):
-    """The call, to be pasted, that makes `<name>_warped.tif`, where one stands, from a raster.
+    """The command that creates `<name>_warped.tif` in the current folder from a raster.
 
-    `rio` comes with rasterio, so that it is there wherever mpmgis is; GDAL's own programs are not. `crs` is a CRS by
+    `rio` is part of rasterio and always available; the programs of GDAL are not. `crs` is a CRS by
     its code, `size` [m] that of the new pixels.
     """
     path = PurePath(path)
@@ -102,7 +103,7 @@ def warp_command(path, crs=None, resampling="bilinear", size=None):
 
 
 def scale_command(path, factor):
-    """The call, to be pasted, that makes `<name>_m.tif`, where one stands, from a raster: its values by `factor`."""
+    """The command that creates `<name>_m.tif` in the current folder from a raster, its values times `factor`."""
     path = PurePath(path)
     return f"rio calc '(* {factor:.10g} (read 1))' {_quoted(path)} {_quoted(f'{path.stem}_m.tif')}"
 
@@ -155,11 +156,7 @@ def require_metric(crs, bounds, where):
     plane = horizontal(crs)
     name = name_of(crs)
     centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
-    if plane.is_geographic and (max(abs(v) for v in bounds[::2]) > 400 or max(abs(v) for v in bounds[1::2]) > 100):
-        raise GeoreferenceError(
-            f"{where} is tagged {name} (degrees), but its coordinates {_pair(centre)} are not degrees; give the "
-            f"projection of the coordinates: --crs EPSG:n, or for a false tag rio edit-info FILE --crs EPSG:n"
-        )
+    require_true_degrees(crs, bounds, where)
     if plane.is_geographic or plane.is_geocentric:
         cure = _reprojection(where, *_longitude_latitude(plane, centre))
         unit = "degrees" if plane.is_geographic else "geocentric coordinates"
@@ -178,11 +175,38 @@ def require_metric(crs, bounds, where):
         )
     scale_error, area_error = _require_place(plane, centre, where, name)
     if scale_error > _LARGEST_SILENT_SCALE_ERROR:
+        truer = metric_equivalent(*_longitude_latitude(plane, centre))
+        advice = f"; a projection made for this place, for example {truer}, would be truer" if truer != name else ""
         log.info(
             f"{where}: {name} stretches lengths here by up to {100 * scale_error:.2f} %, so areas and volumes are off "
-            f"by {100 * area_error:.2f} %; a projection made for this place, for example "
-            f"{metric_equivalent(*_longitude_latitude(plane, centre))}, would be truer"
+            f"by {100 * area_error:.2f} %{advice}"
         )
+
+
+def require_true_degrees(crs, bounds, where):
+    """Refuse a CRS in degrees for coordinates that are not degrees; arguments as for `require_metric`.
+
+    Raises
+    ------
+    GeoreferenceError
+    """
+    far = max(abs(v) for v in bounds[::2]) > 400 or max(abs(v) for v in bounds[1::2]) > 100
+    if horizontal(crs).is_geographic and far:
+        centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
+        raise GeoreferenceError(
+            f"{where} is tagged {name_of(crs)} (degrees), but its coordinates {_pair(centre)} are not degrees; give "
+            f"the projection of the coordinates: --crs EPSG:n, or for a false tag rio edit-info FILE --crs EPSG:n"
+        )
+
+
+def is_metric(crs):
+    """True for a map projection whose axes are in metres."""
+    return crs.is_projected and all(abs(axis.unit_conversion_factor - 1.0) <= 1e-12 for axis in crs.axis_info)
+
+
+def centre_of(crs, bounds):
+    """(longitude, latitude) in WGS 84 of the middle of `bounds`; infinities where the CRS has none there."""
+    return _longitude_latitude(horizontal(crs), (0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])))
 
 
 def _span(bounds):
@@ -204,9 +228,9 @@ def _longitude_latitude(plane, point):
 
 def _reprojection(where, longitude, latitude):
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
-        return f"Reproject it to a projected CRS in metres: {warp_command(where, 'EPSG:n')}"
+        return f"Give --to-crs EPSG:n, or reproject it to a projected CRS in metres: {warp_command(where, 'EPSG:n')}"
     target = metric_equivalent(longitude, latitude)
-    return f"Reproject it, for example: {warp_command(where, target)}"
+    return f"Give --to-crs auto ({target}), or reproject it: {warp_command(where, target)}"
 
 
 def _require_metres(plane, crs, where, centre):
@@ -221,8 +245,8 @@ def _require_metres(plane, crs, where, centre):
         if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > 1e-12:
             raise GeoreferenceError(
                 f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), expected metre; "
-                f"convert them ({scale_command(where, axis.unit_conversion_factor)}) and give the result a CRS in "
-                "metres"
+                f"give --to-crs auto, or convert them ({scale_command(where, axis.unit_conversion_factor)}) and give "
+                "the result a CRS in metres"
             )
 
 
@@ -250,7 +274,7 @@ def _require_place(plane, centre, where, name):
 
 
 def _degrees_outside(area, longitude, latitude):
-    """How far [deg] a place lies outside an area of use; 0 inside, or where the CRS states none."""
+    """Distance [deg] of a place from an area of use; 0 inside, or if the CRS has none."""
     if area is None:
         return 0.0
     width = (area.east - area.west) % 360 or 360.0

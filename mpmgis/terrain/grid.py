@@ -44,7 +44,7 @@ class Grid:
 
     @cached_property
     def axes(self):
-        """float64[2, 3]: the inverse of `matrix`, so written that nothing is rounded twice where nothing is rotated.
+        """float64[2, 3]: the inverse of `matrix`, rounded only once without rotation.
 
         Row 0 gives columns, row 1 rows: (first * east + second * north) / third, counted in cells from `corner`, of a
         place [m] from there.
@@ -132,7 +132,7 @@ class Grid:
     def window(self, bounds, margin=0):
         """(slice of rows, slice of columns) of the pixels that meet `bounds` [m], with `margin`; two along each axis.
 
-        What lies beyond the raster is answered by the two pixels at its edge.
+        Bounds beyond the raster give the two pixels at its edge.
         """
         (i0, j0), (i1, j1) = self.pixel_range(bounds, margin)
         i0, j0 = (max(min(a, n - 2), 0) for a, n in zip((i0, j0), self.shape, strict=True))

@@ -15,7 +15,7 @@ COLUMNS = {
     "velocity_east": "m s-1",
     "velocity_north": "m s-1",
 }
-BATCH_SHARE = 0.125  # of what an inlet holds: what comes in at once
+BATCH_SHARE = 0.125  # share of the content of an inlet that enters at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Hydrograph:
 
 
 def clearing_time(discharge, length, width, slope, speed, gravity=GRAVITY):
-    """Time [s] in which what has come in leaves the inlet again.
+    """Time [s] in which the inflow leaves the inlet.
 
     Its speed there is that of critical flow, (g Q / W)^(1/3) (the free outflow of a pool), or that of material which
     enters with `speed` and slides down the inlet without friction, averaged over the way, whichever is faster.
@@ -82,7 +82,7 @@ def clearing_time(discharge, length, width, slope, speed, gravity=GRAVITY):
 
 
 def batch_times(hydrograph, end_time, interval):
-    """(start, end) [s] of the intervals, equal and at most `interval` [s] long, whose inflow comes in at their start.
+    """(start, end) [s] of the intervals, equal and at most `interval` [s] long, whose inflow enters at their start.
 
     They divide the time of the whole hydrograph. Of those only the intervals before `end_time` [s] are returned, the
     last one cut there, so that a run with a later end begins with the same batches; float64[k, 2].

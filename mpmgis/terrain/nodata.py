@@ -19,7 +19,7 @@ def nodata_groups(nodata):
 
 
 class NodataGroup(NamedTuple):
-    """Cells without elevation: their number, and a place on the map [m] amid them."""
+    """Cells without elevation: their number, and a map place [m] among them."""
 
     cells: int
     east: float
@@ -30,7 +30,7 @@ class NodataInReach(NamedTuple):
     """What the flow can reach of the nodata of a DTM: the holes, largest first, and cells of the collar (or None)."""
 
     holes: tuple = ()  # of NodataGroup, whole holes
-    collar: NodataGroup | None = None  # only the cells beside reachable ground
+    collar: NodataGroup | None = None  # only the cells next to reachable ground
 
     @property
     def hole(self):

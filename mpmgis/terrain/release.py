@@ -20,7 +20,7 @@ _COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "
 class ThicknessRaster:
     """Thickness [m] per pixel of `grid` (in the terrain's CRS), `values` float64[rows, columns].
 
-    NaN where there is no material; a pixel's value holds at its centre.
+    NaN where there is no material; the value of a pixel is that at its centre.
     """
 
     values: np.ndarray
@@ -43,8 +43,8 @@ class ReleasePart:
 class ReleaseArea:
     """All features of a release, which do not overlap, in the terrain's CRS.
 
-    `thickness_mode` is the direction of every thickness: ``normal`` to the bed or ``vertical``. `path` and `sha256` say
-    where it came from; `record` holds what was noted while reading (numbers and strings).
+    `thickness_mode` is the direction of every thickness: ``normal`` to the bed or ``vertical``. `path` and `sha256` are
+    those of the source; `record` has notes of reading (numbers and strings).
     """
 
     parts: tuple
@@ -72,7 +72,7 @@ class ReleaseArea:
 
 
 def without_overlaps(parts):
-    """`parts` with those of one thickness united into one, so that no ground is counted twice.
+    """`parts` with those of equal thickness united, so that no ground is counted twice.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _unite(group):
 
 
 def _cut_common_border(first, second):
-    """`second` without what it shares with `first`: rounding only, more is refused."""
+    """`second` without its overlap with `first`: rounding only, a larger one is refused."""
     shared = first.polygon.intersection(second.polygon).area
     if shared <= 0:
         return second
@@ -153,7 +153,7 @@ def require_on_terrain(part, grid):
     )
 
 
-def tell_of_cliffs(gradient, frame):
+def report_cliffs(gradient, frame):
     """Refuse a release that starts on a cliff, and report the share on very steep ground.
 
     Parameters

@@ -23,7 +23,7 @@ class Surface:
     height : callable (x, y) -> float[...] [m]
         Elevation at map points [m] of any shape.
     gradient : callable (x, y) -> (float[...], float[...]) [1]
-        (db/dx, db/dy) there; at a kink or cliff the side is the one that the surface's own docstring names.
+        (db/dx, db/dy) there; at a kink or cliff the side is given in the docstring of the surface.
     """
 
     height: Callable
@@ -72,7 +72,7 @@ def bowl(depth, radius, centre=(0.0, 0.0)):
 def ramp_with_cliff(angle, drop, edge=(0.0, 0.0), azimuth=90.0, foot=0.0):
     """A ramp at `angle` that ends in a vertical cliff of height `drop` above flat ground at height `foot`.
 
-    The cliff stands at the point `edge` at right angles to `azimuth`; on the edge itself the ground is the flat's.
+    The cliff is at the point `edge`, normal to `azimuth`; on the edge the ground is that of the flat.
     (NHESS supplement S1: angle 30, drop 10.)
     """
     tangent = np.tan(np.radians(_within("angle", angle, 0.0, 90.0)))
@@ -93,7 +93,7 @@ def ramp_with_cliff(angle, drop, edge=(0.0, 0.0), azimuth=90.0, foot=0.0):
 def circular_channel(radius, angle=0.0, azimuth=90.0, bank_angle=60.0, point=(0.0, 0.0), height=0.0):
     """A channel whose cross-section is a circle of `radius`, its bed falling at `angle` towards `azimuth`.
 
-    The bed line goes through `point` at `height`; where the circle is steeper than `bank_angle` the banks go on
+    The bed line passes through `point` at `height`; where the circle is steeper than `bank_angle` the banks continue
     straight at that angle, so that the surface and its gradient are continuous.
     """
     _positive("radius", radius)
@@ -114,7 +114,7 @@ def circular_channel(radius, angle=0.0, azimuth=90.0, bank_angle=60.0, point=(0.
 def v_channel(bank_angle, angle=0.0, azimuth=90.0, point=(0.0, 0.0), height=0.0):
     """A channel of two planes that rise at `bank_angle` from a bed line falling at `angle` towards `azimuth`.
 
-    The bed line goes through `point` at `height`; on it the gradient is the mean of both banks'.
+    The bed line passes through `point` at `height`; its gradient is the mean of both banks.
     """
     tangent = np.tan(np.radians(_within("bank_angle", bank_angle, 0.0, 90.0)))
     return _channel(

@@ -325,7 +325,7 @@ def test_unknown_option(run, capsys):
 
 
 def test_no_frame_at_all(run, capsys):
-    refused(capsys, run, "--cs-e", "2", says="frames")
+    refused(capsys, run, "--cs-e", "2", says="RESULTS")
 
 
 def test_cells_too_fine(run, capsys):
@@ -383,5 +383,5 @@ def test_disk_full(run, capsys, monkeypatch):
 
 def test_valid_run_is_accepted(run, capsys):
     """The unchanged fixture."""
-    assert main(["export-raster", str(run), "--no-qgis"]) == 0
+    assert main(["export-raster", str(run), "--no-qgis", "--list-files"]) == 0
     assert "slide_0001.tif" in capsys.readouterr().out

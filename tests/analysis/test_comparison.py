@@ -50,7 +50,7 @@ def lens(radius, apart):
 
 
 @pytest.mark.parametrize("cell, tolerance", [(4.0, 0.02), (1.0, 0.005), (0.25, 0.001)])
-def test_two_discs_overlap_as_geometry_says(cell, tolerance):
+def test_two_discs_overlap_as_in_geometry(cell, tolerance):
     grid, radius, apart = grid_of(cell), 50.0, 40.0
     found = overlap(disc(grid, 80, 100, radius), disc(grid, 80 + apart, 100, radius), grid.cell_area)
     both = lens(radius, apart)

@@ -1,6 +1,7 @@
 """The folder written by `mpmgis export-raster`, from frames on disk."""
 
 import hashlib
+import re
 import threading
 import weakref
 from dataclasses import replace
@@ -13,14 +14,14 @@ from exporting import AFFINES, sheet_frames, terrain, write_frames, write_run
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.messages import collected
-from mpmgis.workflows.export import ExportRequest, export_raster
+from mpmgis.verbs.export_raster import export_raster
 
 
 def export(frames, **options):
     """Export, by default without QGIS files; returns the folder."""
     options = {"qgis": False, "overwrite": True} | options
     with collected() as said:
-        paths = export_raster(ExportRequest(tuple(frames), **options))
+        paths = export_raster(list(frames), **options)
     folder = next(path for path in paths if path.name == "dtm.tif").parent
     assert sorted(paths) == sorted(p for p in folder.rglob("*") if p.is_file() and p.name[0] != ".")
     return folder, said
@@ -237,9 +238,10 @@ def test_iseesnow_is_on_the_terrains_grid_whatever_the_cells(run3, tmp_path):
 def test_automatic_cells_and_steps_report_the_reason(run3, tmp_path):
     folder, said = export(run3, cell_size="auto", time_step="auto", standoff="auto", output=tmp_path / "out")
     words = " ".join(said)
-    assert "Eq 15 gives" in words and "Eq 17" in words and "--standoff auto" in words
+    assert "Eq 15 gives" in words and "Eq 17" in words and "`standoff=auto`" in words
     _, tags = bands(folder / "rasters" / "slide_max.tif")
-    assert f"--cs-e auto: {float(tags['cs_e']):.4g} m" in words and f"--dt-e auto: {float(tags['dt_e']):.4g} s" in words
+    assert f"`cell_size=auto`: {float(tags['cs_e']):.4g} m" in words
+    assert f"`time_step=auto`: {float(tags['dt_e']):.4g} s" in words
 
 
 def uniform_run(folder, speed, interval):
@@ -257,7 +259,7 @@ def test_frames_too_far_apart_for_eq_17_are_reported(tmp_path, options):
     _, said = export(far, output=tmp_path / "far_gis", **options)
     (warning,) = warnings_of(said)
     assert "up to 2 s apart" in warning and "dt_e = 0.5 s" in warning and "crosses 4 cells" in warning
-    assert ("takes each of them once" in warning) == (options.get("time_step", 9.0) in (0.1, "auto"))
+    assert ("uses each of them once" in warning) == (options.get("time_step", 9.0) in (0.1, "auto"))
 
 
 @pytest.mark.parametrize("options", [{}, {"time_step": 0.1}, {"time_step": 4.0}])
@@ -284,7 +286,7 @@ def test_cells_below_eq_15_are_reported_with_its_size(tmp_path):
     frames = uniform_run(tmp_path / "run", speed=0.0, interval=1.0)
     _, said = export(frames, output=tmp_path / "fine", cell_size=0.9)
     (warning,) = warnings_of(said)
-    assert "Eq 15 asks for, 1 m" in warning and "cells of 0.9 m" in warning
+    assert "required by Eq 15, 1 m" in warning and "cells of 0.9 m" in warning
     _, said = export(frames, output=tmp_path / "enough", cell_size=1.0)
     assert not warnings_of(said)
     columns = write_run(tmp_path / "columns", times=(0.0,))
@@ -311,7 +313,7 @@ def test_particles_below_the_bed_are_reported_and_corrected_by_standoff(tmp_path
     sunk.particles.position[:, 2] -= 1.2
     write_frame(frames[0], sunk)
     _, said = export(frames)
-    assert any("lies below the DTM" in text for text in said)
+    assert any("is below the DTM" in text for text in said)
     plain, _ = bands(tmp_path / "slide_gis/rasters/slide_0000.tif")
     _, said = export(frames, standoff="auto")
     lifted, tags = bands(tmp_path / "slide_gis/rasters/slide_0000.tif")
@@ -377,8 +379,16 @@ def test_dask_gives_the_same_bytes(run3, tmp_path):
     assert digests(there) == digests(here)
 
 
-def test_command_prints_paths_and_nothing_else(run2, tmp_path, capsys):
-    assert main(["export-raster", str(run2[0].parent), "-o", str(tmp_path / "out"), "--products", "p,maxima"]) == 0
+def test_command_prints_the_project_and_the_number_of_files(run2, tmp_path, capsys):
+    assert main(["export-raster", str(run2[0].parent), "-o", str(tmp_path / "out")]) == 0
+    out, said = capsys.readouterr()
+    assert out.splitlines() == [str(tmp_path / "out" / "slide.qgz")]
+    assert re.search(rf"^wrote \d+ files to {re.escape(str(tmp_path / 'out'))} \(--list-files ", said, re.MULTILINE)
+
+
+def test_command_lists_paths_where_asked_and_nothing_else(run2, tmp_path, capsys):
+    words = ["export-raster", str(run2[0].parent), "-o", str(tmp_path / "out"), "--products", "p,maxima"]
+    assert main([*words, "--list-files"]) == 0
     out, _ = capsys.readouterr()
     paths = out.splitlines()
     assert paths[0] == str(tmp_path / "out" / "slide.qgz")

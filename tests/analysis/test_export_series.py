@@ -36,7 +36,7 @@ def test_the_deposit_is_that_of_the_last_frame_whatever_the_steps(tmp_path, caps
     series(tmp_path / "run", [0.0, 1.0, 2.0, 3.0])
     out = tmp_path / "out"
     assert main(["export-raster", str(tmp_path / "run"), "-o", str(out), "--dt-e", "1000", "--no-qgis"]) == 0
-    assert "the frames go on to 3 s" in capsys.readouterr().err
+    assert "the last frame at 3 s" in capsys.readouterr().err
     assert abs(deposit(out) - 4.0) < 1e-5
 
 
@@ -59,5 +59,5 @@ def test_a_seed_never_overwrites_its_inputs(tmp_path, capsys):
     dem = str(tmp_path / "run" / "dtm.tif")
     capsys.readouterr()
     code = main(["seed", "--dem", dem, "--release", str(release), "-o", str(release), "--overwrite", "-q"])
-    assert code == 2 and "made from" in capsys.readouterr().err
+    assert code == 2 and "is an input" in capsys.readouterr().err
     assert release.read_bytes() == before

@@ -126,7 +126,7 @@ def test_mesh_stack_and_outlines_match_the_rasters(affine, tmp_path, capsys):
     np.testing.assert_allclose(np.stack([east.mean(axis=1), north.mean(axis=1)], axis=1), centres, atol=1e-6)
     envelope = pyogrio.read_dataframe(folder / "slide.gpkg", layer="envelope").geometry[0]
     deep = peak.filled(0) >= 0.05
-    assert envelope.area == pytest.approx(grid.cell_area * np.count_nonzero(deep), rel=1e-9)
+    assert envelope.area == pytest.approx(grid.cell_area * np.count_nonzero(deep), rel=5e-3)
 
 
 @pytest.mark.parametrize("affine", ["rotated", "sheared", "north-up"])
@@ -173,9 +173,9 @@ def test_paper_mode_moves_outside_particles_to_the_edge(tmp_path, capsys):
         assert source.read(5)[:, -1].max() > 0
     assert total == pytest.approx(read_frame(frames[1]).particles.mass.sum(), rel=1e-6)
     assert (tags["bed"], tags["min_depth"], tags["outside"]) == ("plane", "0.0", "in the nearest cell of the rim")
-    assert "particles lie outside the DTM; --paper takes them to the nearest cell of its rim (Eq 5)" in said
+    assert "particles are outside the DTM; --paper moves them to the nearest cell of its edge (Eq 5)" in said
     assert main(["export-raster", *map(str, frames), "--paper", "--min-depth", "0.2", "--overwrite"]) == 2
-    assert "--paper has --min-depth 0" in capsys.readouterr().err
+    assert "--paper requires --min-depth 0" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("layout", ["steps", "stacks"])

@@ -25,8 +25,8 @@ from mpmgis.messages import collected
 from mpmgis.scene import read_scene
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
+from mpmgis.verbs.export_raster import export_raster
 from mpmgis.workflows.demo import sample_folder
-from mpmgis.workflows.export import ExportRequest, export_raster
 
 SOLVER_BANDS = ("h_max", "t_max", "Ut_max", "p_max", "t_arrival")
 DENSITY = 1200.0
@@ -207,7 +207,7 @@ def kept(thickness=6.0, speed=60.0, arrival=0.25, columns=(14, 30)):
 def export(frames, output, **options):
     """(maxima by band, tags, messages) of an export without QGIS files."""
     with collected() as said:
-        export_raster(ExportRequest(tuple(frames), **{"output": output, "qgis": False} | options))
+        export_raster(list(frames), **{"output": output, "qgis": False} | options)
     return *read(output / "rasters" / f"{Path(frames[0]).parent.name}_max.tif"), said
 
 
@@ -250,8 +250,8 @@ def test_without_peaks_the_maxima_are_those_of_the_frames_with_a_warning_of_eq_1
 def test_each_band_has_the_larger_of_peaks_and_frames_and_reports_its_source(silent, telling, tmp_path):
     frames, _, _ = export(silent, tmp_path / "silent")
     both, tags, said = export(telling, tmp_path / "telling")
-    assert len(said) == 1 and "the solver's own peaks, of every step up to t = 2 s" in said[0]
-    assert "Un_max and Un_min are of the frames alone" in said[0] and "Eq 17 asks for dt_e" in said[0]
+    assert len(said) == 1 and "the solver's maxima of all steps up to t = 2 s" in said[0]
+    assert "Un_max and Un_min are from the frames alone" in said[0] and "Eq 17 requires dt_e" in said[0]
     assert tags["maxima"] == "solver, every step" and tags["maxima_solver"].split(", ") == list(SOLVER_BANDS)
     peaks = resampled(SolverPeaks.of(kept(), 2.0), written(telling))
     products = {"h_max": "h", "t_max": "t", "Ut_max": "Ut", "p_max": "p"}
@@ -279,9 +279,9 @@ def test_with_another_min_depth_speed_pressure_and_arrival_are_from_frames(silen
     frames, _, _ = export(silent, tmp_path / "silent", min_depth=0.2)
     both, tags, said = export(telling, tmp_path / "telling", min_depth=0.2)
     assert tags["maxima_solver"] == "h_max, t_max"
-    assert len(said) == 2 and "Ut_max, p_max, t_arrival are of flow over 0.05 m" in said[0]
-    assert said[1].startswith("warning:") and "Eq 17 asks for dt_e" in said[1]
-    assert "--min-depth 0.05" in said[0]
+    assert len(said) == 2 and "Ut_max, p_max, t_arrival are of flow deeper than 0.05 m" in said[0]
+    assert said[1].startswith("warning:") and "Eq 17 requires dt_e" in said[1]
+    assert "`min_depth=0.05`" in said[0]
     for name in ("Ut_max", "p_max", "t_arrival"):
         assert np.array_equal(both[name], frames[name], equal_nan=True)
     assert (both["h_max"] > frames["h_max"]).any()
@@ -290,9 +290,9 @@ def test_with_another_min_depth_speed_pressure_and_arrival_are_from_frames(silen
 def test_the_solvers_threshold_is_read_from_the_frame(tmp_path):
     frames = write_run(tmp_path / "slide", maxima=kept() | {"arrival_thickness": 0.2})
     _, tags, said = export(frames, tmp_path / "out", min_depth=0.2)
-    assert tags["maxima_solver"].endswith("t_arrival") and "not mixed" not in said[0]
+    assert tags["maxima_solver"].endswith("t_arrival") and "are not used with" not in said[0]
     _, tags, said = export(frames, tmp_path / "out", overwrite=True)
-    assert tags["maxima_solver"] == "h_max, t_max" and "--min-depth 0.2" in said[0]
+    assert tags["maxima_solver"] == "h_max, t_max" and "`min_depth=0.2`" in said[0]
 
 
 def test_the_flow_extent_includes_flow_between_frames(silent, tmp_path):
@@ -350,7 +350,7 @@ def test_iseesnow_files_use_them_on_the_dtms_grid(silent, telling, tmp_path):
 @pytest.mark.parametrize("layout", ["steps", "stacks"])
 def test_qgis_files_use_the_peaks(telling, tmp_path, layout):
     out = tmp_path / "out"
-    export_raster(ExportRequest(tuple(telling), output=out, layout=layout))
+    export_raster(list(telling), output=out, layout=layout)
     names = {path.name for path in out.iterdir()}
     assert {"slide.qgz", "slide.nc", "slide.gpkg"} <= names and (out / "rasters" / "slide_max.qml").exists()
 
@@ -432,7 +432,7 @@ def test_two_frames_with_peaks_equal_sixty_frames(site, capsys, cell_size):
     few, tags, said = commanded(site, "few", capsys, *options)
     off, _, nothing_said = commanded(site, "off", capsys, *options)
     dense, _, _ = commanded(site, "dense", capsys, *options)
-    assert any("maxima: h_max, t_max, Ut_max, p_max, t_arrival take in the solver's own" in line for line in said)
+    assert any("maxima: h_max, t_max, Ut_max, p_max, t_arrival include the solver's" in line for line in said)
     assert tags["maxima"] == "solver, every step" and not any("maxima:" in line for line in nothing_said)
     wet, reached = np.isfinite(dense["h_max"]), np.isfinite(few["h_max"])
     assert reached[wet].mean() > 0.99 and reached.sum() < 1.1 * wet.sum()
@@ -454,12 +454,12 @@ def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
     assert "arrival_thickness" not in json.loads((site / "off" / "run.json").read_text())["scene"]["output"]
     peaks, tags, said = commanded(site, "thick", capsys, "--min-depth", "0.5")
     assert tags["maxima_arrival_thickness"] == "0.5" and tags["maxima_solver"].endswith("t_arrival")
-    assert any("Ut_max, p_max, t_arrival are of flow over 0.5 m" in line for line in said)
+    assert any("Ut_max, p_max, t_arrival are of flow deeper than 0.5 m" in line for line in said)
     thick = peaks["h_max"] >= 0.5
     assert np.isfinite(peaks["t_arrival"])[thick].mean() > 0.95 and np.isnan(peaks["t_arrival"])[~thick].mean() > 0.9
     _, tags, said = commanded(site, "thick", capsys)
     assert tags["maxima_solver"] == "h_max, t_max"
-    assert any("give --min-depth 0.5 to have them" in line for line in said)
+    assert any("give --min-depth 0.5 to use them" in line for line in said)
 
 
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ def test_steps_may_stand_in_any_order(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [7, 300, 1900])
-def test_a_dump_cut_short_says_how_to_come_by_what_is_whole(cut, tmp_path):
+def test_a_truncated_dump_names_the_way_to_its_complete_frames(cut, tmp_path):
     """Within the last number, within the rows, within the head of the last step."""
     whole = (REAL / "lammps" / "unwrapped.dump").read_bytes()
     path = tmp_path / "cut.dump"
@@ -197,7 +197,7 @@ def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):
         frames_of(path, time_step=2e-4)
 
 
-def test_kratos_gid_files_hold_what_its_points_say():
+def test_kratos_gid_files_have_the_values_of_their_points():
     entries = list_frames([REAL / "kratos" / "slide.post.res"])
     assert [entry.time for entry in entries] == pytest.approx([0.0042, 0.2016])
     for entry in entries:

@@ -4,6 +4,7 @@ import ast
 import json
 import struct
 import types
+from typing import get_args
 
 import h5py
 import numpy as np
@@ -12,8 +13,7 @@ import pytest
 import rasterio
 from affine import Affine
 
-from mpmgis.cli.solver_options import SOLVERS
-from mpmgis.conversion.solver_start import placed_box, solver_grid, solver_start, with_material
+from mpmgis.conversion.solver_start import solver_grid, solver_start, start_box, with_material
 from mpmgis.errors import InputError
 from mpmgis.interop.declarations import Declarations, axis_matrix, write_sidecar
 from mpmgis.interop.frame_list import list_frames
@@ -24,6 +24,8 @@ from mpmgis.particles import Frame, Particles
 from mpmgis.scene.material_file import read_material
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
+from mpmgis.verbs.option import options_of
+from mpmgis.verbs.seed import SolverOptions
 
 EAST, NORTH, DENSITY, CELL, COUNT = 612_345.0, 5_170_200.0, 1800.0, 2.0, 60
 CRS = pyproj.CRS("EPSG:32632")
@@ -79,7 +81,7 @@ def made(tmp_path):
         files = SOLVER_FILES[name]
         terrain, height = slope()
         frame = frame_on(height)
-        box = placed_box([frame], terrain, CELL if files.needs_grid else None)
+        box = start_box([frame], terrain, CELL if files.needs_grid else None)
         start = solver_start(frame, box, DENSITY, CRS)
         if files.laws:
             (tmp_path / "material.toml").write_text(material)
@@ -118,8 +120,8 @@ def numbers(block):
     return np.array(block, dtype=float)
 
 
-def test_the_command_line_knows_all_solvers_and_no_other():
-    assert set(SOLVERS) == set(SOLVER_FILES)
+def test_the_command_line_has_all_solvers_and_no_other():
+    assert set(get_args(options_of(SolverOptions)["solver"].type)) == set(SOLVER_FILES)
     assert all(files.name == name for name, files in SOLVER_FILES.items())
 
 
@@ -298,7 +300,7 @@ def read_stl(path):
 @pytest.mark.parametrize("south_up", [False, True])
 def test_the_ground_lies_beside(tmp_path, south_up):
     terrain, height = slope(south_up)
-    box = placed_box([frame_on(height)], terrain, CELL)
+    box = start_box([frame_on(height)], terrain, CELL)
     names = write_terrain(tmp_path, box, np.eye(3))
     triangles = read_stl(tmp_path / "terrain.stl")
     _on_the_plane(triangles[:, 1:], box.origin)
@@ -345,15 +347,15 @@ def test_what_lies_beyond_is_refused():
     terrain, height = slope()
     frame = frame_on(height)
     with pytest.raises(InputError, match=r"not all within the window .*; give a --window around them"):
-        placed_box([frame], terrain, CELL, (EAST + 100, NORTH + 80, EAST + 110, NORTH + 90))
+        start_box([frame], terrain, CELL, (EAST + 100, NORTH + 80, EAST + 110, NORTH + 90))
     with pytest.raises(InputError, match="give a larger --dem"):
-        placed_box([frame], terrain.cropped((EAST, NORTH, EAST + 110, NORTH + 100), 0), CELL)
+        start_box([frame], terrain.cropped((EAST, NORTH, EAST + 110, NORTH + 100), 0), CELL)
     hole = terrain.elevation.copy()
     hole[18:25, 20:27] = np.nan
-    box = placed_box([frame], Terrain(terrain.grid, hole), CELL)
+    box = start_box([frame], Terrain(terrain.grid, hole), CELL)
     with pytest.raises(InputError, match=r"\d+ of 60 points have no ground under them"):
         solver_grid(solver_start(frame, box, DENSITY))
-    fine = placed_box([frame], terrain, 0.1)
+    fine = start_box([frame], terrain, 0.1)
     with pytest.raises(InputError, match=r"cells of 0.1 m, expected at most 5e\+06"):
         solver_grid(solver_start(frame, fine, DENSITY))
 

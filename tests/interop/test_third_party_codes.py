@@ -42,7 +42,7 @@ def test_frames_are_what_was_written(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", CODES)
-def test_the_reader_is_found_by_content_and_info_tells_what_is_missing(name, tmp_path, capsys):
+def test_the_reader_is_found_by_content_and_info_lists_missing_quantities(name, tmp_path, capsys):
     reader, write, options = CODES[name]
     (path,) = write(tmp_path)
     assert main(["info", "--json", str(path)]) == 0

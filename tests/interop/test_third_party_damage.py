@@ -259,7 +259,7 @@ def test_vtk_files_that_contradict_themselves_are_refused(form, old, new, word, 
     assert word in refusal(path, "vtk")
 
 
-def test_what_unpacks_to_more_than_it_says_stops_there(tmp_path):
+def test_archives_that_unpack_to_more_than_their_size_are_stopped(tmp_path):
     """A bomb of zeros: 60 points in the header, a gigabyte in the blocks."""
     path = tmp_path / "a_0.vtu"
     vtk_xml(path, 0, "binary", packed=True)
@@ -311,7 +311,7 @@ def test_archives_are_never_unpickled(tmp_path, monkeypatch):
     assert not (tmp_path / "ran").exists()
 
 
-def test_archives_that_say_more_than_they_hold_are_refused(tmp_path):
+def test_archives_with_wrong_sizes_are_refused(tmp_path):
     write_geotaichi(tmp_path)
     path = tmp_path / "MPMParticle000001.npz"
     with zipfile.ZipFile(path) as archive:
@@ -323,7 +323,7 @@ def test_archives_that_say_more_than_they_hold_are_refused(tmp_path):
     assert "position.npy" in refusal(path, "geotaichi")
 
 
-def test_rows_of_another_length_and_words_among_numbers_are_told(tmp_path):
+def test_rows_of_another_length_and_words_among_numbers_are_reported(tmp_path):
     path = tmp_path / "slide.csv"
     columns = table(0)
     lines = [",".join(columns)] + [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]

@@ -93,7 +93,7 @@ def test_axes_times_mass_and_place_come_out_on_the_map(site, capsys):
     np.testing.assert_allclose(band(site, "matter_0001.tif", "Ut_N")[0][wet], 2.0, rtol=1e-5)
 
 
-def test_the_standoff_moves_the_surface_and_the_share_below_the_dtm_is_told_all_the_same(site, capsys):
+def test_the_standoff_moves_the_surface_and_the_share_below_the_dtm_is_reported(site, capsys):
     assert export(site, *TOLD, "--standoff", "auto", "--no-qgis") == 0
     said = capsys.readouterr().err
     assert "--standoff auto: -0.383 m" in said  # 0.4 m, along the normal
@@ -102,7 +102,7 @@ def test_the_standoff_moves_the_surface_and_the_share_below_the_dtm_is_told_all_
     assert depth.max() == pytest.approx(1.2 / np.sqrt(1.09), rel=1e-5)
 
 
-def test_what_no_file_says_is_asked_for_all_in_one_line(site, capsys):
+def test_all_missing_declarations_are_listed_in_one_line(site, capsys):
     line = refused(capsys, site)
     for option in ("--density", "--axes e,u,-n", "--origin"):
         assert option in line
@@ -116,12 +116,12 @@ def test_what_no_file_says_is_asked_for_all_in_one_line(site, capsys):
     ("option", "times"),
     [(("--fps", "4"), (0, 0.75, 2.5)), (("--dt", "3"), (0, 9, 30)), (("--times", "5,6,8"), (5, 6, 8))],
 )
-def test_the_user_may_say_the_times(site, capsys, option, times):
+def test_the_user_can_declare_the_times(site, capsys, option, times):
     assert export(site, *TOLD, *option, "--no-qgis") == 0
     assert [float(band(site, f"matter_{k:04d}.tif", "h")[1]["time"]) for k in range(3)] == list(times)
 
 
-def test_volume_density_and_columns_may_be_told(site, capsys):
+def test_volume_density_and_columns_can_be_declared(site, capsys):
     assert export(site, *TOLD[:-1], "1000", "--particle-volume", "0.5", "--no-qgis") == 0
     assert "200000 kg, 200 m3 at 1000 kg m-3" in capsys.readouterr().err
     renamed = ("x", "y", "z", "u", "v", "w", "p", "q", "Je", "vx", "vy", "m")
@@ -145,7 +145,7 @@ def test_volume_density_and_columns_may_be_told(site, capsys):
         (("--fps", "2", "--dt", "1"), "give only one"),
         (("--columns", "mass=m"), "unknown column"),
         (("--columns", "heat=p"), "unknown quantity 'heat'"),
-        (("--columns", "mass"), "NAME=COLUMN"),
+        (("--columns", "mass"), "NAME=COL"),
         (("--reader", "mattr"), "choose from mpmgis, matter"),
         (("--reader", "mpmgis"), "no frame (*.h5)"),
         (("--origin", "0,0,0"), "none of its 400 particles"),
@@ -168,7 +168,7 @@ def test_options_of_other_codes_are_refused_for_our_own_frames(tmp_path, capsys)
     assert "--fps requires one" in capsys.readouterr().err
 
 
-def test_a_file_that_nobody_knows_is_refused_with_the_names_of_those_who_are_known(tmp_path, capsys):
+def test_an_unknown_file_is_refused_with_the_known_formats(tmp_path, capsys):
     (tmp_path / "grid.mdpa").write_text("Begin Properties 0\nEnd Properties\n")
     assert main(["export-raster", str(tmp_path / "grid.mdpa")]) == 2
     said = capsys.readouterr().err
@@ -218,7 +218,7 @@ def test_values_that_are_not_finite_are_named(site, capsys):
     assert "1 values of vy are NaN or infinite, the first in row 17" in refused(capsys, site, *TOLD)
 
 
-def test_particles_that_a_code_lost_are_told(site, capsys):
+def test_particles_that_a_code_lost_are_reported(site, capsys):
     write_ply(site / "matter" / "particles_f10.ply", particles(10 / 3, COUNT - 40))
     (site / "matter" / "info.txt").unlink()
     assert export(site, *TOLD, "--fps", "2", "--particle-volume", "0.25", "--no-qgis") == 0
@@ -244,7 +244,7 @@ def test_axes_are_rotations_and_may_be_named_by_either_side():
         axis_matrix(("n", "e", "u"))
 
 
-def test_info_tells_what_there_is_and_what_is_missing(site, capsys):
+def test_info_prints_present_and_missing_quantities(site, capsys):
     path = str(site / "matter" / "particles_f3.ply")
     assert main(["info", "--json", path]) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -267,7 +267,7 @@ def test_a_run_of_columns_that_goes_on_as_points_is_exported_as_one(tmp_path, ca
         path.rename(columns[0].parent / f"frame_{step:06d}.h5")
     assert main(["export-raster", str(tmp_path / "run"), "-o", str(tmp_path / "gis"), "--products", "n"]) == 0
     said = capsys.readouterr().err
-    assert "frame_000001.h5 and before are columns, frame_000002.h5 is points" in said
+    assert "frames up to frame_000001.h5 are columns, frame_000002.h5 is points" in said
     numbers = [band(tmp_path, f"run_{k:04d}.tif", "n")[0].sum() for k in range(4)]
     assert numbers == [300, 300, 900, 900]
 

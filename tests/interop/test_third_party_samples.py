@@ -38,7 +38,7 @@ def dtm(tmp_path_factory):
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_info_tells_what_the_code_wrote(sample, capsys):
+def test_info_prints_what_the_code_wrote(sample, capsys):
     reader, count, mass, time, told = SAMPLES[sample]
     assert main(["info", "--json", str(DATA / sample), *HERE, *told]) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -63,7 +63,7 @@ def test_an_export_keeps_mass_and_volume(sample, dtm, tmp_path, capsys):
     assert float(line[3]) == pytest.approx(mass / float(line[4]), rel=within)
 
 
-def test_the_block_on_a_plane_is_where_its_own_readme_says(capsys):
+def test_the_block_on_a_plane_agrees_with_its_readme(capsys):
     """Mean displacement of MPM-Geomechanics' example: 0.5 (g_t - mu g_n) t^2, 1.13 m at 0.798 s."""
     assert main(["info", "--json", str(DATA / "mpm_geomechanics"), *HERE]) == 0
     facts = json.loads(capsys.readouterr().out)

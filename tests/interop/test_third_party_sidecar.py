@@ -79,7 +79,7 @@ def test_what_is_no_sidecar_is_refused_in_a_line(key, value, word, tmp_path):
     assert "\n" not in str(caught.value) and "georef.json" in str(caught.value)
 
 
-def test_times_are_said_in_one_way(tmp_path):
+def test_times_are_declared_in_one_way(tmp_path):
     path = tmp_path / "georef.json"
     path.write_text(json.dumps({"format": "mpmgis-georeference", "format_version": 1, "fps": 2, "dt": 1}))
     with pytest.raises(InputError, match="all set the time"):
@@ -103,7 +103,7 @@ def test_a_sidecar_is_found_by_the_name_of_the_file_of_the_series_or_of_the_fold
     assert find_sidecar(tmp_path / "slide_000012.ply").name == "slide_000012.georef.json"
 
 
-def test_an_export_needs_nothing_that_the_sidecar_says(tmp_path, capsys):
+def test_an_export_needs_no_option_that_the_sidecar_has(tmp_path, capsys):
     flat_dtm(tmp_path / "dtm.tif")
     folder = tmp_path / "run"
     folder.mkdir()
@@ -151,7 +151,7 @@ def test_columns_of_both_are_taken_together(tmp_path):
     assert main(["info", "-q", str(tmp_path / "slide.csv")]) == 0
 
 
-def test_a_vector_may_be_said_at_once(tmp_path, capsys):
+def test_a_vector_can_be_declared_by_one_name(tmp_path, capsys):
     place, velocity = np.ones((3, 3)), np.full((3, 3), 2.0)
     np.savez(tmp_path / "a.npz", r=place, w=velocity)
     assert main(["info", "--json", str(tmp_path / "a.npz"), "--columns", "position=r,velocity=w"]) == 0
@@ -173,7 +173,7 @@ def test_several_sidecars_or_a_missing_one_are_refused(tmp_path):
     assert len(list_frames([tmp_path], Declarations(sidecar=tmp_path / "elsewhere.json"))) == 3
 
 
-def test_a_loss_in_the_middle_of_a_file_of_many_times_is_told(tmp_path, capsys):
+def test_lost_particles_in_the_middle_of_a_file_are_reported(tmp_path, capsys):
     flat_dtm(tmp_path / "dtm.tif")
     write_kratos_gid(tmp_path)
     path = tmp_path / "slide.post.res"
@@ -191,7 +191,7 @@ def test_a_loss_in_the_middle_of_a_file_of_many_times_is_told(tmp_path, capsys):
     assert "lost" in capsys.readouterr().out
 
 
-def test_times_may_be_told_for_the_frames_of_one_file(tmp_path):
+def test_times_can_be_declared_for_the_frames_of_one_file(tmp_path):
     (path,) = csv_writer()(tmp_path)
     said = {"axes": ("e", "n", "u"), "origin": (0.0, 0.0, 0.0), "density": 1.0}
     entries = list_frames([path], Declarations(**said, times=(5.0, 6.0, 8.0)))

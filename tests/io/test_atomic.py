@@ -68,7 +68,7 @@ def test_what_the_system_refuses_is_one_line(tmp_path, monkeypatch, number, says
 
 
 @pytest.mark.parametrize("whole", [whole_file, whole_folder])
-def test_refusals_of_writers_name_what_the_user_knows(tmp_path, whole):
+def test_errors_of_writers_name_the_options_of_the_user(tmp_path, whole):
     target = tmp_path / "x"
     with pytest.raises(OutputError) as caught, whole(target) as part:
         if whole is whole_file:

@@ -49,7 +49,7 @@ def line_of(capfd, *words):
     return err
 
 
-def test_a_message_that_is_no_utf8_is_not_told(site, capfd):
+def test_a_message_that_is_not_utf8_is_not_printed(site, capfd):
     """GDAL quotes the file's own bytes; rasterio printed a traceback because it could not decode them."""
     path = site / "dtm.tif"
     raw = path.read_bytes()
@@ -61,7 +61,7 @@ def test_a_message_that_is_no_utf8_is_not_told(site, capfd):
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_a_directory_beyond_the_end_is_told_in_one_line(site, big, capfd):
+def test_a_directory_beyond_the_end_is_one_line(site, big, capfd):
     """libtiff writes to stderr by itself when it cannot seek there."""
     path = site / "dtm.tif"
     write_dtm(path, BIGTIFF="YES" if big else "NO")
@@ -81,7 +81,7 @@ def test_pixels_of_no_size_are_refused(site, pixel, capfd):
     )
 
 
-def test_what_gdal_says_late_is_told_in_one_line(site):
+def test_late_errors_of_gdal_are_one_line(site):
     """A georeference whose text was cut: rasterio raised GDAL's word where it was asked for the band's colours."""
     said = "Key GTCitationGeoKey is of type ASCII but GeoAsciiParams is missing or corrupted."
     with pytest.raises(FormatError, match=r"is damaged.*GeoAsciiParams"), open_raster(site / "dtm.tif"):
@@ -132,7 +132,7 @@ def test_columns_beside_the_terrain_are_refused(site, capfd):
     assert "lie outside the terrain" in line_of(capfd, "effects", site / "scene.toml")
 
 
-def test_differences_of_any_size_are_told():
+def test_differences_of_any_size_are_reported():
     told = difference(np.full((2, 2), 1e300), np.zeros((2, 2)), np.ones((2, 2), bool))
     assert told.mean == pytest.approx(1e300) and told.rms == np.inf
 

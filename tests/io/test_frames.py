@@ -82,7 +82,7 @@ def test_columns_come_back_bit_by_bit(path):
         assert getattr(read, name) == getattr(wrote, name), name
 
 
-def test_state_is_left_out_where_nobody_asks(path):
+def test_state_is_omitted_unless_requested(path):
     read = read_frame(path, with_state=False)
     assert read.state == {} and read.maxima == {}
     assert len(read.particles) == COUNT
@@ -130,7 +130,7 @@ def test_xarray_opens_frames(path):
 
 
 @pytest.mark.parametrize(("given", "missing"), [("mass", "volume"), ("volume", "mass")])
-def test_mass_and_volume_follow_from_each_other_and_that_is_said(path, given, missing):
+def test_mass_and_volume_follow_from_each_other_with_a_message(path, given, missing):
     with h5py.File(path, "a") as file:
         del file["particles"][missing]
     read = read_frame(path)

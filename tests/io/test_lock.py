@@ -84,7 +84,7 @@ def test_before_the_last_start_of_the_machine_all_are_over_but_in_containers(mon
 
 
 @posix_only
-def test_one_that_nobody_has_waited_for_is_over():
+def test_a_process_that_was_not_waited_for_has_ended():
     if not os.path.exists("/proc/self/stat"):
         pytest.skip("no /proc here")
     child = subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE)
@@ -182,7 +182,7 @@ def test_a_folder_has_one_writer(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "process 4711", "process 1 on another host", "process 1 on x, token"])
-def test_what_a_killed_process_left_holds_nobody_up(tmp_path, text):
+def test_files_of_a_killed_process_block_no_later_run(tmp_path, text):
     token = f"{Writer(1, '0' * 8, '0' * 8, 1)}-0123abcd"
     (tmp_path / LOCK_FILE).write_text(text.replace("token", token))
     with sole_writer(tmp_path):

@@ -11,7 +11,7 @@ from mpmgis.workflows.demo import sample_folder
 CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey"
 
 
-def test_terrain_is_as_its_readme_says():
+def test_terrain_agrees_with_its_readme():
     with rasterio.open(sample_folder() / "lava_falls_dem_utm12n_10m.tif") as dataset:
         elevation = dataset.read(1, masked=True)
         assert dataset.shape == (280, 260)
@@ -23,7 +23,7 @@ def test_terrain_is_as_its_readme_says():
 
 
 @pytest.mark.parametrize(("name", "area", "thickness"), [("", 20970.0, 5.0), ("_small", 6525.0, 1.5)])
-def test_releases_are_as_their_readme_says(name, area, thickness):
+def test_releases_agree_with_their_readme(name, area, thickness):
     release = geopandas.read_file(sample_folder() / f"lava_falls_release{name}.shp")
     assert release.crs.to_epsg() == 32612
     assert release.area.tolist() == pytest.approx([area])

@@ -10,7 +10,7 @@ import pytest
 from affine import Affine
 
 import mpmgis
-from mpmgis.cli.main import TRUSTING, VERBS, main
+from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, InputError
 from mpmgis.fields import Quantity
 from mpmgis.io.frames import read_frame, write_frame
@@ -20,6 +20,7 @@ from mpmgis.io.raster_output import write_geotiff
 from mpmgis.io.vector_table import read_table
 from mpmgis.particles import Frame, Particles
 from mpmgis.terrain.grid import Grid
+from mpmgis.verbs.option import all_verbs
 from mpmgis.workflows.parallel import frame_pool
 
 VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><GeoTransform>4e5, 10, 0, 5.1002e6, 0, -10</GeoTransform>
@@ -66,7 +67,7 @@ def with_mass_elsewhere(site, kind):
     return path
 
 
-def test_nothing_is_trusted_unless_it_is_said():
+def test_nothing_is_trusted_without_the_option():
     assert not is_trusted()
     with trusting(), pytest.raises(ZeroDivisionError):
         assert is_trusted()
@@ -173,11 +174,11 @@ def test_pipes_are_refused_whoever_is_trusted(site):
 
 
 def test_trust_does_not_go_to_a_cluster(site):
-    with trusting(), pytest.raises(InputError, match="not on a Dask cluster"), frame_pool(1, "tcp://127.0.0.1:9"):
+    with trusting(), pytest.raises(InputError, match="not to a Dask cluster"), frame_pool(1, "tcp://127.0.0.1:9"):
         pass
 
 
-@pytest.mark.parametrize("verb", sorted(set(VERBS) - set(TRUSTING)))
+@pytest.mark.parametrize("verb", [verb.name for verb in all_verbs() if not verb.trust])
 def test_verbs_that_would_not_heed_it_do_not_take_it(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--trust"])

@@ -53,7 +53,7 @@ def refused(capfd, path):
 
 
 @pytest.mark.parametrize("suffix", ["qgz", "qgs"])
-def test_a_project_says_its_layers(tmp_path, suffix):
+def test_a_project_lists_its_layers(tmp_path, suffix):
     path = tmp_path / f"p.{suffix}"
     path.write_text(PROJECT)
     if suffix == "qgz":
@@ -117,7 +117,7 @@ def test_arrays_are_held_against_memory(tmp_path, little_memory):
         frame.read(("position.x",))
 
 
-def test_a_header_that_says_to_be_long(tmp_path):
+def test_a_header_with_a_wrong_length(tmp_path):
     """NumPy reads as many bytes as a header says to have before it holds them against its limit."""
     stream = io.BytesIO()
     np.lib.format.write_array_header_2_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (1,)})

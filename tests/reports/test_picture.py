@@ -9,7 +9,15 @@ from affine import Affine
 from pyproj import CRS
 
 from mpmgis.errors import OutputError
-from mpmgis.reports.picture import map_view, shaded_relief, write_picture
+from mpmgis.reports.picture import (
+    SCALE_BAR,
+    draw_north_arrow,
+    draw_scale_bar,
+    map_axes,
+    map_view,
+    shaded_relief,
+    write_picture,
+)
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 
@@ -91,3 +99,34 @@ def test_a_failed_write_leaves_no_file(tmp_path):
     with pytest.raises(OutputError):
         write_picture(tmp_path / "file" / "map.png", terrain, GRID, speed, depth)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("view", [(0, 0, 800, 600), (0, 0, 90, 1000), (0, 0, 30_000, 900), (0, 0, 0.7, 0.7)])
+def test_scale_bar_and_north_arrow_are_beside_the_map(view):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1, 1))
+    axes = map_axes(figure, view)
+    draw_scale_bar(axes, view)
+    draw_north_arrow(axes)
+    canvas = FigureCanvasAgg(figure).get_renderer()
+    right = axes.get_window_extent(canvas).x1
+    drawn = [artist for artist in figure.get_children() if artist.get_gid()] + figure.texts
+    assert len(drawn) == 6  # two halves and two numbers, arrow and N
+    for artist in drawn:
+        box = artist.get_window_extent(canvas)
+        assert box.x0 > right and box.x1 < figure.bbox.x1 and box.y0 >= 0
+
+
+def test_the_scale_bar_has_a_round_length_that_is_true_to_scale():
+    from matplotlib.figure import Figure
+
+    figure, view = Figure(figsize=(1, 1)), (0, 0, 7300, 5000)
+    axes = map_axes(figure, view)
+    draw_scale_bar(axes, view)
+    halves = [artist for artist in figure.get_children() if artist.get_gid() == "scale bar"]
+    metres = view[2] / axes.get_window_extent().width * sum(half.get_window_extent().width for half in halves)
+    assert metres == pytest.approx(1000.0, rel=1e-6)
+    assert [text.get_text() for text in figure.texts] == ["0", "1 km"]
+    assert sum(half.get_width() for half in halves) <= SCALE_BAR

@@ -45,7 +45,7 @@ def test_the_energy_line_ends_drop_over_mu_away():
     assert facts["edge_distance"] == 0.0  # the line reaches the sides of this narrow terrain
 
 
-def test_a_line_that_ends_before_the_edge_says_how_far():
+def test_a_line_that_ends_before_the_edge_reports_the_distance():
     terrain = terrain_of(ramp, width=6000.0)
     around = RELEASE + np.array([0.0, 2700.0])
     reach = reach_of(terrain, around + np.array([300.0, 0.0]), np.full(4, 300.0), 0.45)

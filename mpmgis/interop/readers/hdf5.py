@@ -121,10 +121,10 @@ def _content(path, terms):
         density = _number(file.attrs.get("density", ""))
         low, high, _ = POSSIBLE["density"]
         density = density if density is not None and low <= density <= high else None
-        return Content(groups, apart, density, _said(path, file.attrs, terms))
+        return Content(groups, apart, density, _declared_attributes(path, file.attrs, terms))
 
 
-def _said(path, attrs, terms):
+def _declared_attributes(path, attrs, terms):
     """Georeference in the root, as Declarations; coordinates in a CRS are east, north and up."""
     content = {}
     for key in DECLARED:

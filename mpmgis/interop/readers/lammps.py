@@ -140,7 +140,7 @@ def _step(path, content, at):
         number=number,
         time=_time(path, header),
     )
-    return _placed(frame, header.get("BOX BOUNDS")), stop
+    return _in_box(frame, header.get("BOX BOUNDS")), stop
 
 
 def _end(path, content, at, count, width, number):
@@ -186,7 +186,7 @@ def _time(path, header):
     return time if abs(time) < float("inf") else None
 
 
-def _placed(frame, bounds):
+def _in_box(frame, bounds):
     """`frame` with columns x, y, z from fractions of the box, where it has no other position."""
     if all(axis in frame.column_map for axis in "xyz"):
         return frame
@@ -199,7 +199,7 @@ def _placed(frame, bounds):
             **vars(frame),
             "columns": (*frame.columns, *"xyz"),
             "column_map": frame.column_map | {axis: axis for axis in "xyz"},
-            "read": partial(_read_placed, frame.read, shares, corner, edges),
+            "read": partial(_read_in_box, frame.read, shares, corner, edges),
         }
     )
 
@@ -234,7 +234,7 @@ def _read(path, start, stop, count, columns, names):
     return found
 
 
-def _read_placed(read, shares, corner, edges, names):
+def _read_in_box(read, shares, corner, edges, names):
     own = tuple(name for name in names if name not in "xyz")
     found = read(tuple(dict.fromkeys((*own, *shares))) if len(own) < len(names) else own)
     place = None
