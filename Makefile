@@ -8,7 +8,7 @@ DEMO := demo
 .PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin docs lint clean
 
 help:
-	@echo "make demo      the whole chain on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
+	@echo "make demo      the whole workflow on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
 	@echo "make test      the tests of every command, solver, effect and format (the first time with minutes of compiling)"
 	@echo "make test-quick  the part of make test without commands, solvers and maps, for the time between two edits"
 	@echo "make test-thorough  the tests that make test leaves out: whole scenes, notebooks, kills, QGIS, rare kernels"

@@ -6,22 +6,24 @@
 >>> mpmgis.export_raster("results", cell_size=1, time_step=0.2)  # doctest: +SKIP
 >>> mpmgis.open_results("results_gis").h_max.plot()  # doctest: +SKIP
 
-Names come from `mpmgis.api`, each loaded when it is first used: `import mpmgis` alone costs nothing.
+`__init__.pyi` lists the names and their modules, for type checkers and for this module, which loads each at its first
+use: `import mpmgis` alone loads nothing.
 """
 
 import importlib
+import re
+from pathlib import Path
 
 __version__ = "0.1.0"
-__all__ = [
-    "Frame", "MpmgisError", "Particles", "depth_average", "export_raster", "open_results", "read_frame", "run", "seed",
-    "to_geodataframe",
-]  # fmt: skip
+_INDEX = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_MODULES = {name: module for module, name in re.findall(r"^from (\S+) import (\w+) as", _INDEX, re.MULTILINE)}
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name):
-    if name not in __all__:
+    if name not in _MODULES:
         raise AttributeError(f"module 'mpmgis' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.api"), name)
+    return getattr(importlib.import_module(_MODULES[name], __name__), name)
 
 
 def __dir__():

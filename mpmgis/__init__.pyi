@@ -1,4 +1,33 @@
-from .api import *
-from .api import __all__ as __all__
+from .api import depth_average as depth_average
+from .api import open_results as open_results
+from .api import read_frame as read_frame
+from .api import to_geodataframe as to_geodataframe
+from .errors import MpmgisError as MpmgisError
+from .particles import Frame as Frame
+from .particles import Particles as Particles
+from .verbs.calibrate import calibrate as calibrate
+from .verbs.compare import compare as compare
+from .verbs.convert import convert as convert
+from .verbs.convert import solver_start as solver_start
+from .verbs.demo import demo as demo
+from .verbs.demo import sample_site as sample_site
+from .verbs.effects import effect_catalogue as effect_catalogue
+from .verbs.effects import scene_effects as scene_effects
+from .verbs.ensemble import ensemble as ensemble
+from .verbs.export_raster import export_raster as export_raster
+from .verbs.hydrograph import hydrograph as hydrograph
+from .verbs.info import info as info
+from .verbs.intensity import intensity as intensity
+from .verbs.profile import profile as profile
+from .verbs.qgis_plugin import qgis_plugin as qgis_plugin
+from .verbs.region import region as region
+from .verbs.report import hazard_map as hazard_map
+from .verbs.report import report as report
+from .verbs.run import run as run
+from .verbs.runout import runout as runout
+from .verbs.seed import seed as seed
+from .verbs.study import study as study
+from .verbs.timeseries import timeseries as timeseries
+from .verbs.vertical import vertical as vertical
 
 __version__: str

@@ -1,156 +1,48 @@
-"""The Python face: what `import mpmgis` offers. Everything here does what the command of its name does.
+"""Results in Python as xarray datasets, GeoPandas tables, and frames in memory. The verbs are in `mpmgis.verbs`.
 
-What a command would say on stderr goes to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows it); errors
-are `mpmgis.MpmgisError`, each with a message of one line.
+Messages go to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows them); errors are `mpmgis.MpmgisError`,
+each with a message of one line.
 """
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
-from .errors import InputError, MpmgisError
-from .io.input_files import trusting
-from .particles import Frame, Particles
-from .workflows.python_options import AveragingOptions, ExportOptions, SeedingOptions, require_known
+from .errors import InputError
+from .particles import Frame
+from .verbs.export_raster import VERB as _EXPORT
+from .verbs.export_raster import FrameAveragingOptions
+from .verbs.option import options_of
+from .verbs.public import python_words
+from .verbs.values import request
 
 if TYPE_CHECKING:
     import geopandas
     import xarray
 
     from .terrain.elevation import Terrain
-    from .workflows.run import RunSummary
-    from .workflows.seed import Seeded
-
-__all__ = [
-    "Frame", "MpmgisError", "Particles", "depth_average", "export_raster", "open_results", "read_frame", "run", "seed",
-    "to_geodataframe",
-]  # fmt: skip
-
-
-def seed(
-    dem: str | Path, release: str | Path, output: str | Path | None = None, **options: Unpack[SeedingOptions]
-) -> "Seeded":
-    """Columns from a DTM and release areas (MOX report 15/2025, Algorithm 1), as `mpmgis seed`.
-
-    Parameters
-    ----------
-    dem, release : path
-    output : path, optional
-        Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
-    **options
-        As of the command: thickness [m, a column's name or a raster], density [kg m-3], count, spacing [m], ...
-
-    Returns
-    -------
-    Seeded
-        With `path`, `count` and `record`.
-
-    Examples
-    --------
-    >>> mpmgis.seed("dtm.tif", "release.shp", "particles.h5", thickness=1.5, count=20_000)  # doctest: +SKIP
-    """
-    from .workflows.seed import seed_file
-
-    require_known(options, SeedingOptions, "seed")
-    return seed_file(dem, release, output, **options)
-
-
-def run(
-    scene: str | Path | Mapping,
-    output: str | Path | None = None,
-    *,
-    overwrite: bool = False,
-    resume: bool = False,
-    threads: int | None = None,
-    laws: str | Path | None = None,
-    trust: bool = False,
-    confirm: Callable[[str], bool] = lambda question: True,
-) -> "RunSummary":
-    """Simulate a scene into a folder of frames, as `mpmgis run`.
-
-    Parameters
-    ----------
-    scene : path or mapping
-        A scene.toml, or its tables as a dictionary, with paths relative to the current folder.
-    output : path, optional
-        Folder; default ``results`` beside the scene.
-    overwrite, resume, threads, laws, trust : as of the command
-    confirm : callable
-        Asked in words before a run of hours or of most of the memory; False refuses it.
-
-    Returns
-    -------
-    RunSummary
-        With `folder`, `frames`, `time` [s], `reason`, `balances`, ...
-
-    Examples
-    --------
-    >>> summary = mpmgis.run("scene.toml", "results")  # doctest: +SKIP
-    """
-    from .workflows.run import run as run_scene
-
-    if not isinstance(scene, (str, Path, Mapping)):
-        raise InputError(f"scene is {scene!r}, wanted a path or a mapping of its tables")
-    with trusting(trust):
-        return run_scene(scene, output, overwrite=overwrite, resume=resume, threads=threads, laws=laws, confirm=confirm)
-
-
-def export_raster(
-    frames: str | Path | list | tuple,
-    output: str | Path | None = None,
-    *,
-    trust: bool = False,
-    **options: Unpack[ExportOptions],
-) -> list[Path]:
-    """Frames to GeoTIFF bands and a QGIS project (NHESS 25:3897, Eqs 2 to 17), as `mpmgis export-raster`.
-
-    Parameters
-    ----------
-    frames : path or several
-        Frames or the folder that holds them, of mpmgis or of another code.
-    output : path, optional
-        Folder; default ``<name>_gis`` beside the frames' folder.
-    trust : as of the command
-    **options
-        As of the command; `cell_size` is --cs-e [m], `time_step` --dt-e [s].
-
-    Returns
-    -------
-    list of Path
-        Every file written, the QGIS project first.
-
-    Examples
-    --------
-    >>> mpmgis.export_raster("results", cell_size=1, time_step=0.2)  # doctest: +SKIP
-    """
-    from .workflows.export import ExportRequest
-    from .workflows.export import export_raster as export
-
-    require_known(options, ExportOptions, "export_raster")
-    given = tuple(frames) if isinstance(frames, (list, tuple)) else (frames,)
-    with trusting(trust):
-        return export(ExportRequest(frames=given, output=None if output is None else Path(output), **options))
+    from .workflows.requests import ExportRequest
 
 
 def open_results(
     folder: str | Path,
     dem: "str | Path | Terrain | xarray.DataArray | None" = None,
-    **options: Unpack[AveragingOptions],
+    **options: Unpack[FrameAveragingOptions],
 ) -> "xarray.Dataset":
     """A folder of results as a lazy xarray.Dataset (time, y, x) with its CRS.
 
-    An exported folder is opened as it is: the steps' bands, `h_max` and the other maxima, `h_deposit`, `elevation`. A
-    folder of frames, of mpmgis or of another code, is averaged step by step where values are asked for. Where the
-    solver kept maxima of every step (`maxima = true`), they are there too: `h_max`, `t_max`, and `Ut_max`, `p_max`,
-    `t_arrival` where `min_depth` is the solver's arrival thickness.
+    An exported folder contains the bands of the steps, `h_max` and the other maxima, `h_deposit`, `elevation`. Frames,
+    of mpmgis or of another code, are averaged step by step when values are needed. Their dataset also contains the
+    maxima of all steps that the solver stored (`maxima = true`): `h_max`, `t_max`, and `Ut_max`, `p_max`, `t_arrival`
+    if `min_depth` is the solver's arrival thickness.
 
     Parameters
     ----------
     folder : path
     dem : path, Terrain or DataArray, optional
-        For frames; default: the DTM that they name.
+        For frames; default: the DTM named in them.
     **options
-        For frames, as of `mpmgis export-raster`: cell_size [m], time_step [s], products, extent (default "dtm"), ...
+        For frames: `cell_size` [m], `time_step` [s], `products`, `extent` (default "dtm", because "flow" reads all
+        frames first), ...
 
     Returns
     -------
@@ -164,29 +56,32 @@ def open_results(
     """
     from .workflows.datasets import open_results as opened
 
-    return opened(folder, dem, **options)
+    with python_words(_EXPORT):
+        asked = _averaging(folder, options, "open_results")
+        found: xarray.Dataset = opened(folder, asked, dem, tuple(options))
+    return found
 
 
 def depth_average(
     frame: str | Path | Frame,
     dem: "str | Path | Terrain | xarray.DataArray | None" = None,
-    **options: Unpack[AveragingOptions],
+    **options: Unpack[FrameAveragingOptions],
 ) -> "xarray.Dataset":
     """One frame of particles depth-averaged onto cells with vertical projection (NHESS 25:3897, Eqs 2 to 14).
 
     Parameters
     ----------
     frame : path or Frame
-        A file, or particles of your own: ``Frame(Particles(position, velocity, mass, volume), dimension=3, crs=...)``.
+        A file, or particles in memory: ``Frame(Particles(position, velocity, mass, volume), dimension=3, crs=...)``.
     dem : path, Terrain or DataArray, optional
-        Default: the DTM that the frame names.
+        Default: the DTM named in the frame.
     **options
         As of `open_results`.
 
     Returns
     -------
     xarray.Dataset
-        h, t [m], Un, Ut [m s-1], elevation [m] and the `products` asked for, in memory.
+        h, t [m], Un, Ut [m s-1], elevation [m] and the `products`, in memory.
 
     Examples
     --------
@@ -194,11 +89,28 @@ def depth_average(
     """
     from .workflows.datasets import depth_average as averaged
 
-    return averaged(frame, dem, **options)
+    with python_words(_EXPORT):
+        asked = _averaging("the frame" if isinstance(frame, Frame) else frame, options, "depth_average")
+        found: xarray.Dataset = averaged(frame, asked, dem)
+    return found
+
+
+def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -> "ExportRequest":
+    """The request for averaging in memory; by default cells cover the DTM and are aligned with north."""
+    from .workflows.requests import ExportRequest
+
+    given: dict[str, Any] = {**options}
+    known = options_of(FrameAveragingOptions)
+    for name in given:
+        if name not in known:
+            raise InputError(f"{where}: there is no option {name!r}; it takes {', '.join(sorted(known))}")
+    if "maxima" in given.get("products", ()):
+        raise InputError(f"{where}: products='maxima' requires an exported folder; use .max('time') for frames")
+    return request(_EXPORT, ExportRequest, {"extent": "dtm", "north_up": True, **given, "frames": (frames,)})
 
 
 def read_frame(path: str | Path) -> Frame:
-    """The frame in a file of mpmgis, with its particles.
+    """The frame, with its particles, in a file of mpmgis.
 
     Examples
     --------
@@ -206,11 +118,12 @@ def read_frame(path: str | Path) -> Frame:
     """
     from .io.frames import read_frame as read
 
-    return read(path, with_state=False)
+    frame: Frame = read(path, with_state=False)
+    return frame
 
 
 def to_geodataframe(what: "Frame | xarray.Dataset", wet: str = "h") -> "geopandas.GeoDataFrame":
-    """Particles of a Frame as points, or the cells of a Dataset of one time, where `wet` is above 0, as squares.
+    """Particles of a Frame as points, or cells of a Dataset of one time with `wet` above 0 as squares.
 
     Examples
     --------
@@ -219,7 +132,9 @@ def to_geodataframe(what: "Frame | xarray.Dataset", wet: str = "h") -> "geopanda
     from .io.datasets import cell_table, particle_table
 
     if isinstance(what, Frame):
-        return particle_table(what)
+        table: geopandas.GeoDataFrame = particle_table(what)
+        return table
     if not hasattr(what, "data_vars"):
-        raise InputError(f"got {type(what).__name__}, wanted a Frame or an xarray.Dataset")
-    return cell_table(what, wet)
+        raise InputError(f"got {type(what).__name__}, expected a Frame or an xarray.Dataset")
+    cells: geopandas.GeoDataFrame = cell_table(what, wet)
+    return cells

@@ -12,15 +12,15 @@ class InputError(MpmgisError):
 
 
 class GeoreferenceError(InputError):
-    """A CRS, unit or transform does not allow metres on a map."""
+    """A CRS, unit or transform does not give metres on a map."""
 
 
 class SceneError(InputError):
-    """A scene names what does not exist, or values that are impossible."""
+    """A scene contains an unknown name or an impossible value."""
 
 
 class FormatError(InputError):
-    """A file is missing, truncated, junk, or of a newer format."""
+    """A file is missing, truncated, damaged, or of a newer format."""
 
 
 class OutputError(MpmgisError):
@@ -28,11 +28,11 @@ class OutputError(MpmgisError):
 
 
 class UnphysicalError(MpmgisError):
-    """A run left the range of its model and stopped itself; every frame before it is whole."""
+    """A run left the range of its model and stopped; all earlier frames are complete."""
 
     exit_code = 3
 
 
 def one_line(text):
-    """`text` with all white space folded, so that a foreign library's message stays on one line."""
+    """`text` with white space folded, so that messages of other libraries are one line."""
     return " ".join(str(text).split())

@@ -1,7 +1,7 @@
-"""The vocabulary: every quantity's name, unit, long name, dtype.
+"""Table of all quantities: name, unit, long name, dtype.
 
-HDF5 attributes, raster band descriptions, QGIS styles and the documentation all read this one table, so that a
-quantity is named once. Raster bands carry `NODATA` where there is no value.
+HDF5 attributes, raster band descriptions, QGIS styles and the documentation read this table. Raster bands contain
+`NODATA` where there is no value.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,8 @@ GRAVITY = 9.81  # [m s-2], the one constant
 class Quantity(NamedTuple):
     """One physical quantity.
 
-    `name` is the key in files, `unit` follows UDUNITS ("m s-1"; "1" where it has none), `long_name` describes in words
-    what it is, with its sign and convention, `dtype` is the default storage type.
+    `name` is the key in files, `unit` follows UDUNITS ("m s-1"; "1" without one), `long_name` is a description with
+    sign and convention, `dtype` is the default storage type.
     """
 
     name: str
@@ -61,5 +61,14 @@ BAND = _table(
     ("Un_min", "m s-1", "smallest slope-normal velocity over all steps (into the slope)", "float32"),
     ("Ut_max", "m s-1", "largest slope-parallel speed over all steps", "float32"),
     ("p_max", "Pa", "largest impact pressure over all steps", "float32"),
+    ("eroded", "m", "vertical depth that the flow took from the bed", "float32"),
+    ("erosion_rate_max", "m s-1", "largest speed at which the bed receded between two frames, vertical", "float32"),
+    ("deposit", "m", "vertical thickness of the material at the end, from mass", "float32"),
+    ("detrained", "m", "vertical thickness of the material that stopped in forest, from mass", "float32"),
+    ("broken_forest", "1", "share of the cell whose forest is broken", "float32"),
+    ("surface_new", "m", "elevation of the ground at the end: bed after erosion plus all deposits", "float32"),
+    ("bed_new", "m", "elevation of the bed after erosion", "float32"),
     ("t_arrival", "s", "first time with depth at least min_depth", "float32"),
 )
+
+MEMBER_BANDS = ("h_max", "Ut_max", "p_max", "t_arrival")  # of the raster of one run of an ensemble or a region

@@ -1,18 +1,18 @@
-"""Free memory of this machine, and whether it is sufficient."""
+"""Free memory and address space of this machine, and whether they are sufficient."""
 
 import re
 from contextlib import suppress
 from pathlib import Path
 
 _LINUX = Path("/proc/meminfo")
-ADDRESS_SPACE = 1_000_000_000  # [bytes] with one thread 0.85e9 are enough for `run` and `export-raster`, 0.75e9 are not
+ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thread need more than 0.75e9, at most 0.85e9
 _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
 def available_memory():
-    """Memory that a program may take [bytes]; infinite where the system does not report it.
+    """Memory available to a program [bytes]; infinite where the system does not report it.
 
-    What the system holds of files counts as free: it gives that back.
+    The file cache of the system counts as free.
     """
     with suppress(OSError, ValueError):
         found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
@@ -26,9 +26,9 @@ def available_memory():
 
 
 def address_space_lack(limit):
-    """In words what is wrong with a `limit` [bytes] of this process's address space; "" where there is room enough.
+    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
 
-    Beyond it libraries of C and C++ do not fail but abort, in the middle of whatever is being done.
+    Beyond the limit C and C++ libraries abort the process.
     """
     if limit >= ADDRESS_SPACE:
         return ""
@@ -36,9 +36,9 @@ def address_space_lack(limit):
 
 
 def memory_lack(needed, share=1.0):
-    """In words what is wrong with `needed` [bytes]; "" where they are at most a `share` of the memory that is free.
+    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
 
-    For a refusal before the work: what is refused, and what helps, only the caller knows.
+    The caller adds what needs the memory, and the fix.
     """
     free = available_memory()
     if needed <= share * free:

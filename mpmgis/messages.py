@@ -13,7 +13,7 @@ _sinks: ContextVar[tuple[Callable[[str], bool], ...]] = ContextVar("sinks", defa
 
 
 def _passes_sinks(record: logging.LogRecord) -> bool:
-    """Offer a message to the contexts that are open, the innermost first; one that returns False keeps it."""
+    """Pass a message to the open contexts, the innermost first; one that returns False stops it."""
     return all(sink(record.getMessage()) for sink in reversed(_sinks.get()))
 
 
@@ -52,7 +52,7 @@ def collected() -> Iterator[list[str]]:
 
 @contextmanager
 def logged_once() -> Iterator[None]:
-    """Log each message of this block once, in this thread, however often it is repeated."""
+    """Log each distinct message of this block once, in this thread."""
     seen: set[str] = set()
     with _sink(lambda text: not (text in seen or seen.add(text))):
         yield

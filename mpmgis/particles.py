@@ -1,4 +1,4 @@
-"""Particles and frames: the data that all parts of the program exchange."""
+"""Particles and frames: the data structures that all parts of the program exchange."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,17 +43,17 @@ class Particles:
         return {name: value for name, value in vars(self).items() if value is not None}
 
     def take(self, index):
-        """The particles that `index` (bool or int) picks."""
+        """The particles at `index` (bool or int)."""
         return Particles(**{name: value[index] for name, value in self.arrays().items()})
 
 
 @dataclass(frozen=True)
 class Frame:
-    """All particles at one time, with their place on the map. The file format is in docs/formats.md.
+    """All particles at one time, with their georeference. The file format is in docs/formats.md.
 
-    `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' where
-    unknown; `state` holds what else a restart needs; `maxima` holds running peaks of the solver; `header` holds
-    what a producer wants to record (plain numbers and strings).
+    `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' if
+    unknown; `state` contains further data for a restart; `maxima` running maxima of the solver, `bed_change` the eroded
+    mass; `header` records of the program that made it (plain numbers and strings).
     """
 
     particles: Particles
@@ -68,10 +68,11 @@ class Frame:
     digest: str = ""
     state: dict = field(default_factory=dict)
     maxima: dict = field(default_factory=dict)
+    bed_change: dict = field(default_factory=dict)
     header: dict = field(default_factory=dict)
 
-    def told(self, name, *shape):
-        """float64[n, *shape]: what `state` has under `name` for each particle; None where it has no such numbers."""
+    def particle_state(self, name, *shape):
+        """float64[n, *shape]: the array `name` of `state`; None if it does not exist or has another shape or type."""
         values = np.asarray(self.state.get(name))
         if values.shape != (len(self.particles), *shape) or values.dtype.kind != "f":
             return None
@@ -83,6 +84,6 @@ class Frame:
         return position[:, 0] + self.origin[0], position[:, 1] + self.origin[1]
 
     def xy_from(self, east, north):
-        """(x, y) [m] from the place `east`, `north` of the map, with the digits that small cells need."""
+        """(x, y) [m] relative to the map point `east`, `north`, computed without loss of digits."""
         position = self.particles.position
         return position[:, 0] + (self.origin[0] - east), position[:, 1] + (self.origin[1] - north)

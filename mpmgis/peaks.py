@@ -1,9 +1,9 @@
-"""Running peaks of every step: at the nodes of a solver's lattice, and in a frame.
+"""Running peaks (maxima over all steps) at the nodes of a solver's lattice, and in a frame.
 
-A frame holds them as a flat dictionary: `thickness` [m, vertical], `speed` [m s-1], `pressure` [Pa], `arrival_time` [s,
--1: never], float32[rows, columns] with row 0 in the south, their `transform` (spacing, 0, west, 0, spacing, south), and
-the `arrival_thickness` [m] that all but the thickness are of. Where stages of a run have cells of different size, the
-peaks of the other lattices follow under `other1_thickness`, ..., `other1_transform`, `other2_...`.
+A frame contains them as a flat dictionary: `thickness` [m, vertical], `speed` [m s-1], `pressure` [Pa], `arrival_time`
+[s, -1: never], float32[rows, columns] with row 0 in the south, their `transform` (spacing, 0, west, 0, spacing, south),
+and the threshold `arrival_thickness` [m] of all but the thickness. If stages of a run have different cell sizes, the
+peaks of the other lattices have the names `other1_thickness`, ..., `other1_transform`, `other2_...`.
 """
 
 import re
@@ -14,25 +14,25 @@ PEAK_NAMES = ("thickness", "speed", "pressure", "arrival_time")
 THICKNESS, SPEED, PRESSURE, ARRIVAL, PEAK_ENTRIES = range(5)
 PEAK_STATE = ("peaks", "peak_nodes")  # of a frame's state
 TRANSFORM, THRESHOLD = "transform", "arrival_thickness"
-_ALIGNED = 1e-6  # of a spacing, by which the nodes of two lattices may miss each other
+_ALIGNED = 1e-6  # of a spacing: tolerance for nodes of two lattices to coincide
 _OTHER = re.compile(r"other(\d+)_")
 
 
 def no_peaks(shape, kept=True):
-    """float64[*shape, PEAK_ENTRIES] of nodes that no flow has been at; of one node where none are `kept`."""
+    """float64[*shape, PEAK_ENTRIES] of nodes that no flow has reached; of a single node if peaks are not `kept`."""
     peaks = np.zeros((*(shape if kept else (1, 1)), PEAK_ENTRIES))
     peaks[..., ARRIVAL] = -1.0
     return peaks
 
 
 def peaks_state(peaks):
-    """What a restart needs: the peaks of the nodes that the flow has been at, which are few of a terrain's."""
+    """Data for a restart: the peaks of the nodes that the flow has reached."""
     nodes = np.flatnonzero((peaks[..., THICKNESS] > 0.0) | (peaks[..., ARRIVAL] >= 0.0))
     return dict(zip(PEAK_STATE, (peaks.reshape(-1, PEAK_ENTRIES)[nodes], nodes), strict=True))
 
 
 def fits(peaks, state):
-    """Whether `state` has what `peaks_state` gives of an array like `peaks`."""
+    """Whether `state` is a valid result of `peaks_state` for an array like `peaks`."""
     if not set(PEAK_STATE) <= set(state):
         return False
     values, nodes = (state[name] for name in PEAK_STATE)
@@ -40,16 +40,16 @@ def fits(peaks, state):
 
 
 def restore_peaks(peaks, state):
-    """Set `peaks` to what `peaks_state` gave."""
+    """Set `peaks` from a result of `peaks_state`."""
     peaks[:] = 0.0
     peaks[..., ARRIVAL] = -1.0
     peaks.reshape(-1, PEAK_ENTRIES)[state["peak_nodes"]] = state["peaks"]
 
 
 def maxima_of(peaks, west, south, spacing, arrival_thickness):
-    """`peaks` float64[rows, columns, PEAK_ENTRIES] as a frame has them, cut to the nodes that the flow reached.
+    """`peaks` float64[rows, columns, PEAK_ENTRIES] as in a frame, cropped to the nodes that the flow reached.
 
-    `west`, `south` [m] are the map position of the first node, `spacing` [m] is that of the nodes.
+    `west`, `south` [m] are the map position of the first node, `spacing` [m] is the node spacing.
     """
     j, i = np.nonzero(peaks[..., THICKNESS] > 0)
     window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
@@ -60,7 +60,7 @@ def maxima_of(peaks, west, south, spacing, arrival_thickness):
 
 
 def lattices_of(kept):
-    """The peaks of each lattice in the dictionary `kept`, each a dictionary of its own; nothing where it is empty."""
+    """List of dictionaries: the peaks of each lattice in the dictionary `kept`."""
     if not kept:
         return []
     numbers = sorted({int(found.group(1)) for name in kept if (found := _OTHER.match(name))})
@@ -74,9 +74,9 @@ def lattices_of(kept):
 
 
 def together(now, *others):
-    """The peaks of several flows, or of one at several times, as one dictionary: the largest, the earliest arrival.
+    """Combined peaks of several flows, or of one at several times: the largest values and the earliest arrival.
 
-    Lattices whose nodes meet become one; that of `now` stands first.
+    Lattices whose nodes coincide are merged; that of `now` is the first.
     """
     lattices = []
     for one in (lattice for kept in (now, *others) for lattice in lattices_of(kept)):
@@ -96,7 +96,7 @@ def together(now, *others):
 
 def largest_peaks(kept):
     """The largest `thickness`, `speed` and `pressure` of all lattices in `kept`, and the `area` [m2] that the flow
-    reached in each of them by their `cell_size` [m], as plain numbers; empty where none are kept."""
+    reached in each with its `cell_size` [m], as plain numbers; empty for an empty `kept`."""
     lattices = lattices_of(kept)
     if not lattices:
         return {}
@@ -111,7 +111,7 @@ def _reached(lattice):
 
 
 def _offset(one, other):
-    """float64[2]: how many nodes `one` begins north and east of `other`."""
+    """float64[2]: offset of `one` to the north and east of `other` [nodes]."""
     a, b = np.asarray(one[TRANSFORM], float), np.asarray(other[TRANSFORM], float)
     return (a[[5, 2]] - b[[5, 2]]) / a[0]
 
@@ -124,7 +124,7 @@ def _meet(one, other):
 
 
 def _larger(one, other):
-    """The larger values of two lattices whose nodes meet, on the smallest window that holds what both reached."""
+    """The larger values of two lattices whose nodes coincide, on the smallest window that contains both."""
     if not _reached(other):
         return one
     if not _reached(one):

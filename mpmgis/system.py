@@ -1,6 +1,6 @@
 """Differences between Linux, macOS and Windows: folders, names, open files, processes, signals.
 
-No other module asks which system it runs on, but for the toolbox for QGIS; a test holds that. It is called as
+No other module except the QGIS toolbox depends on the system; a test checks this. Functions are called as
 `system.name`, so that tests can emulate another system (`tests/cli/as_on_windows.py`).
 """
 
@@ -17,8 +17,8 @@ from pathlib import Path
 WINDOWS = os.name == "nt"
 MACOS = sys.platform == "darwin"
 PROCESSES = Path("/proc")  # process and system information on Linux
-PATIENCE_SECONDS = 2.0  # in which a virus scanner or a search index has let go of a new file
-UNKNOWN = 0  # start of a process that cannot be known
+PATIENCE_SECONDS = 2.0  # a virus scanner or a search index closes a new file within this time
+UNKNOWN = 0  # start of a process that is not known
 
 _FIRST_WAIT_SECONDS = 0.01
 _DEVICE = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³])(?: *\..*)?", re.IGNORECASE | re.DOTALL)
@@ -29,19 +29,19 @@ _NO_NAME = re.compile(r'[\x00-\x1f<>:"|?*\\/]')
 
 
 def cache_root() -> Path:
-    """The folder in which programs of this user keep what they can make again."""
+    """The folder for cached files of this user."""
     if WINDOWS:
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     return Path.home() / "Library" / "Caches" if MACOS else Path.home() / ".cache"
 
 
 def modes_count() -> bool:
-    """Whether the mode of a file shows who may write to it. On Windows all have the same, and the owner is unknown."""
+    """Whether the mode of a file shows who can write to it; on Windows it does not, and the owner is unknown."""
     return not WINDOWS
 
 
 def slashed(path, folder) -> str:
-    """`path` as seen from `folder`, with forward slashes; absolute where they have no root in common: two drives."""
+    """`path` relative to `folder`, with forward slashes; absolute if they are on different drives."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
@@ -52,10 +52,10 @@ def slashed(path, folder) -> str:
 
 
 def wrong_name(path) -> str:
-    """What is wrong with the names in `path` on this system, in words; "" where they can be given to files.
+    """Why the names in `path` are invalid on this system; "" if they are valid.
 
-    Windows takes `nul.tif` for a device and `a:b` for a second stream of a file `a`, and drops dots and spaces at the
-    end: what is written there is lost, or is another file.
+    On Windows `nul.tif` is a device and `a:b` a second stream of a file `a`, and dots and spaces at the end are
+    dropped: data written there would be lost, or be in another file.
     """
     if not WINDOWS:
         return ""
@@ -71,7 +71,7 @@ def wrong_name(path) -> str:
 
 
 def file_name(text) -> str:
-    """`text` as a part of file names that every system allows: other letters become _, so that it is no path either."""
+    """`text` as a part of file names that is valid on every system: other characters, also slashes, become _."""
     name = _NO_NAME.sub("_", str(text)).rstrip(". ")
     return f"_{name}" if not name or name.startswith(".") or _DEVICE.fullmatch(name) else name
 
@@ -80,21 +80,21 @@ def file_name(text) -> str:
 
 
 def flush(descriptor) -> None:
-    """Have all that was written through `descriptor` on the disk; on macOS fsync leaves it in the disk's own memory.
+    """Write all data of `descriptor` to the disk; on macOS fsync alone leaves it in the cache of the disk.
 
-    Windows flushes only what is open for writing.
+    Windows flushes only files that are open for writing.
     """
     if MACOS:
         import fcntl
 
-        with suppress(OSError):  # network file systems have none
+        with suppress(OSError):  # not supported on network file systems
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
             return
     os.fsync(descriptor)
 
 
 def own_flags() -> int:
-    """Flags of `os.open`: no link is followed, nothing is waited for, bytes stay as they are; those that there are."""
+    """Flags of `os.open` that exist here: follow no links, do not block, binary mode."""
     return sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY", "O_NOINHERIT"))
 
 
@@ -104,7 +104,7 @@ def follows_links() -> bool:
 
 
 def replace(source, target) -> None:
-    """As `os.replace`; on Windows tried again for PATIENCE_SECONDS while somebody has one of the two open."""
+    """As `os.replace`; on Windows repeated for PATIENCE_SECONDS while another program has one of the files open."""
     _patiently(os.replace, source, target)
 
 
@@ -121,9 +121,9 @@ def _patiently(act, source, target):
 
 
 def held_open(path):
-    """The first file at `path`, or in the folder `path`, that cannot be renamed or removed now; None where all can.
+    """The first file at `path`, or in the folder `path`, that cannot be renamed or removed now; None without one.
 
-    On Windows that is one which a program has open. Anywhere else open files can be replaced, and nothing is asked.
+    On Windows that is a file which a program has open. On other systems open files can be replaced: always None.
     """
     if not WINDOWS:
         return None
@@ -143,18 +143,18 @@ def _is_held(file):
 
 
 def is_held_open(error) -> bool:
-    """Whether an OSError may mean that somebody has a file open; elsewhere it means that there is no permission."""
+    """Whether an OSError can mean that a program has the file open (Windows only)."""
     return WINDOWS and error.errno in (errno.EACCES, errno.EPERM, errno.EBUSY)
 
 
 def is_unread(stream, error) -> bool:
-    """Whether an OSError means that the reader of a `stream` of this process is gone; Windows has EINVAL for that."""
+    """Whether an OSError means that the reader of a `stream` of this process has closed it (EINVAL on Windows)."""
     if isinstance(error, BrokenPipeError):
         return True
     if not (WINDOWS and error.errno == errno.EINVAL and error.filename is None):
         return False
     try:
-        stream.flush()  # what could not be written is still in it
+        stream.flush()  # the unwritten data is still in the buffer
     except OSError:
         return True
     return False
@@ -164,12 +164,12 @@ def is_unread(stream, error) -> bool:
 
 
 def cores() -> int:
-    """Number of processor cores that this process may use."""
+    """Number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def address_space_limit() -> float:
-    """Bytes of addresses that this process may use; infinite where there is no limit, as always on Windows."""
+    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
     try:
         import resource
     except ImportError:
@@ -179,7 +179,7 @@ def address_space_limit() -> float:
 
 
 def machine_number() -> str:
-    """Text that no other machine has."""
+    """Text that identifies this machine."""
     if WINDOWS or MACOS:
         import uuid
 
@@ -188,12 +188,12 @@ def machine_number() -> str:
 
 
 def start_of_machine() -> str:
-    """Text of this start of the machine on Linux; elsewhere "", as processes there have the date of their own start."""
+    """Text that identifies this boot on Linux; elsewhere "", because process start times are absolute there."""
     return text_of(PROCESSES / "sys/kernel/random/boot_id")
 
 
 def process_space() -> str:
-    """The space of process numbers on Linux, which is another one in each container; "" elsewhere."""
+    """The namespace of process numbers on Linux, different in each container; "" elsewhere."""
     try:
         return os.readlink(PROCESSES / "self/ns/pid")
     except OSError:
@@ -201,7 +201,7 @@ def process_space() -> str:
 
 
 def process_start(number) -> int:
-    """When process `number` was started; UNKNOWN where the system does not report it, or where there is none.
+    """Start time of process `number`; UNKNOWN if the system does not report it, or if there is no such process.
 
     In Linux' ticks since the start of the machine, elsewhere in hundredths of a second since 1970.
     """
@@ -217,7 +217,7 @@ def process_start(number) -> int:
 
 
 def runs(number) -> bool:
-    """Whether there may be a process `number`; one that has ended, of which nobody has asked how, is none."""
+    """Whether process `number` may be running; a zombie process is not."""
     if _has_processes():
         return _may_be_signalled(number) and process_facts(number)[:1] not in (["Z"], ["X"])
     import psutil
@@ -231,7 +231,7 @@ def runs(number) -> bool:
 
 
 def process_facts(number) -> list:
-    """The fields of process `number` on Linux after its name: its state, ..., its start; [] elsewhere."""
+    """The fields of process `number` on Linux after its name (state, ..., start time); [] elsewhere."""
     return text_of(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
 
 
@@ -241,7 +241,7 @@ def _has_processes():
 
 def _may_be_signalled(number):
     try:
-        os.kill(number, 0)  # only on Linux: on Windows it would end the process
+        os.kill(number, 0)  # only on Linux: on Windows this ends the process
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:
@@ -250,7 +250,7 @@ def _may_be_signalled(number):
 
 
 def text_of(path) -> str:
-    """The text of a system information file; "" where there is none."""
+    """The text of a system information file; "" if it does not exist."""
     try:
         return Path(path).read_text(encoding="ascii", errors="replace").strip()
     except OSError:
@@ -261,12 +261,12 @@ def text_of(path) -> str:
 
 
 def stop_signals() -> tuple:
-    """The signals by which a user, a terminal or a system asks a program to end; Windows also has Ctrl+Break."""
+    """The signals with which a user, a terminal or the system stops a program; Windows also has Ctrl+Break."""
     return tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 
 
 def ignore_interrupts() -> None:
-    """Leave Ctrl+C, which a terminal sends to all of a program's processes, to the one that started this one."""
+    """Ignore Ctrl+C in this process; its parent process, which also receives it, handles it."""
     for name in ("SIGINT", "SIGBREAK"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""A session of tests that is told to stop stops; its workers share the cores.
+"""A session of tests that is reported to stop stops; its workers share the cores.
 
 The verbs that tests call in this process hear Ctrl+C and SIGTERM before pytest does: they tidy up and answer 130 or
 143. A session that ran into a time limit then went on, with one test failed for no reason of its own.
@@ -16,7 +16,12 @@ HEARD, HEAR = os.pipe()
 IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # Where nothing is compiled yet, one worker compiles the 3D solver and the other that of columns, each for a minute. In
 # any other order both compile the same.
-EARLY = ("test_points_march.py", "test_columns_exact.py", "test_columns_step.py", "test_places_command.py")
+EARLY = (
+    "test_points_integration.py",
+    "test_columns_exact.py",
+    "test_columns_step.py",
+    "test_spatial_features_command.py",
+)
 
 
 # A machine that is busy is no failure: hypothesis allows 200 ms an example where nothing else is said.

@@ -1,4 +1,4 @@
-"""The house stands as mpmgis/ARCHITECTURE.md says: the page's own tables are what the imports are held against."""
+"""The house stands as mpmgis/ARCHITECTURE.md says: the page's own tables are what the imports are compared with."""
 
 import ast
 import re
@@ -29,8 +29,8 @@ def names(cell):
     return re.findall(r"`([^`]+)`", cell)
 
 
-FLOOR = {unit: int(row[0]) for row in table("Floors") for unit in names(row[1])}
-DOORS = {library: set(names(row[1])) for row in table("Doors") for library in names(row[0])}
+LAYER = {unit: int(row[0]) for row in table("Layers") for unit in names(row[1])}
+LIBRARIES = {library: set(names(row[1])) for row in table("Libraries") for library in names(row[0])}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -75,36 +75,38 @@ def tracked_files():
     return [Path(name) for name in listing.split("\0") if name and (ROOT / name).exists()]
 
 
-def test_every_unit_stands_on_a_floor_and_every_floor_has_its_units():
+def test_every_unit_is_in_the_table_of_layers():
     there = {unit_of(module_name(path)) for path in SOURCES} - {"__init__"}
-    assert there == set(FLOOR)
+    assert there == set(LAYER)
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
 def test_imports_go_down(path):
     own = unit_of(module_name(path))
     for line, unit in imported_units(path):
-        assert unit in FLOOR, f"{path}:{line} imports mpmgis.{unit}, which is no unit of the house"
-        down = own != "__init__" and (unit == own or FLOOR[unit] < FLOOR[own])
-        assert down, f"{path}:{line}: {own} imports {unit}, which is not on a floor below"
+        assert unit in LAYER, f"{path}:{line} imports mpmgis.{unit}, which is not in ARCHITECTURE.md"
+        down = own != "__init__" and (unit == own or LAYER[unit] < LAYER[own])
+        assert down, f"{path}:{line}: {own} imports {unit}, which is not in a lower layer"
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_libraries_come_in_by_their_door(path):
+def test_libraries_are_imported_only_by_their_units(path):
     own = unit_of(module_name(path))
     for line, name in imports(path):
         library = name.split(".")[0]
-        if library in DOORS:
-            assert own in DOORS[library], f"{path}:{line} imports {library}, whose door is {sorted(DOORS[library])}"
+        if library in LIBRARIES:
+            assert own in LIBRARIES[library], (
+                f"{path}:{line} imports {library}, which only these may import: {sorted(LIBRARIES[library])}"
+            )
 
 
-def test_the_doors_are_of_libraries_in_use():
+def test_the_table_of_libraries_has_only_libraries_in_use():
     used = {name.split(".")[0] for path in SOURCES for _, name in imports(path)}
-    assert set(DOORS) <= used
+    assert set(LIBRARIES) <= used
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.name != "__init__.py"], ids=module_name)
-def test_the_first_line_of_a_module_says_what_it_is(path):
+def test_modules_have_docstrings(path):
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     first, _, rest = docstring.partition("\n")
     assert len(first.split()) >= 2, f"{path} has no docstring, or one whose first line says nothing"
@@ -121,7 +123,7 @@ def test_only_the_command_line_prints(path):
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_what_is_public_says_what_it_is(path):
+def test_public_names_have_docstrings(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     definitions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
     public = [node for node in tree.body if isinstance(node, definitions) and not node.name.startswith("_")]

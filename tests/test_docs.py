@@ -18,11 +18,11 @@ import rasterio
 import shapely
 
 import mpmgis
-from mpmgis.cli.main import VERBS
 from mpmgis.fields import BAND, PARTICLE
 from mpmgis.interop.declarations import KEYS
 from mpmgis.io.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
 from mpmgis.scene.tables import TABLES
+from mpmgis.verbs.option import verb_names
 from mpmgis.workflows.demo import sample_folder
 
 PACKAGE = Path(mpmgis.__file__).parent
@@ -54,7 +54,7 @@ def plain(words):
 
 
 @pytest.mark.parametrize("link", LINKS, ids=lambda link: link["name"])
-def test_a_function_says_what_the_theory_page_says_that_it_says(link):
+def test_docstrings_contain_the_quotes_of_the_theory_page(link):
     thing, module = found(link["name"])
     assert link["words"], f"{link['name']} stands there without its own words"
     said = plain(f"{inspect.getdoc(thing)} {module.__doc__}")
@@ -66,7 +66,7 @@ def test_all_links_of_the_theory_page_are_looked_at():
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
-def test_make_knows_how_to_build_the_pages():
+def test_make_has_a_target_for_the_pages():
     told = subprocess.run(["make", "-n", "docs"], cwd=PACKAGE.parent, capture_output=True, text=True, timeout=60)
     assert told.returncode == 0, told.stderr
     assert ".ci/docs/build.py docs" in told.stdout
@@ -109,7 +109,7 @@ def test_the_site_shows_every_module_and_links_the_theory_to_functions(site):
 def test_the_site_shows_every_public_name_verb_and_scene_table(site):
     api = (site / "api" / "index.html").read_text(encoding="utf-8")
     assert all(re.search(rf"\b{name}\b", api) for name in mpmgis.__all__)
-    for verb in VERBS:
+    for verb in verb_names():
         assert (site / "reference" / "commands" / f"{verb}.html").is_file()
     seed = (site / "reference" / "commands" / "seed.html").read_text(encoding="utf-8")
     assert all(option in seed for option in ("--dem", "--thickness-mode", "--for"))

@@ -81,6 +81,15 @@ CHECKS = {  # what a notebook must have found, in its own names
         assert abs(share - mapped) < 1e-6
         assert set(bands("probability")) == {"P_h_0.25", "P_arrival"}
     """,
+    "07_from_event_to_hazard_map": """
+        assert low < TRUE_MU < high and high - low < 0.12
+        reach = {name: int((mpmgis.open_results(name).h_max > 0.1).sum()) for name in ("open", "wooded")}
+        assert reach["wooded"] < reach["open"] and 0.02 < balances["mass_detrained"] / balances["mass_start"] < 0.9
+        assert 0 < balances["forest_broken_area"] < balances["forest_area"]
+        assert list(footprints["number"]) == [1, 2, 3] and count.max() >= 2
+        total = float((rioxarray.open_rasterio("map/hazard.tif", masked=True)[0] > 0).sum()) * PIXEL**2
+        assert abs(sum(hazard.areas) / total - 1) < 0.01 and hazard.areas[-1] > 1e4
+    """,
 }
 
 
@@ -122,6 +131,6 @@ def test_runs_and_draws_what_it_promises(path, tmp_path, monkeypatch):
         assert len(pictures) == cell.source.count("plt.show()"), cell.source
         warnings = [output.text for output in cell.outputs if output.get("name") == "stderr"]
         assert not warnings, cell.source
-        if "!mpmgis" in cell.source:  # a failed command says so in one line, which begins with its name
+        if "!mpmgis" in cell.source:  # a failed command reports it in one line, which begins with its name
             told = "".join(output.get("text", "") for output in cell.outputs)
             assert not re.search(r"^mpmgis [\w-]+: ", told, re.MULTILINE), told

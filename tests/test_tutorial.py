@@ -30,7 +30,7 @@ def steps():
 
 
 def alike(wanted, line):
-    """Is `line` the `wanted` one, its numbers within 5 %? After "..." or "(...)" it may go on as it likes."""
+    """Is `line` the `wanted` one, its numbers within 5 %? After "..." or "(...)" it may continue as it likes."""
     wanted, shown = (" ".join(text.split()) for text in (wanted, line))
     if "..." in wanted:
         wanted = wanted[: wanted.index("...")].rstrip(" (")
@@ -102,8 +102,8 @@ def test_the_whole_hour_works_as_it_stands(tmp_path):
     assert type_all(parts()[1], tmp_path) >= 15
 
 
-def test_the_cure_that_is_printed_is_the_command_that_follows():
-    printed = re.search(r"for example: (rio warp .*)$", PAGE, re.MULTILINE)[1]
+def test_the_fix_that_is_printed_is_the_command_that_follows():
+    printed = re.search(r"reproject it: (rio warp .*)$", PAGE, re.MULTILINE)[1]
     assert f"\n```sh\n{printed}\n" in PAGE
 
 

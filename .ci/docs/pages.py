@@ -32,43 +32,34 @@ def toctree(names, **options):
 # ----------------------------------------------------------------------------------------------------------- commands
 
 
-class _Caught(Exception):
-    pass
-
-
 def parser_of(verb):
-    """The argparse parser of a verb, as the command makes it."""
+    """The argparse parser of a Verb, as the command makes it."""
     from mpmgis.cli import main
 
-    def catch(parser, *_):
-        raise _Caught(parser)
+    parsers = argparse.ArgumentParser(prog="mpmgis").add_subparsers(parser_class=main.OneLineParser)
+    return main.add_verb(parsers, verb)
 
-    genuine = argparse.ArgumentParser.parse_args
-    argparse.ArgumentParser.parse_args = catch
-    try:
-        main.main([verb])
-    except _Caught as caught:
-        (verbs,) = (action for action in caught.args[0]._actions if isinstance(action, argparse._SubParsersAction))
-        return verbs.choices[verb]
-    finally:
-        argparse.ArgumentParser.parse_args = genuine
-    raise AssertionError(f"mpmgis {verb} did not parse its arguments")
+
+def verbs_by_group():
+    """Title -> Verbs, in the order of the command."""
+    from mpmgis.verbs.option import GROUPS, all_verbs
+
+    groups = {}
+    for verb in all_verbs():
+        groups.setdefault(GROUPS[verb.place // 10], []).append(verb)
+    return groups
 
 
 def command_pages():
-    from mpmgis.cli.main import GROUPS, VERBS
-
-    grouped = {verb for verbs in GROUPS.values() for verb in verbs}
-    groups = {**GROUPS, "more": tuple(verb for verb in VERBS if verb not in grouped)}
-    pages, index = {}, []
+    groups, pages, index = verbs_by_group(), {}, []
     for title, verbs in groups.items():
-        if verbs:
-            rows = [[f"[mpmgis {verb}](commands/{verb}.md)", cell(VERBS[verb][1])] for verb in verbs]
-            index += [f"## {title[0].upper()}{title[1:]}", table(["command", "purpose"], rows)]
-    index.append(toctree([f"commands/{verb}" for verbs in groups.values() for verb in verbs], hidden=""))
+        rows = [[f"[mpmgis {verb.name}](commands/{verb.name}.md)", cell(verb.line)] for verb in verbs]
+        index += [f"## {title[0].upper()}{title[1:]}", table(["command", "purpose"], rows)]
+    every = [verb for verbs in groups.values() for verb in verbs]
+    index.append(toctree([f"commands/{verb.name}" for verb in every], hidden=""))
     pages["reference/commands"] = "\n\n".join(index)
-    for verb in VERBS:
-        pages[f"reference/commands/{verb}"] = command_page(parser_of(verb))
+    for verb in every:
+        pages[f"reference/commands/{verb.name}"] = command_page(parser_of(verb))
     return pages
 
 
@@ -217,10 +208,10 @@ def api_pages():
 def public_text():
     """The public names of `import mpmgis` by the task of the command of the same name."""
     import mpmgis
-    from mpmgis.cli.main import GROUPS
 
     left, parts = sorted(mpmgis.__all__), []
-    tasks = {title: [verb.replace("-", "_") for verb in verbs] for title, verbs in GROUPS.items()}
+    tasks = {title: [verb.name.replace("-", "_") for verb in verbs] for title, verbs in verbs_by_group().items()}
+    tasks["commands with another name in Python"] = ["solver_start", "scene_effects", "effect_catalogue", "sample_site"]
     tasks |= {"results, particles and errors": list(left)}
     for title, names in tasks.items():
         here = [name for name in names if name in left]

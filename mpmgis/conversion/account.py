@@ -12,7 +12,7 @@ def account_of_points(report, options):
     after, low, median, high = report.after, *report.points_per_column
     lines = [
         f"{report.before.count} columns became {after.count} points, {low} to {high} above each other (median "
-        f"{median:g}), {report.spacing:g} m apart as asked, {report.largest_gap:.3g} m at most"
+        f"{median:g}), {report.spacing:g} m apart as requested, {report.largest_gap:.3g} m at most"
     ]
     lines += _balance(report.before, after, report.outside, report.deleted)
     lines.append(
@@ -24,7 +24,7 @@ def account_of_points(report, options):
         lines.append(_left_out(report.outside, report.before, "columns have no ground under them and are left out"))
     if report.bed_shift > _SEEN:
         lines.append(
-            f"the columns' own beds lie up to {report.bed_shift:.2g} m off the DTM's; points stand on the DTM, with "
+            f"the beds of the columns are up to {report.bed_shift:.2g} m off the DTM; points are on the DTM, with "
             "the columns' thickness"
         )
     lines += _sideways(report, options)
@@ -44,15 +44,15 @@ def _left_out(part, whole, what):
 
 
 def _sideways(report, options):
-    """Lines about what stands beside each other."""
+    """Lines about the horizontal arrangement of points."""
     if options.cell is None:
         return [
-            f"stacks of points stand up to {report.widest:.3g} m apart: a 3D grid with smaller cells would see "
+            f"stacks of points are up to {report.widest:.3g} m apart: a 3D grid with smaller cells would see "
             "curtains with gaps between them (--cell M splits columns for cells of M metres)"
         ]
     low, median, high = report.points_per_cell
     lines = [
-        f"columns are cut into up to {report.pieces_per_column} stacks; cells of {options.cell:g} m hold {low} to "
+        f"columns are cut into up to {report.pieces_per_column} stacks; cells of {options.cell:g} m contain {low} to "
         f"{high} points, median {median:g}"
     ]
     if median < FEWEST_IN_CELL:
@@ -62,19 +62,19 @@ def _sideways(report, options):
         )
     if report.raised:
         lines.append(
-            f"{report.raised} stacks where columns lay over each other (density up to {100 * report.overlap:.3g} % too "
-            "high) were raised to what their mass fills"
+            f"{report.raised} stacks where columns overlapped (density up to {100 * report.overlap:.3g} % too "
+            "high) were raised to the height of their mass"
         )
     elif report.overlap > OVERLAP - 1.0:
         lines.append(
-            f"columns lie over each other: density is up to {100 * report.overlap:.3g} % too high in places "
-            "(--relevel raises them to what their mass fills)"
+            f"columns overlap: density is up to {100 * report.overlap:.3g} % too high in places "
+            "(--relevel raises them to the height of their mass)"
         )
     return lines
 
 
 def _printed(report):
-    """What MOX report 15/2025 prints and what that does, in numbers of this conversion."""
+    """Defects of the algorithm as printed in MOX report 15/2025, with the figures of this conversion."""
     before, after, deleted = report.before, report.after, report.deleted
     lines = ["every choice as MOX report 15/2025 prints it, with these defects:"]
     if deleted.count:
@@ -89,8 +89,8 @@ def _printed(report):
         "asked for",
         f"  E5: vertical velocity 0 (Eq 3) is not along the slope: the flow takes off at up to {report.launch:.3g} "
         f"m/s, kinetic energy is {after.kinetic:.6g} J (columns: {before.kinetic:.6g} J)",
-        "  Eq (3)'s horizontal accelerations are left out: an explicit MPM computes them anew in every step",
-        "  E7: no stress to start with: layers first drop onto their own elasticity",
+        "  Eq (3)'s horizontal accelerations are left out: an explicit MPM computes them in every step",
+        "  E7: no initial stress: layers first drop until their elasticity carries them",
         f"  E8: columns up to {report.widest:.3g} m wide are not split sideways",
         f"  E12: Eq (4) gives eps_m = {report.mass_scatter:.4g} kg and {report.momentum_scatter:.4g} kg m s-1: the "
         "scatter of particle masses, which falls with particle size whether or not mass is conserved",
@@ -108,11 +108,11 @@ def account_of_columns(report, options):
         f"bed, and kinetic energy {report.kinetic_lost:.4g} J of the motion within columns"
     )
     if report.by == "parent" and options.cell is not None:
-        lines.append(f"cells of {options.cell:g} m were not needed: the points know their columns (--by cell insists)")
+        lines.append(f"cells of {options.cell:g} m were not used: the points have parents (--by cell enforces cells)")
     if report.apart and report.by == "cell":
         lines.append(
-            f"columns with {100 * report.apart:.2g} % of the mass have moved apart since they became points, so that "
-            "cells were used instead (--by parent insists)"
+            f"columns with {100 * report.apart:.2g} % of the mass have moved apart since their conversion, so that "
+            "cells were used instead (--by parent enforces parents)"
         )
     if report.outside.count:
         lines.append(_left_out(report.outside, report.before, "points with no ground under them stay points"))

@@ -13,7 +13,7 @@ from .options import LAY, REFUSE, ColumnOptions
 from .sums import NOTHING, Sums, sums_of
 
 GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
-WIDEST_SLICE = 1.5  # spacings of a conversion that a single point may stand for
+WIDEST_SLICE = 1.5  # largest number of spacings that a single point can represent
 NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
 LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
 _FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be computed
@@ -33,13 +33,13 @@ class ColumnsReport:
     cell_area : float or None [m2]
         Of the cells that points were gathered in.
     apart : float
-        Share of the mass of columns whose points have moved apart, where they know their parents, else 0.
+        Share of the mass of columns whose points have moved apart, for points with parents, else 0.
     vertical_momentum_lost : float [kg m s-1]
         Sum of m (w - u . grad b): a column's velocity is tangent to its bed.
     kinetic_lost : float [J]
         Of the points' motion about their columns'.
     laid : float [kg]
-        Mass that was clear of the bed or leaving it and was laid onto it.
+        Mass above the bed or leaving it that was moved onto it.
     """
 
     before: Sums
@@ -67,9 +67,9 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     """Gather the points of `frame` into columns on `terrain`.
 
     A column has the mass, the centre and the horizontal momentum of its points, to rounding. By parent its thickness is
-    twice their mean height over the bed (exact for points of `columns_to_points`) and its area what their volume
-    leaves; by cell its area is the cell's and its thickness what the mass fills at the release's density.
-    `state` of the answer has `velocity_gradient` float64[n, 2, 2] [s-1].
+    twice their mean height over the bed (exact for points of `columns_to_points`) and its area their volume over it;
+    by cell its area is that of the cell and its thickness that of the mass at the density of the release.
+    `state` of the result has `velocity_gradient` float64[n, 2, 2] [s-1].
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     Raises
     ------
     InputError
-        No points, values that are not finite, nothing on the terrain, mass that has left the bed, points by parent
-        that know none or lie under their bed.
+        No points, values that are not finite, no mass on the terrain, mass that has left the bed, points by parent
+        without parents or below their bed.
     """
     options = options or ColumnOptions()
     _require_points(frame)
@@ -151,7 +151,7 @@ def _require_points(frame):
     if frame.dimension != 3:
         raise InputError("expected points (dimension 3), got columns; to points is the inverse (--to points)")
     if len(particles) == 0:
-        raise InputError("the frame holds no point")
+        raise InputError("the frame has no point")
     for name in ("position", "velocity", "mass", "volume"):
         values = getattr(particles, name).reshape(len(particles), -1)
         bad = ~np.isfinite(values).all(axis=1)
@@ -167,8 +167,8 @@ def _point_cell(frame, options):
     """Grid spacing of the 3D code [m]: as given, from the frame, or with the usual 8 points a cell."""
     if options.point_cell is not None:
         return options.point_cell
-    said = frame.header.get("cell_size")
-    return float(said) if said is not None else 2.0 * float(np.cbrt(frame.particles.volume.mean()))
+    declared = frame.header.get("cell_size")
+    return float(declared) if declared is not None else 2.0 * float(np.cbrt(frame.particles.volume.mean()))
 
 
 def _flight(over, groups):
@@ -184,10 +184,10 @@ def _flight(over, groups):
 
 
 def _half_slice(frame):
-    """What a column's lowest point may be above the bed because it stands in the middle of its slice [m].
+    """Height [m] of the lowest point of a column above the bed because it is in the middle of its slice.
 
-    Points that a conversion has just made stand in slices of up to 1.5 times its spacing (`PointOptions.points_in`): a
-    column thinner than that is one point, half its thickness above the bed. Of other points nothing is known.
+    Points directly after a conversion are in slices of up to 1.5 times its spacing (`PointOptions.points_in`): a
+    thinner column is one point, half its thickness above the bed. For other points it is unknown.
     """
     spacing = frame.header.get("converted_spacing")
     return 0.0 if spacing is None else 0.5 * WIDEST_SLICE * float(spacing)
@@ -201,7 +201,7 @@ def _detached(over, groups, point_cell, normal_share=NORMAL_SHARE):
 
 
 def _detachment(over, groups, detached):
-    """The refusal of what has left the bed, by its worst column."""
+    """The error for mass that has left the bed, with its worst column."""
     gap, across, along = _flight(over, groups)
     mass = groups.sum(over.mass)
     share = 100.0 * mass[detached].sum() / mass.sum()
@@ -261,15 +261,15 @@ def _frame_of(frame, over, groups, by, cell_area, terrain):
 
 
 def _density(frame):
-    said = frame.header.get("density")
-    return float(said) if said is not None else float(frame.particles.mass.sum() / frame.particles.volume.sum())
+    declared = frame.header.get("density")
+    return float(declared) if declared is not None else float(frame.particles.mass.sum() / frame.particles.volume.sum())
 
 
 def _require_thickness(thickness, groups):
     low = thickness <= 0
     if low.any():
         raise InputError(
-            f"the points of {int(low.sum())} of {len(groups)} columns lie under the bed, the first of parent "
+            f"the points of {int(low.sum())} of {len(groups)} columns are below the bed, the first of parent "
             f"{int(groups.key[np.argmax(low)])}; bin them on cells (by cell)"
         )
 
@@ -286,7 +286,7 @@ def _bed_at(over, groups, mass, centre, terrain):
 def _gradients(over, groups, mass, centre, u, v):
     """float64[m, 2, 2] [s-1]: velocity gradient of each column, the least-squares fit of its points' velocities.
 
-    Where they stand one above the other, so that nothing can be fitted, the mean of the points' own, else 0.
+    Where they are above each other, so that no fit is possible, the mean of the points, else 0.
     """
     dx, dy = (over.position[:, axis] - groups.spread(centre[:, axis]) for axis in (0, 1))
     xx, xy, yy = (groups.sum(over.mass * a) / mass for a in (dx * dx, dx * dy, dy * dy))
@@ -298,7 +298,7 @@ def _gradients(over, groups, mass, centre, u, v):
         off = over.mass * (over.velocity[:, i] - groups.spread(mean))
         ax, ay = groups.sum(off * dx) / mass, groups.sum(off * dy) / mass
         gradient[:, i, 0], gradient[:, i, 1] = (ax * yy - ay * xy) * inverse, (ay * xx - ax * xy) * inverse
-    own = over.frame.told("affine", 3, 3)
+    own = over.frame.particle_state("affine", 3, 3)
     if own is not None:
         for i in (0, 1):
             for j in (0, 1):

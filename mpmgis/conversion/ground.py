@@ -1,8 +1,8 @@
-"""The bed under columns and points, and the stress of a column's own weight.
+"""The bed below columns and points, and the stress of the weight of a column.
 
-A conversion keeps in the frame's `state`, a row a point: `depth` [m], vertical, under the surface, and
-`vertical_stress` [Pa], negative in compression. A material makes its own strain of them; started without it every
-layer would first drop onto its own elasticity.
+A conversion stores in the `state` of the frame, one row per point: `depth` [m], vertical, below the surface, and
+`vertical_stress` [Pa], negative in compression. A material computes its strain from them; without it every layer would
+first drop until its elasticity carries it.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Ground:
 
     @classmethod
     def under(cls, terrain, x, y, reach=0.0):
-        """The ground under map points `x`, `y` [m] and up to `reach` [m] beside them."""
+        """The ground below map points `x`, `y` [m] and up to `reach` [m] around them."""
         bounds = (x.min() - reach, y.min() - reach, x.max() + reach, y.max() + reach)
         return cls(terrain.cropped(bounds, _MARGIN))
 
@@ -51,7 +51,7 @@ def vertical_stress(density, gravity, depth, cosine):
 def vertical_strain(stress, bulk_modulus, shear_modulus):
     """float64[n] [1]: Hencky strain e_zz of a point confined sideways, all other components 0; K0 follows.
 
-    `stress` [Pa] vertical, moduli [Pa]. The material's own return mapping then takes what it cannot bear.
+    `stress` [Pa] vertical, moduli [Pa]. The return mapping of the material then removes excess stress.
     """
     stiffness = bulk_modulus + 4.0 / 3.0 * shear_modulus
     if not stiffness > 0:

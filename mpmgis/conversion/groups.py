@@ -4,9 +4,9 @@ import numpy as np
 
 from ..errors import InputError
 
-SPREAD = 2.0  # times its own footprint over which the points of a column may be strewn and still stand together
-APART = 0.01  # share of the mass in columns that do not, at which the parents are no longer used
-_DENSE = 16  # times as many numbers as points, up to which columns are found in a table of all numbers
+SPREAD = 2.0  # times the footprint of a column over which its points can be spread and still belong together
+APART = 0.01  # share of the mass in other columns, from which on the parents are not used
+_DENSE = 16  # up to this ratio of numbers to points columns are found in a table of all numbers
 
 
 class PointsOverGround:
@@ -68,7 +68,7 @@ class Groups:
 
 
 def grouped(over, x, y, terrain, options):
-    """(Groups, "parent" or "cell", area of a cell or None, share of the mass whose parents' points moved apart)."""
+    """(Groups, "parent" or "cell", area of a cell or None, share of the mass in columns that moved apart)."""
     parent, by, apart = over.frame.particles.parent, options.by, 0.0
     if by == "parent" and parent is None:
         raise InputError("these points have no parent identities; bin them on cells (by cell)")
@@ -82,7 +82,7 @@ def grouped(over, x, y, terrain, options):
 
 
 def _apart(over, groups):
-    """Share of the mass in columns whose points lie under the bed or are strewn over more than their footprint."""
+    """Share of the mass in columns whose points are below the bed or spread over more than their footprint."""
     mass = groups.sum(over.mass)
     thickness = 2.0 * groups.sum(over.mass * over.height) / mass
     spread = np.zeros(len(groups))

@@ -13,21 +13,21 @@ VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")
 COUNTS = ("round", "paper")
 GROUPINGS = ("parent", "cell")
-REFUSE, KEEP, LAY = "refuse", "keep", "lay"  # what becomes of mass that has left the bed
+REFUSE, KEEP, LAY = "refuse", "keep", "lay"  # treatment of mass that has left the bed
 MOST = 2_000_000_000  # points
 _ROUNDING = 1e-6  # share by which thickness over spacing may miss a whole number or a half
 
 
 @dataclass(frozen=True)
 class PointOptions:
-    """How columns become points.
+    """Options of the conversion of columns to points.
 
     Parameters
     ----------
     spacing : float, optional [m]
         Vertical distance r of a column's points; default half the `cell`, or without one the median column's side.
     vertical_velocity : {"tangent", "paper", "linear"}
-        w = u . grad b; 0 as printed (Eq 3); or u . grad b - (z - b) div u, which needs to know div u.
+        w = u . grad b; 0 as printed (Eq 3); or u . grad b - (z - b) div u, which requires div u.
     placement : {"centred", "paper"}
         Points in the middle of equal slices, or from bed to surface as printed (Eq 2), which deletes columns
         of a single point: 0/0 is "eliminated".
@@ -37,12 +37,12 @@ class PointOptions:
     cell : float, optional [m]
         Grid spacing of the 3D solver to be filled: wider columns are split sideways.
     relevel : bool
-        Where columns lie over each other raise them to what their mass fills; needs `cell`.
+        Raise overlapping columns to the height of their mass; requires `cell`.
     gravity : float [m s-2]
         Of the geostatic stress.
     stretched : bool
-        Footprints of columns that have moved are stretched as their neighbours lie; False: squares, of columns whose
-        neighbours are not in the frame.
+        Footprints of columns that have moved are stretched according to their neighbours; False: squares, for columns
+        whose neighbours are not in the frame.
 
     Raises
     ------
@@ -68,11 +68,11 @@ class PointOptions:
         for name in ("spacing", "cell", "gravity"):
             _require_positive(name, getattr(self, name))
         if self.relevel and self.cell is None:
-            raise InputError("relevel needs the grid spacing of the 3D solver; give it with cell (--cell)")
+            raise InputError("relevel requires the grid spacing of the 3D solver; give it with cell (--cell)")
 
     @classmethod
     def as_printed(cls, spacing=None):
-        """Every choice as MOX report 15/2025 prints it."""
+        """All options as printed in MOX report 15/2025."""
         return cls(spacing=spacing, vertical_velocity="paper", placement="paper", counting="paper")
 
     @property
@@ -88,7 +88,7 @@ class PointOptions:
 
     @property
     def piece_size(self):
-        """Longest piece [m] that columns are cut into: half a cell; None where they stay whole."""
+        """Longest piece [m] into which columns are cut: half a cell; None: columns are not cut."""
         return None if self.cell is None else 0.5 * self.cell
 
     def points_in(self, thickness, spacing):
@@ -98,7 +98,7 @@ class PointOptions:
         return np.maximum(whole, 1.0)
 
     def predicted_points(self, particles):
-        """How many points the columns `particles` will become (a real number), for estimates."""
+        """Predicted number of points of the columns `particles` (a real number)."""
         whole = np.sqrt(particles.area)
         along = pieces_along(whole, self.piece_size).astype(float)
         return float((along**2 * self.points_in(particles.thickness, self.spacing_for(particles))).sum())
@@ -106,20 +106,20 @@ class PointOptions:
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """How points become columns.
+    """Options of the conversion of points to columns.
 
     Parameters
     ----------
     by : {"parent", "cell"}, optional
         Points of one parent make a column, or those of one cell. Default: by parent where points have parents and
-        still stand together, else by cell.
+        are still together, else by cell.
     cell : float, optional [m]
-        Side of the cells, counted from the terrain's upper left corner; default the terrain's own pixels.
+        Side of the cells, from the upper left corner of the terrain; default its pixels.
     point_cell : float, optional [m]
         Grid spacing of the 3D code; default from the frame, else twice the mean point's side.
     detached : {"refuse", "keep", "lay"}
-        What leaves the bed or is clear of it is refused, or stays points, or is laid onto the bed
-        under it with its mass and its horizontal momentum, as a run does that goes on with columns.
+        Mass that leaves the bed or is above it is refused, or stays points, or is moved onto the bed
+        below it with its mass and horizontal momentum, as in a run that continues with columns.
 
     Raises
     ------

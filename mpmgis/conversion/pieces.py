@@ -1,7 +1,7 @@
 """Footprints of columns, and columns cut sideways so that their points leave no gaps (E8 on the theory page).
 
 A flow that stretches carries its columns apart along one direction and together across it; squares would then leave
-gaps in rows, which a 3D code takes for fractures. Of a column's stretch nothing is kept but where its neighbours are.
+gaps in rows, which a 3D code treats as fractures. The stretch of a column is known only from its neighbours.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Footprints(NamedTuple):
 
 
 def squares(area):
-    """Footprints of columns of `area` [m2] that nothing has stretched."""
+    """Footprints of columns of `area` [m2] without stretch."""
     side = np.sqrt(area)
     return Footprints(side, side, np.ones(len(side)), np.zeros(len(side)))
 
@@ -125,9 +125,9 @@ class Pieces:
 
 
 def cut(x, y, footprints, size, ground):
-    """Cut columns that stand at map points `x`, `y` [m] on `ground` into rectangles side by side.
+    """Cut columns at map points `x`, `y` [m] on `ground` into adjacent rectangles.
 
-    A piece without ground under its middle stands in the middle of its column instead, so that no mass is lost at the
+    A piece without ground below its middle is put in the middle of its column, so that no mass is lost at the
     rim of the terrain; columns that have none there themselves make no piece.
 
     Parameters
@@ -186,7 +186,7 @@ def runs(counts):
 
 
 def within(pieces, x, y, window):
-    """bool[k]: pieces whose middle lies in the polygon `window` (None: everywhere)."""
+    """bool[k]: pieces whose middle is in the polygon `window` (None: everywhere)."""
     if window is None:
         return np.ones(len(pieces), bool)
     shapely.prepare(window)
@@ -215,7 +215,7 @@ class Cover:
     """How pieces cover the cells of a square lattice.
 
     `covered` float64[k] [1] is the area of all pieces in a piece's cell over the cell's area, and `thickness`
-    float64[k] [m] what their mass amounts to there, over the whole cell.
+    float64[k] [m] thickness of their mass there, over the whole cell.
     """
 
     covered: np.ndarray
@@ -245,14 +245,14 @@ def cover(pieces, x, y, volume, cell):
 
 
 def _first_cell(start, side, cell):
-    """Cell in which a piece starts, and the share of it that lies in the next one."""
+    """Cell in which a piece starts, and its share in the next one."""
     first = np.floor(start / cell)
     beyond = np.clip((start + side - (first + 1.0) * cell) / side, 0.0, 1.0)
     return first.astype(np.int64), np.where(beyond < _WELL, 0.0, beyond)
 
 
 def count_by_cell(x, y, z, cell):
-    """int64[m]: points in each cube of `cell` [m] that holds any."""
+    """int64[m]: points in each non-empty cube of `cell` [m]."""
     rank = [np.floor((at - at.min()) / cell + _LONGER).astype(np.int64) for at in (x, y, z)]
     size = [int(r.max()) + 1 for r in rank]
     key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]

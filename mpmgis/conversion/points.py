@@ -14,8 +14,8 @@ from .pieces import count_by_cell, cover, cut, piece_velocity, squares, stretche
 from .stacks import Stacks, _frame_of
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
-OVERLAP = 1.05  # columns lie over each other where their areas are more than this times the cell's
-COVER_SIDES = 4  # sides of the median column along a cell on which cover is looked at: 16 columns in a row tile it
+OVERLAP = 1.05  # columns overlap where their areas exceed that of the cell by this factor
+COVER_SIDES = 4  # sides of the median column along a cell in which overlap is evaluated: 16 columns in a row tile it
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PointsReport:
     second_moment : float [1]
         Of the columns' mass about their middle, over h^2/12.
     overlap : float [1]
-        Largest area of columns over the ground that they stand on, above 1: the relative error of density there;
+        Largest area of columns over that of their ground, minus 1: the relative error of density there;
         NaN where no cell was given.
     largest_gap : float [m]
         Widest distance of two points above each other.
@@ -48,7 +48,7 @@ class PointsReport:
     mass_scatter, momentum_scatter : float [kg, kg m s-1]
         Eq (4) of the report over the points, and its like for momentum to the east (`particle_mass_scatter`).
     raised : int
-        Pieces whose thickness was set to what the mass fills.
+        Pieces whose thickness was set to that of their mass.
     points_per_cell : (int, float, int) or None
         Least, median and most points in a cell of the 3D grid; None where no cell was given.
     """
@@ -82,10 +82,10 @@ class Points:
 
 
 def columns_to_points(frame, terrain, options=None, window=None):
-    """Turn the columns of `frame` into points that stand on `terrain`.
+    """Convert the columns of `frame` to points on `terrain`.
 
     Mass, volume and horizontal momentum are the columns', to rounding. Points are in the order of their columns, from
-    the bed upwards; `parent` is a column's id. `state` of the answer has a row a point: `depth` [m] under the surface
+    the bed upwards; `parent` is a column's id. `state` of the result has a row per point: `depth` [m] below the surface
     and `vertical_stress` [Pa] (see `geostatic`), and `affine` [n, 3, 3] [s-1], the velocity gradient, where the frame
     tells the columns'. Places count from the frame's origin throughout, which keeps the digits that cells of
     millimetres need.
@@ -95,10 +95,10 @@ def columns_to_points(frame, terrain, options=None, window=None):
     frame : Frame
         Dimension 2, in the terrain's CRS.
     terrain : Terrain
-        What the 3D solver will take for the ground; thickness is kept, the columns' own beds are not.
+        Ground of the 3D solver; thickness is kept, the beds of the columns are not.
     options : PointOptions
     window : shapely.Polygon, optional
-        Only what lies in it becomes points; columns on its edge are cut if they are split at all.
+        Only the part inside is converted; columns on its edge are cut if they are split at all.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
     Raises
     ------
     InputError
-        No columns, values that are not finite, thickness below 0, nothing on the terrain, too many points.
+        No columns, values that are not finite, thickness below 0, no column on the terrain, too many points.
     """
     options = options or PointOptions()
     _require_columns(frame)
@@ -145,7 +145,7 @@ def _require_columns(frame):
     if frame.dimension != 2 or particles.area is None or particles.thickness is None:
         raise InputError("expected columns (dimension 2), got points; to columns is the inverse (--to columns)")
     if len(particles) == 0:
-        raise InputError("the frame holds no column")
+        raise InputError("the frame has no column")
     for name, values in particles.arrays().items():
         bad = ~np.isfinite(values).reshape(len(particles), -1).all(axis=1)
         if name in ("mass", "area", "volume"):
@@ -170,12 +170,12 @@ def _require_few_enough(count, spacing):
 def _require_some(inside, columns, terrain, window):
     if not len(inside):
         raise InputError(
-            f"none of the {columns} columns stands on {terrain.path or 'the terrain'}; use the terrain of this frame"
+            f"none of the {columns} columns is on {terrain.path or 'the terrain'}; use the terrain of this frame"
         )
     if not inside.any():
         west, south, east, north = window.bounds
         raise InputError(
-            f"none of the {columns} columns lies in the window, E {west:.0f} to {east:.0f}, N {south:.0f} to "
+            f"none of the {columns} columns is in the window, E {west:.0f} to {east:.0f}, N {south:.0f} to "
             f"{north:.0f}; move it, or convert later"
         )
 
@@ -185,7 +185,11 @@ def velocity_gradient(frame):
 
     The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
     """
-    velocity, gradient, rows = frame.particles.velocity, frame.told("velocity_gradient", 2, 2), frame.told("rows", ROW)
+    velocity, gradient, rows = (
+        frame.particles.velocity,
+        frame.particle_state("velocity_gradient", 2, 2),
+        frame.particle_state("rows", ROW),
+    )
     if gradient is not None:
         return gradient
     if rows is not None:
@@ -196,7 +200,7 @@ def velocity_gradient(frame):
 
 
 def _footprints(frame, x, y, options):
-    """Footprints of columns: stretched as their neighbours lie where some are to be cut; a seed has not moved yet."""
+    """Footprints of columns: stretched according to their neighbours if columns are cut; a seed has not moved yet."""
     area, size = frame.particles.area, options.piece_size
     if size is None or not options.stretched or frame.solver == "seed" or not (area > size**2).any():
         return squares(area)
@@ -204,7 +208,7 @@ def _footprints(frame, x, y, options):
 
 
 def _rest(frame, pieces, inside, u, v, ground, gradient):
-    """The columns, or what is left of them, that do not become points; None where there are none.
+    """The columns, or parts of them, that are not converted; None if there are none.
 
     What is left of a column has the share, the middle and the momentum of its pieces outside.
     """

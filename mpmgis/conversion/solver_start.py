@@ -15,8 +15,8 @@ from .starting import kirchhoff_stress
 CORNERS = np.array(
     [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], dtype=np.int64
 )
-UNDER_BED = 1  # layers of cells that lie wholly under the bed
-ON_BED = 1e-6  # cells over the bed at which a node lies on it, whatever the rounding
+UNDER_BED = 1  # layers of cells completely below the bed
+ON_BED = 1e-6  # [cells] above the bed, rounding of a node on it
 MOST_CELLS = 5_000_000
 
 
@@ -32,7 +32,7 @@ class SolverGrid:
     bed, side_x, side_y : int64[...]
         Nodes at or under the bed, on the west and east side, and on the south and north side of the box.
     cell_of : int64[n]
-        The cell that each particle lies in.
+        The cell of each particle.
     """
 
     nodes: np.ndarray
@@ -75,7 +75,7 @@ def solver_grid(start):
 
 
 def _places(start):
-    """int64[3, n]: steps along x, y, z to the cube that each particle lies in."""
+    """int64[3, n]: steps along x, y, z to the cube of each particle."""
     steps = (start.position / start.cell).astype(np.int64)
     return np.clip(steps, 0, np.array(start.cells) - 1).T
 
@@ -104,13 +104,13 @@ def _numbered(start, place, first, count, height):
 
 CELLS_AROUND = 10  # at the least, of the grid beyond the points, where no window is given
 CELLS_UNDER = 3  # of the grid under the lowest ground
-CELLS_OVER = 4  # of the grid over the flow, which may also rise to twice its height
+CELLS_OVER = 4  # height of the grid above the flow, which can also rise to twice its height
 COURANT = 0.2  # of the time step written for solvers that require one
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where a solver's local coordinates begin, and what ground it gets.
+    """Origin of the local coordinates of a solver, and its ground.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Box:
 
 @dataclass(frozen=True)
 class SolverStart:
-    """Points at one time in local coordinates, and everything else that a solver may need.
+    """Points at one time in local coordinates, with further data for a solver.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class SolverStart:
     ids : int64[n]
     mass : float64[n] [kg]
     volume, current_volume : float64[n] [m3]
-        Mass over density, for solvers that make the mass of the volume; the frame's own.
+        Mass over density, for solvers that compute mass from volume; that of the frame.
     vertical_stress : float64[n] or None [Pa]
         Of the weight above a point (`geostatic`), where the frame has it.
     time, density : float [s], [kg m-3]
@@ -216,7 +216,7 @@ class SolverStart:
 
     @property
     def time_step(self):
-        """COURANT times what a pressure wave takes through a cell [s], two digits."""
+        """COURANT times the travel time of a pressure wave through a cell [s], two digits."""
         values = self.material.parameters
         wave = math.sqrt((values["bulk_modulus"] + 4 / 3 * values.get("shear_modulus", 0.0)) / self.density)
         speed = float(np.sqrt((self.velocity**2).sum(axis=1)).max())
@@ -231,10 +231,10 @@ class SolverStart:
         return kirchhoff_stress(self.vertical_stress, values["bulk_modulus"], values.get("shear_modulus", 0.0))
 
 
-def placed_box(frames, terrain, cell=None, window=None):
+def start_box(frames, terrain, cell=None, window=None):
     """The Box for `frames` of points on `terrain`, with cells of `cell` [m] or without a grid.
 
-    `window` (west, south, east, north) [m]; without it the points' own extent, as much again around them, but no more
+    `window` (west, south, east, north) [m]; default the extent of the points, extended by its size, but not beyond
     than the DTM has.
 
     Raises
@@ -261,7 +261,7 @@ def placed_box(frames, terrain, cell=None, window=None):
     if low[0] < west or low[1] < south or high[0] > east or high[1] > north:
         what = f"the window {','.join(f'{side:.10g}' for side in window)}" if window else f"the DTM {terrain.path}"
         raise InputError(
-            f"the points lie from E {low[0]:.1f} to {high[0]:.1f} and N {low[1]:.1f} to {high[1]:.1f}, not all within "
+            f"the points are from E {low[0]:.1f} to {high[0]:.1f} and N {low[1]:.1f} to {high[1]:.1f}, not all within "
             f"{what}; {'give a --window around them' if window else 'give a larger --dem'}"
         )
     part = terrain.cropped((west, south, east, north), 1)
@@ -308,9 +308,9 @@ def _height(frame, terrain):
 
 def release_density(frame):
     """Density [kg m-3] of a frame of points: from its header, otherwise its mass over its volume."""
-    said = frame.header.get("density")
-    if isinstance(said, (int, float, np.number)) and math.isfinite(said) and said > 0:
-        return float(said)
+    declared = frame.header.get("density")
+    if isinstance(declared, (int, float, np.number)) and math.isfinite(declared) and declared > 0:
+        return float(declared)
     particles = frame.particles
     return float(particles.mass.sum(dtype=float) / particles.volume.sum(dtype=float))
 
@@ -326,7 +326,7 @@ def solver_start(frame, box, density, crs=None):
         mass=mass,
         volume=mass / density,
         current_volume=particles.volume.astype(float),
-        vertical_stress=frame.told("vertical_stress"),
+        vertical_stress=frame.particle_state("vertical_stress"),
         time=frame.time,
         density=density,
         box=box,

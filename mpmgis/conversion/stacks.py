@@ -63,7 +63,7 @@ def _frame_of(frame, stacks, gradient, spacing, options):
 
 
 def _filled(count, printed, place, thickness, motion, divergence, shares, load, parent):
-    """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, with no stress to start."""
+    """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, without initial stress."""
     n = int(count.sum())
     points = Particles(
         np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), id=np.arange(n, dtype=np.uint64),
@@ -78,7 +78,7 @@ def _filled(count, printed, place, thickness, motion, divergence, shares, load, 
 
 
 def _origin(frame, east, north, bed):
-    """(origin of the points amid them, so that float32 files are exact; what moves x and y there).
+    """(origin in the middle of the points, so that float32 files are exact; shift of x and y to it).
 
     In whole metres, or below 1 m of extent in a power of ten of a metre that is no longer than that.
     """
@@ -103,21 +103,21 @@ def _divergence(pieces, gradient, options):
         return np.zeros(len(pieces))
     if gradient is None:
         raise InputError(
-            "vertical velocity 'linear' needs the columns' velocity gradient, which only the newest two frames of a "
-            "run keep; take 'tangent'"
+            "vertical velocity 'linear' requires the velocity gradient of columns, which only the newest two frames of "
+            "a run contain; use 'tangent'"
         )
     return (gradient[:, 0, 0] + gradient[:, 1, 1])[pieces.column]
 
 
 def _load(particles, pieces, options):
-    """float64[k] [Pa m-1]: vertical stress for each metre under the surface."""
+    """float64[k] [Pa m-1]: vertical stress per metre below the surface."""
     density = (particles.mass / particles.volume)[pieces.column]
     cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
     return geostatic.vertical_stress(density, options.gravity, 1.0, cosine)
 
 
 def _affine(gradient, pieces, options):
-    """float64[k, 3, 3] [s-1]: the velocity gradient that the points of a piece start with."""
+    """float64[k, 3, 3] [s-1]: initial velocity gradient of the points of a piece."""
     affine = np.zeros((len(pieces), 3, 3))
     affine[:, :2, :2] = gradient
     if options.vertical_velocity != "paper":

@@ -21,14 +21,14 @@ def points_from(columns, terrain, options, window=None):
     Raises
     ------
     InputError
-        As `columns_to_points`; columns that should become points and have no ground under them.
+        As `columns_to_points`; columns to convert without ground below them.
     """
     points = columns_to_points(columns, terrain, options, window)
     lost = 0 if points.rest is None else int(_bare(points.rest, terrain, window).sum())
     if lost:
         raise InputError(
-            f"{lost} of {len(columns.particles)} columns have no ground under them; use a larger DTM, or a [terrain] "
-            "window that holds them"
+            f"{lost} of {len(columns.particles)} columns have no ground below them; use a larger DTM, or a [terrain] "
+            "window that contains them"
         )
     return points
 
@@ -41,10 +41,10 @@ def _bare(rest, terrain, window):
 
 
 def lying_in(frame, window):
-    """`frame` with those of its particles whose place is in `window` (shapely.Polygon); InputError where none is."""
+    """`frame` with its particles in `window` (shapely.Polygon); InputError if there are none."""
     inside = shapely.contains_xy(window, *frame.map_xy())
     if not inside.any():
-        raise InputError(f"none of the {len(inside)} particles lies in [release] window; move it, or take it out")
+        raise InputError(f"none of the {len(inside)} particles is in [release] window; move it or remove it")
     return replace(frame, particles=frame.particles.take(inside), state=_rows_of(frame.state, inside))
 
 
@@ -57,7 +57,7 @@ def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):
     """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points confined sideways under `vertical_stress` [Pa].
 
     sigma_xx = sigma_yy = nu / (1 - nu) sigma_zz; a `shear_modulus` of 0 is a fluid, in which all three are the same.
-    What a material cannot bear of this its first step returns.
+    The first step of a material returns stress beyond its yield surface.
     """
     lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
     sideways = lame / (lame + 2.0 * shear_modulus) * vertical_stress
@@ -66,9 +66,9 @@ def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):
 
 
 def standing(frame, terrain, cell_size):
-    """`frame` of points as if each were a column as thick as all that its cell of `cell_size` [m] holds.
+    """`frame` of points as columns with the thickness of all mass in their cells of `cell_size` [m].
 
-    For numbers that decide about effects: how thick a flow is, and where it is.
+    For decisions on effects: thickness and place of the flow.
     """
     particles = frame.particles
     west, _, _, north = terrain.grid.bounds

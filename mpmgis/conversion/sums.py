@@ -31,14 +31,14 @@ NOTHING = Sums(0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
 def sums_of(mass, velocity, middle, gravity):
-    """Sums over particles of `mass` [n], `velocity` [n, 3], whose mass has its middle at elevations `middle` [n]."""
+    """Sums over particles of `mass` [n], `velocity` [n, 3], with their centres of mass at elevations `middle` [n]."""
     total = np.array([_of_some(mass[k], velocity[k], middle[k]) for k in _slabs(len(mass))])
     kilos, east, north, up, horizontal, vertical, lift = (math.fsum(column) for column in total.T)
     return Sums(len(mass), kilos, (east, north, up), 0.5 * horizontal, 0.5 * vertical, gravity * lift)
 
 
 def _slabs(n):
-    """Slices that cover `n` rows: what is made of a slab on the way stays in the processor's cache."""
+    """Slices that cover `n` rows; temporary arrays of a slab fit into the processor cache."""
     return [slice(start, start + _SLAB) for start in range(0, n, _SLAB)]
 
 
@@ -49,9 +49,9 @@ def _of_some(mass, velocity, middle):
 
 
 def conservation_error(before, *after):
-    """(mass, horizontal momentum): largest relative difference of `before` and what it became, in sum over `after`.
+    """(mass, horizontal momentum): relative difference of `before` and the sum over `after`.
 
-    Momentum is compared with the length of the momentum before; 0 where nothing moved and nothing moves.
+    Momentum is relative to the length of the momentum before; 0 without motion before and after.
     """
     mass = abs(sum(part.mass for part in after) - before.mass) / before.mass
     gap = [sum(part.momentum[axis] for part in after) - before.momentum[axis] for axis in (0, 1)]

@@ -16,18 +16,18 @@ from .sums import NOTHING, Sums, conservation_error, sums_of
 
 @dataclass(frozen=True)
 class SwitchAccount:
-    """What a switch kept and changed: sums over the flow before it, and over what became of it.
+    """Balance of a switch: sums over the flow before and after it.
 
     Parameters
     ----------
     before, after : Sums
-        Of the flow of the solver before, and of the one that goes on.
+        Of the flow of the solver before, and of the next one.
     outside : Sums
-        Of what lies outside the window.
+        Of the flow outside the window.
     off : Sums
-        Of what has no ground, or no whole cell of the next solver, under it: it has left the terrain.
+        Of flow without ground or without a whole cell of the next solver below it, which has left the terrain.
     laid : float [kg]
-        Of `after`: what was clear of the bed, or moved across it, and was laid onto it.
+        Part of `after` that was above the bed, or moved across it, and was moved onto it.
     """
 
     before: Sums
@@ -64,13 +64,13 @@ class SwitchAccount:
                     f"kg m s-1, kinetic energy {part.kinetic:.6g} J"
                 )
         if self.laid:
-            lines.append(f"{self.laid:.6g} kg clear of the bed, or moving across it, were laid onto it")
+            lines.append(f"{self.laid:.6g} kg above the bed, or moving across it, were moved onto it")
         return lines
 
 
 @dataclass(frozen=True)
 class Switched:
-    """What goes on: `frame`; of points their `vertical_stress` [n] [Pa], of both the velocity `gradient` [n, k, k]
+    """Start of a solver: `frame`; of points `vertical_stress` [n] [Pa], of both the velocity `gradient` [n, k, k]
     [s-1] (None: not known); `rest`, the Frame of columns outside the window (None: there are none); the `account`."""
 
     frame: object
@@ -110,7 +110,7 @@ def switch_to_points(frame, terrain, options, holds, window=None):
 def switch_to_columns(frame, terrain, cell, holds, beside=None, gravity=GRAVITY):
     """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`.
 
-    `beside` is a Frame of columns that go on as they are.
+    `beside` is a Frame of columns that continue unchanged.
     """
     parts = [_gathered(frame, terrain, cell, gravity)] if len(frame.particles) else []
     if beside is not None and len(beside.particles):
@@ -124,14 +124,14 @@ def switch_to_columns(frame, terrain, cell, holds, beside=None, gravity=GRAVITY)
 
 
 def _gathered(frame, terrain, cell, gravity):
-    """(Frame of columns, Sums of the points before, of those without ground, mass laid onto the bed)."""
+    """(Frame of columns, Sums of the points before, of those without ground, mass moved onto the bed)."""
     columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
     report = columns.report
     return columns.frame, report.before, report.outside, report.laid
 
 
 def _one_frame(frames):
-    """One Frame of the columns of all `frames`, numbered anew, relative to the origin of the first."""
+    """One Frame of the columns of all `frames`, renumbered, relative to the origin of the first."""
     first = frames[0]
     if len(frames) == 1:
         return first
@@ -147,12 +147,12 @@ def _one_frame(frames):
 
 
 def _parted(frame, holds, gravity):
-    """(`frame` with what the next solver's grid holds, Sums of the others)."""
+    """(`frame` with the particles on the grid of the next solver, Sums of the others)."""
     held = holds(frame)
     if held.all():
         return frame, NOTHING
     if not held.any():
-        raise InputError("nothing of the flow lies on the grid of the next [[stage]]; use a larger DTM")
+        raise InputError("no flow is on the grid of the next [[stage]]; use a larger DTM")
     rows = {name: values[held] for name, values in frame.state.items() if np.shape(values)[:1] == held.shape}
     kept = replace(frame, particles=frame.particles.take(held), state=rows)
     return kept, _sums(replace(frame, particles=frame.particles.take(~held)), gravity)

@@ -8,14 +8,14 @@ splash, no jet and one velocity from bed to surface.
 from math import sqrt
 from typing import NamedTuple
 
-# how a node in a wall holds the flow: at the face it may leave, in the core it may not cross, in a corner not move
+# boundary condition of a node in a wall: FACE, flow can leave; CORE, flow cannot cross; CORNER, no flow
 FACE, CORE, CORNER = 0.0, 1.0, 2.0
 
 
 class NoBarrier(NamedTuple):
-    """The null law: nothing stands in the way."""
+    """The null law: no barrier."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def barrier_active(self):
         return False
@@ -39,13 +39,13 @@ class NoBarrier(NamedTuple):
 class Barrier(NamedTuple):
     """A wall with Coulomb friction mu along it (0: smooth) and a weir above its crest."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def barrier_active(self):
         return True
 
     def weir_discharge(self, gravity, head, speed):
-        """What passes over a metre of crest [m2 s-1].
+        """Discharge over a metre of crest [m2 s-1].
 
         `head` [m] is the surface before the wall above its crest, `speed` [m s-1] the flow's towards the wall. A slow
         flow passes critically, q = sqrt(g) (2 head / 3)^(3/2) (broad-crested weir); a fast one keeps its speed above
@@ -56,12 +56,12 @@ class Barrier(NamedTuple):
         return max(sqrt(gravity * critical) * critical, above * speed)
 
     def opening_discharge(self, gravity, depth, speed, depth_beyond, speed_beyond):
-        """The most that passes through a metre of an opening [m2 s-1].
+        """Largest discharge through a metre of an opening [m2 s-1].
 
         `depth` [m] is the flow's on one side and `speed` [m s-1] its speed towards the opening, `depth_beyond` and
         `speed_beyond` those of the other side. From the side with the larger energy head E = depth + speed^2 / 2g the
         flow passes critically, q = sqrt(g) (2 E / 3)^(3/2), the largest discharge that any flow of this head has
-        (Chow 1959, section 3-3). Where it stands higher than 2 E / 3 beyond, that depth is the one in the opening,
+        (Chow 1959, section 3-3). If the depth beyond exceeds 2 E / 3, it is the depth in the opening,
         q = depth sqrt(2 g (E - depth)).
         """
         head = depth + 0.5 * speed * speed / gravity
@@ -72,14 +72,14 @@ class Barrier(NamedTuple):
         return within * sqrt(2.0 * gravity * (head - within))
 
     def kept_along(self, mu, slip, pressed):
-        """Share [1] left of the speed `slip` [m s-1] along a rigid face into which `pressed` [m s-1] goes, in 3D."""
+        """Share [1] left of the speed `slip` [m s-1] on a rigid face that stops the normal speed `pressed` [m s-1]."""
         return max(0.0, 1.0 - mu * pressed / slip)
 
     def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
         """Velocity [m s-1] at a node in the wall, whose outward unit normal on this side is (normal_x, normal_y).
 
-        Through the wall the flow keeps `open_speed` at most, which is 0 below the crest. What is taken off the speed
-        across the wall takes `mu` times as much off the speed along it.
+        Through the wall the flow keeps at most `open_speed`, which is 0 below the crest. A reduction of the speed
+        across the wall reduces the speed along it by `mu` times as much.
         """
         across = u * normal_x + v * normal_y
         along_x, along_y = u - across * normal_x, v - across * normal_y
@@ -97,7 +97,7 @@ class Barrier(NamedTuple):
         """Velocity [m s-1] at a node that is partly open; the flow passes along the normal (normal_x, normal_y).
 
         It passes at `open_speed` at most. Sideways, along (normal_y, -normal_x), it moves only away from the wall,
-        whose opening lies in the direction `side`. What is taken off one speed takes `mu` times as much off the other.
+        whose opening is in the direction `side`. A reduction of one speed reduces the other by `mu` times as much.
         """
         across, along = u * normal_x + v * normal_y, u * normal_y - v * normal_x
         kept_across = min(max(across, -open_speed), open_speed)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 class NoCohesion(NamedTuple):
     """The null law: nothing is added."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def cohesive_stress(self):
         return 0.0

@@ -1,4 +1,4 @@
-"""Contact of the 3D flow with the ground: Coulomb friction on the impulse, Voellmy's drag, or sticking (note 4.7)."""
+"""Contact of the 3D flow with the ground: Coulomb friction on the impulse, Voellmy's drag, or sticking."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -7,12 +7,12 @@ from .layers import chezy_number, relative_roughness
 
 
 def dry_slip(law, slip, pressed):
-    """Share [1] that is left of the tangential speed `slip` [m s-1] when `pressed` [m s-1] goes into the ground."""
+    """Share [1] left of the tangential speed `slip` [m s-1] if the ground stops the normal speed `pressed` [m s-1]."""
     return max(0.0, 1.0 - law.mu * pressed / slip)
 
 
 class CoulombContact(NamedTuple):
-    """Dry friction of points on the ground: what is pressed into it slows what slides by mu times as much.
+    """Dry friction of points on the ground: the tangential impulse is at most mu times the normal impulse.
 
     Parameters
     ----------
@@ -25,27 +25,27 @@ class CoulombContact(NamedTuple):
     kept_slip = dry_slip
 
     def sticks(self):
-        """Is the flow held on the ground when it moves away from it?"""
+        """Whether the flow stays on the ground when it moves away from it."""
         return False
 
     def drag_active(self):
-        """Is there a stress on the bed beside what presses on it?"""
+        """Whether there is a stress on the bed besides Coulomb friction."""
         return False
 
     def kept_by_drag(self, slip, load):
-        """All is left."""
+        """No drag."""
         return 1.0
 
     def layer_friction(self):
-        """Layers of the flow are left to the material."""
+        """No friction between layers besides that of the material."""
         return 0.0
 
     def layer_roughness(self, gravity):
         """No drag, no turbulence."""
         return 1.0
 
-    def placed(self, values, j, i):
-        """The law with the parameters of a place, from the node array values[j, i, :]."""
+    def at_node(self, values, j, i):
+        """The law with the parameters values[j, i, :] of a node."""
         return CoulombContact(values[j, i, 0])
 
 
@@ -53,8 +53,8 @@ class VoellmyContact(NamedTuple):
     """Dry friction and turbulent drag on the ground, tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
 
     The same law as `effects/friction.Voellmy` of the depth-averaged solver: u is the mean speed over the flow's depth,
-    and its layers hold together by mu p and turbulence (`effects/layers`). Drag acts on what touches the bed, pressed
-    into it in this very step or not: a flow that swings on its own stiffness is not let off half of it.
+    and its layers transfer mu p and turbulent stress (`effects/layers`). Drag acts on flow that touches the bed, with
+    or without pressure in the same step: elastic oscillation of the flow does not reduce it.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ class VoellmyContact(NamedTuple):
     kept_slip = dry_slip
 
     def sticks(self):
-        """Is the flow held on the ground when it moves away from it?"""
+        """Whether the flow stays on the ground when it moves away from it."""
         return False
 
     def drag_active(self):
-        """Is there a stress on the bed beside what presses on it?"""
+        """Whether there is a stress on the bed besides Coulomb friction."""
         return True
 
     def kept_by_drag(self, slip, load):
@@ -86,47 +86,47 @@ class VoellmyContact(NamedTuple):
         return 2.0 / (1.0 + sqrt(1.0 + 4.0 * load * slip / self.xi))
 
     def layer_friction(self):
-        """mu [1], which layers of a flow without strength of its own bear as the bed does."""
+        """mu [1], also between layers of a flow whose material has no strength."""
         return self.mu
 
     def layer_roughness(self, gravity):
         """Roughness of the bed over the flow's depth, z0 / h [1], whose log law has the drag of xi."""
         return relative_roughness(chezy_number(self.xi, gravity))
 
-    def placed(self, values, j, i):
-        """The law with the parameters of a place, from the node array values[j, i, :]."""
+    def at_node(self, values, j, i):
+        """The law with the parameters values[j, i, :] of a node."""
         return VoellmyContact(values[j, i, 0], values[j, i, 1])
 
 
 class StickingContact(NamedTuple):
-    """The flow does not move on the ground, nor leave it."""
+    """The flow neither moves on the ground nor leaves it."""
 
     null: float = 0.0
 
     def kept_slip(self, slip, pressed):
-        """Nothing is left."""
+        """No slip."""
         return 0.0
 
     def sticks(self):
-        """Is the flow held on the ground when it moves away from it?"""
+        """Whether the flow stays on the ground when it moves away from it."""
         return True
 
     def drag_active(self):
-        """Is there a stress on the bed beside what presses on it?"""
+        """Whether there is a stress on the bed besides Coulomb friction."""
         return False
 
     def kept_by_drag(self, slip, load):
-        """All is left."""
+        """No drag."""
         return 1.0
 
     def layer_friction(self):
-        """Layers of the flow are left to the material."""
+        """No friction between layers besides that of the material."""
         return 0.0
 
     def layer_roughness(self, gravity):
         """No drag, no turbulence."""
         return 1.0
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         """Sticks everywhere."""
         return self

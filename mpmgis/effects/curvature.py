@@ -2,7 +2,7 @@
 
 Two parts under one switch: (T) the velocity turns with the bed at constant speed, (N) the
 centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction. Each alone is there for
-tests against exact answers that leave the other out; on real ground T alone runs too far and N alone not far enough.
+tests against exact solutions without the other; on real ground T alone gives too large and N alone too small runouts.
 """
 
 from math import sqrt
@@ -12,7 +12,7 @@ from typing import NamedTuple
 class NoCurvature(NamedTuple):
     """The null law: velocities are not turned, the load is that of gravity alone."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def curvature_active(self):
         return False
@@ -30,7 +30,7 @@ class NoCurvature(NamedTuple):
 class Curvature(NamedTuple):
     """Tangent transport and centrifugal load, after Hergarten (2024, minVoellmy v2) and Fischer et al. (2012)."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def curvature_active(self):
         return True
@@ -57,7 +57,7 @@ class Curvature(NamedTuple):
 class CurvatureTurnOnly(NamedTuple):
     """Tangent transport alone: energy is kept round a bend, the load on the bed is that of gravity."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     curvature_active = Curvature.curvature_active
     turned_velocity = Curvature.turned_velocity
@@ -68,7 +68,7 @@ class CurvatureTurnOnly(NamedTuple):
 class CurvatureLoadOnly(NamedTuple):
     """Centrifugal load alone: hollows press harder, and velocities keep their horizontal part."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     curvature_active = Curvature.curvature_active
     turned_velocity = NoCurvature.turned_velocity

@@ -3,16 +3,16 @@
 from math import cos, radians, sqrt
 from typing import NamedTuple
 
-# Compression in one time step over which K goes from active to passive. At a twentieth of that, and
-# with the middle K at rest, the push flickers between the two from column to column: 16 % error in a dam break whose
-# exact answer is Ritter's with K_active, against 1.7 % (measured 2026-11-21).
+# Compression in one time step over which K changes from active to passive. With a twentieth of that, and the mean K at
+# rest, the push alternates between the two from column to column: 16 % error in a dam break whose exact solution is
+# Ritter's with K_active, against 1.7 % (measured 2026-11-21).
 SWITCH = 0.02
 
 
 class NoEarthPressure(NamedTuple):
     """The null law: the push is hydrostatic, K = 1."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def earth_pressure_active(self):
         return False
@@ -44,7 +44,7 @@ class EarthPressure(NamedTuple):
         return self.active + compressed * (self.passive - self.active)
 
     def largest_factor(self):
-        """Largest K [1]: the wave speed that the time step must resolve goes with its root."""
+        """Largest K [1]: the wave speed for the time step is proportional to its root."""
         return max(self.active, self.passive)
 
 

@@ -1,7 +1,7 @@
-"""Entrainment: the flow takes up material of its bed.
+"""Entrainment: the flow erodes material of its bed.
 
-A law says how much mass a square metre of bed surface loses in a second. What a node takes up is at rest and shares the
-flow's momentum, it never exceeds what lies there, and it lowers the bed where the scene wants that.
+A law gives the mass that a square metre of bed surface loses in a second. The entrained mass is at rest and shares the
+momentum of the flow; it never exceeds the erodible mass, and it lowers the bed if the scene requires it.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from .friction import Parameter
 class NoEntrainment(NamedTuple):
     """The null law: the bed is rigid."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def entrainment_active(self):
         return False

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 from .material import FAR, NO_TENSION, ORDINARY, TINY
 
-SMALLEST_VOLUME = 0.6  # J: compressed further, the fluid is far too soft for its speed; held there and counted
+SMALLEST_VOLUME = 0.6  # smallest J; below it the fluid is far too soft for its speed: limited and counted
 
 
 class Fluid(NamedTuple):
     """sigma = -p I + 2 eta dev D with p = K (1 / J - 1), or Tait's (K / 7) (J^-7 - 1) where `tait` is 1.
 
-    A point carries J, its volume over that free of stress; J above 1 is set back to 1: a fluid bears no tension and
-    remembers no gap. K = rho (10 U)^2 for flows up to U [m s-1] keeps densities within 1 % (Monaghan 1994, whose water
+    A point has J, its volume over the stress-free volume; J above 1 is reset to 1: a fluid has no tension and no memory
+    of gaps. K = rho (10 U)^2 for flows up to U [m s-1] keeps densities within 1 % (Monaghan 1994, whose water
     is Tait's). Viscosity: water 1e-3, muds 0.1 to 100 Pa s.
     """
 
@@ -30,7 +30,7 @@ class Fluid(NamedTuple):
     def stress_step(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
     ):  # fmt: skip
-        """As that of `effects/material`; only s0 = J is used."""
+        """As in `effects/material`; only s0 = J is used."""
         growth = gxx + gyy + gzz
         trial = s0 * (1.0 + growth)
         volume = min(max(trial, SMALLEST_VOLUME), 1.0)
@@ -59,13 +59,13 @@ class Fluid(NamedTuple):
     def stress_step_far(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
     ):  # fmt: skip
-        """The same: `stress_step` holds J by itself, and returns the code FAR."""
+        """The same: `stress_step` limits J itself and returns the code FAR."""
         return self.stress_step(
             s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
         )  # fmt: skip
 
     def state_at_stress(self, txx, tyy, tzz, txy, txz, tyz):
-        """State s0..s7 of the mean of this Kirchhoff stress [Pa]; shear is not borne. Of numbers or of arrays."""
+        """State s0..s7 of the mean of this Kirchhoff stress [Pa], without shear; for numbers or arrays."""
         pull = (txx + tyy + tzz) / (3.0 * self.bulk_modulus)
         volume = _held(1.0 + pull)
         if self.tait > 0.5:
@@ -77,7 +77,7 @@ class Fluid(NamedTuple):
         return volume, nothing, nothing, nothing, nothing, nothing, nothing, nothing
 
     def volume_ratio(self, s0, s1, s2, s3, s4, s5, s6, s7):
-        """Volume now over that free of stress [1]."""
+        """Volume over stress-free volume [1]."""
         return s0
 
     def stored_energy(self, s0, s1, s2, s3, s4, s5, s6, s7):
@@ -95,11 +95,11 @@ class Fluid(NamedTuple):
         return self.dynamic_viscosity
 
     def state_count(self):
-        """Numbers that a point carries as its state."""
+        """Number of state variables of a point."""
         return 4
 
 
 def _held(volume):
-    """J held between SMALLEST_VOLUME and 1, of a number or of an array."""
+    """J limited to SMALLEST_VOLUME..1, for a number or an array."""
     small, large = volume < SMALLEST_VOLUME, volume > 1.0
     return small * SMALLEST_VOLUME + large * 1.0 + (1.0 - small - large) * volume

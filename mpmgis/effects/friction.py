@@ -5,8 +5,8 @@ compiled solver. The basal stress is split so that the solver can apply it semi-
 
     tau = dry_stress + viscous_coefficient * speed + density * drag_coefficient * speed^2
 
-The first is what does not vanish with speed, the second what is taken as linear in speed over a step (by its chord).
-`placed` gives the same law with the parameters of a place (`effects/zones`). Everywhere: density [kg m-3], gravity
+The first part does not vanish with speed, the second is linear in speed over a step (by its chord). `at_node` gives the
+law with the parameters of a node (`effects/zones`). Arguments: density [kg m-3], gravity
 [m s-2], normal_stress on the bed [Pa], thickness_normal to the bed [m], speed along the ground [m s-1]; stresses in Pa.
 """
 
@@ -19,7 +19,7 @@ from ..fields import GRAVITY
 class Frictionless(NamedTuple):
     """No resistance at all: the null law of the slot."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def dry_stress(self, density, gravity, normal_stress, thickness_normal, speed):
         return 0.0
@@ -30,7 +30,7 @@ class Frictionless(NamedTuple):
     def drag_coefficient(self, gravity, thickness_normal, speed):
         return 0.0
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return self
 
 
@@ -51,7 +51,7 @@ class Coulomb(NamedTuple):
     def drag_coefficient(self, gravity, thickness_normal, speed):
         return 0.0
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return Coulomb(values[j, i, 0])
 
 
@@ -74,15 +74,15 @@ class Voellmy(NamedTuple):
     def drag_coefficient(self, gravity, thickness_normal, speed):
         return gravity / self.xi
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return Voellmy(values[j, i, 0], values[j, i, 1])
 
 
 class ModifiedVoellmy(NamedTuple):
     """Either Coulomb friction or turbulent drag: mu sigma below the speed v_c h_n^(1/3), rho g u^2 / xi above it.
 
-    Hergarten (2024, minVoellmy v2), who takes v_c = 4 m/s for a flow of 1 m and argues for it with
-    the speeds of rock avalanches: mu 0.3 to 0.7 (that of dry rock), xi 100 to 1000 m s-2. A slope that starts to move
+    Hergarten (2024, minVoellmy v2), with v_c = 4 m/s for a flow of 1 m, justified by the speeds of
+    rock avalanches: mu 0.3 to 0.7 (that of dry rock), xi 100 to 1000 m s-2. A slope that starts to move
     keeps mu until it has crossed v_c, and a flow that has slowed to it stops as if dry.
     """
 
@@ -101,7 +101,7 @@ class ModifiedVoellmy(NamedTuple):
         slow = speed < self.crossover_speed * thickness_normal ** (1.0 / 3.0)
         return 0.0 if slow else gravity / self.xi
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return ModifiedVoellmy(values[j, i, 0], values[j, i, 1], values[j, i, 2])
 
 
@@ -142,7 +142,7 @@ class Bingham(NamedTuple):
     def drag_coefficient(self, gravity, thickness_normal, speed):
         return 0.0
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return Bingham(values[j, i, 0], values[j, i, 1])
 
 
@@ -169,12 +169,12 @@ class Pouliquen(NamedTuple):
     def drag_coefficient(self, gravity, thickness_normal, speed):
         return 0.0
 
-    def placed(self, values, j, i):
+    def at_node(self, values, j, i):
         return Pouliquen(values[j, i, 0], values[j, i, 1], values[j, i, 2], values[j, i, 3])
 
 
 def basal_stress(law, density, gravity, normal_stress, thickness_normal, speed):
-    """Whole basal stress [Pa] of `law` at `speed` [m s-1] under `normal_stress` [Pa], as text-books print it."""
+    """Total basal stress [Pa] of `law` at `speed` [m s-1] under `normal_stress` [Pa]."""
     dry = law.dry_stress(density, gravity, normal_stress, thickness_normal, speed)
     viscous = law.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed)
     drag = law.drag_coefficient(gravity, thickness_normal, speed)
@@ -247,16 +247,16 @@ LAWS = {
 }
 
 
-# what a scene may give in place of a parameter: name -> (the parameter, what is given)
+# alternatives to a parameter in a scene: name -> (the parameter, Parameter of the alternative)
 IN_PLACE_OF = {
     "k": ("xi", Parameter("1", "turbulent friction, k = g / xi", GRAVITY / _XI.largest, GRAVITY / _XI.smallest)),
 }
 
 
 def given_instead(law):
-    """Name -> (parameter, Parameter) of what a scene may give in place of parameters of the built-in `law`."""
+    """Name -> (parameter, Parameter) of the alternatives to parameters of the built-in `law` in a scene."""
     known = LAWS.get(law, (None, {}))[1]
-    return {name: told for name, told in IN_PLACE_OF.items() if told[0] in known}
+    return {name: pair for name, pair in IN_PLACE_OF.items() if pair[0] in known}
 
 
 def turbulent_coefficient(k):
@@ -265,7 +265,7 @@ def turbulent_coefficient(k):
 
 
 def contradiction(name, parameters):
-    """What parameters of law `name` that are fine one by one contradict together, in words; '' where nothing."""
+    """Message for parameters of law `name` that are valid separately but not together; '' for none."""
     if name == "Pouliquen" and parameters["mu2"] < parameters["mu1"]:
         return f"mu2 = {parameters['mu2']:g} is below mu1 = {parameters['mu1']:g}; friction grows with speed"
     return ""

@@ -12,9 +12,9 @@ below that are lost: after 60 000 small steps up to 12 kPa of an ice's 112 kPa (
 
 from math import log1p, sqrt
 
-# Largest |b - I| (Frobenius) of the series, squared. There |Z| <= 1/7, and what the series leaves out is below 2e-14.
+# Largest |b - I| (Frobenius) of the series, squared. There |Z| <= 1/7, and the truncation error is below 2e-14.
 SERIES_REACH = 0.0625
-SMALLEST_STRETCH, LARGEST_STRETCH = 1e-4, 1e4  # singular values of the deformation are held between them
+SMALLEST_STRETCH, LARGEST_STRETCH = 1e-4, 1e4  # limits of the singular values of the deformation
 
 
 def determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz):
@@ -191,7 +191,7 @@ def turned(c, s, ax, ay, az, bx, by, bz):
 def principal(xx, yy, zz, xy, xz, yz):
     """Principal values of a symmetric tensor, then their directions: (a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz)."""
     ax, ay, az, bx, by, bz, cx, cy, cz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    for _ in range(12):  # sweeps; 5 or 6 are enough, for what is left is squared each time
+    for _ in range(12):  # sweeps; 5 or 6 are enough, because the convergence is quadratic
         if xy * xy + xz * xz + yz * yz <= 1e-36 * (xx * xx + yy * yy + zz * zz):
             break
         c, s, t = rotation(xx, yy, xy)
@@ -219,6 +219,6 @@ def assembled(a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz):
 
 
 def principal_strain(value):
-    """log(1 + value) / 2 [1] of a principal value of b - I, held to the stretches that are allowed."""
+    """log(1 + value) / 2 [1] of a principal value of b - I, limited to the allowed stretches."""
     smallest, largest = SMALLEST_STRETCH * SMALLEST_STRETCH - 1.0, LARGEST_STRETCH * LARGEST_STRETCH - 1.0
     return 0.5 * log1p(min(max(value, smallest), largest))

@@ -1,21 +1,21 @@
-"""Layers of a flow with Voellmy's drag: how fast each is, and what one bears of the next (theory page, 3D solver).
+"""Layers of a flow with Voellmy's drag: their speeds, and the stress between them (theory page, 3D solver).
 
 Voellmy's law tau_b = mu sigma + rho g U^2 / xi (1955) is one of the whole depth: U is its mean speed, and xi a squared
-Chezy coefficient. It is the depth integral of a flow whose layers bear Coulomb friction and a turbulent stress,
+Chezy coefficient. It is the depth integral of a flow whose layers transfer Coulomb friction and a turbulent stress,
 
     tau(z) = mu p(z) + rho l^2 |du/dz| du/dz,    l = KAPPA (z + z0) sqrt(1 - z / h),
 
 with Prandtl's mixing length l over a bed of roughness z0 and Nikuradse's factor for a stress that is linear in z: a
 steady flow has u(z) = (u* / KAPPA) ln(1 + z / z0) with u*^2 = g U^2 / xi. Its mean over depth is U where r = z0 / h
-solves (1 + r) ln(1 + 1 / r) - 1 = KAPPA sqrt(xi / g): so xi says how rough the bed is, and nothing else is asked.
+solves (1 + r) ln(1 + 1 / r) - 1 = KAPPA sqrt(xi / g): xi determines the roughness of the bed.
 """
 
 from math import exp, log, sqrt
 
 KAPPA = 0.4  # von Karman's constant
 NEWTON_STEPS = 5  # to round-off for Chezy numbers of 0.01 to 1000
-SMOOTHEST = 1e-30  # z0 / h that still is a number
-LEAST_SPREAD = 0.05  # of ln(z + z0), under which two layers are as one
+SMOOTHEST = 1e-30  # smallest z0 / h
+LEAST_SPREAD = 0.05  # smallest difference of ln(z + z0) between two layers
 
 
 def relative_roughness(chezy):
@@ -43,7 +43,7 @@ def turbulent_link(slip, lower, upper):
     """Turbulent stress over density and slip [m s-1] between layers at `lower` and `upper` [m], both with z0 added.
 
     The stress is rho `turbulent_link` `slip` where it is as at the bed; `slip` [m s-1] is their difference of speed.
-    Between them du/dz goes with 1 / (z + z0), so that the steady profile is exact at any two heights.
+    Between them du/dz is proportional to 1 / (z + z0), so that the steady profile is exact at any two heights.
     """
     spread = max(log(upper / lower), LEAST_SPREAD)
     return KAPPA * KAPPA * slip / (spread * spread)

@@ -1,18 +1,18 @@
-"""What solids of the 3D solver are made of: stress from the deformation of a step (design notes 4.3 to 4.5).
+"""Solid materials of the 3D solver: stress from the deformation of a step.
 
 A material is a NamedTuple of its parameters whose methods run as plain Python and, unchanged, inside the compiled
 solver, for several points at once. A point carries eight numbers, all 0 where it is free of stress: b - I (xx, yy, zz,
 xy, xz, yz) of the elastic left Cauchy-Green tensor b = F F^T, the accumulated deviatoric plastic strain e_d = sum of
-sqrt(2/3) |de_p| [1], and the volume v_c [1] by which it has been pulled apart and must be pushed back before it bears
+sqrt(2/3) |de_p| [1], and the volume v_c [1] by which it was pulled apart and must be compressed before it bears
 load.
 
 A step's gradient g = dt grad v [1] makes b_trial = (I + g) b (I + g)^T with the Hencky strain e = log(b_trial) / 2;
 Kirchhoff stress tau = J sigma = 2 G dev e + K tr(e) I [Pa], per volume free of stress. Invariants p = -K tr e (pressure
-is positive) and q = sqrt(6) G |dev e|. A material's `returned_strain` says what of trace and norm is elastic. Because
-all materials here flow without change of volume, the deviator keeps its direction: no principal values are needed.
+is positive) and q = sqrt(6) G |dev e|. `returned_strain` of a material gives the elastic trace and norm. Because all
+materials here flow without change of volume, the deviator keeps its direction: no principal values are needed.
 
-Codes of a step: ORDINARY, NO_TENSION (at the cone's tip), FAR (call `stress_step_far`; from that: a stretch was held
-to 1e-4..1e4, or the step turned the point inside out).
+Codes of a step: ORDINARY, NO_TENSION (at the cone's tip), FAR (call `stress_step_far`; its own FAR: a stretch was
+limited to 1e-4..1e4, or the determinant of the step is negative).
 """
 
 from math import exp, expm1, sqrt
@@ -99,9 +99,9 @@ def stress_step_far(
 
 
 def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
-    """State s0..s7 that bears this Kirchhoff stress [Pa], not yet plastic; of numbers or of arrays of them.
+    """State s0..s7 of this Kirchhoff stress [Pa], elastic; for numbers or arrays.
 
-    The first step returns what the material cannot bear. Strains up to a norm of 2.
+    The first step returns stress beyond the yield surface. Strains up to a norm of 2.
     """
     trace, bearing = (txx + tyy + tzz) / (3.0 * material.bulk_modulus), 1.0 / material.shear_modulus
     mean = (txx + tyy + tzz) / 3.0
@@ -128,32 +128,32 @@ def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
 
 
 def volume_ratio(material, s0, s1, s2, s3, s4, s5, s6, s7):
-    """Volume now over that free of stress [1]: sqrt(det b), and what it has been pulled apart by."""
+    """Volume over stress-free volume [1]: sqrt(det b), times the opening exp(v_c)."""
     xx, yy, zz = 1.0 + s0, 1.0 + s1, 1.0 + s2
     determinant = xx * (yy * zz - s5 * s5) - s3 * (s3 * zz - s5 * s4) + s4 * (s3 * s5 - yy * s4)
     return sqrt(max(determinant, 0.0)) * exp(s7)
 
 
 def wave_speed(material, density):
-    """Speed [m s-1] of pressure waves at `density` [kg m-3], sqrt((K + 4 G / 3) / rho): what the time step resolves."""
+    """Speed [m s-1] of pressure waves at `density` [kg m-3], sqrt((K + 4 G / 3) / rho), for the time step."""
     return sqrt((material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus) / density)
 
 
 def no_viscosity(material):
-    """0 Pa s: nothing viscous limits the time step."""
+    """0 Pa s: no viscous limit of the time step."""
     return 0.0
 
 
 def eight(material):
-    """Numbers that a point carries as its state."""
+    """Number of state variables of a point."""
     return 8
 
 
 class Elastic(NamedTuple):
     """Hencky elasticity: exact for any rotation, realistic for stretches of 0.7 to 1.3 (Anand 1979).
 
-    For solid blocks, and for what textbooks know exactly. Rock K 10 to 50 GPa, ice 9 GPa, laboratory gels 10 kPa up;
-    both moduli are commonly scaled down, for the time step goes with the root of them.
+    For solid blocks and exact solutions. Rock K 10 to 50 GPa, ice 9 GPa, laboratory gels from 10 kPa; both moduli are
+    commonly scaled down, because the time step is inversely proportional to their root.
     """
 
     bulk_modulus: float  # K [Pa]
@@ -173,19 +173,19 @@ class Elastic(NamedTuple):
 
 
 class DruckerPrager(NamedTuple):
-    """Frictional, cohesive: q <= slope (p - K v_c) + strength; what is pulled further than the cone's tip falls apart.
+    """Frictional, cohesive: q <= slope (p - K v_c) + strength; beyond the tip of the cone the material separates.
 
-    Flow keeps volumes (no dilatancy). Made from phi and c by `drucker_prager`. `volume_correction` 1 remembers what has
-    been pulled apart, so that falling freely makes no lasting volume (Tampubolon et al. 2017; design note 4.4); 0
-    forgets it. Vicari et al. (2025), glacier ice: K 6.7 MPa, G 4 MPa, 40 degrees, 1 kPa. Sands: 25 to 45 degrees,
-    cohesion 0 to 5 kPa, K and G often scaled down to 1 to 10 MPa for longer time steps.
+    Flow keeps volumes (no dilatancy). Made from phi and c by `drucker_prager`. `volume_correction` 1 stores the
+    opening, so that free fall does not create volume (Tampubolon et al. 2017); 0 does not. Vicari et al.
+    (2025), glacier ice: K 6.7 MPa, G 4 MPa, 40 degrees, 1 kPa. Sands: 25 to 45 degrees, cohesion 0 to 5 kPa,
+    K and G often scaled down to 1 to 10 MPa for longer time steps.
     """
 
     bulk_modulus: float  # K [Pa]
     shear_modulus: float  # G [Pa]
     slope: float  # gamma [1]
-    strength: float  # q_c [Pa], q that is borne without pressure
-    tension_limit: float  # largest tension -p [Pa], where the cone's tip is further (always where slope is 0)
+    strength: float  # q_c [Pa], strength without pressure
+    tension_limit: float  # largest tension -p [Pa], below that of the tip of the cone (always if slope is 0)
     volume_correction: float  # 1 or 0
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
@@ -215,8 +215,8 @@ class DruckerPrager(NamedTuple):
 class MuI(NamedTuple):
     """Dense granular flow: |s| / sqrt(2) = mu(I) p, mu = mu1 + (mu2 - mu1) / (1 + I0 / I), I = rate d sqrt(rho_s / p).
 
-    Jop et al. (2006), solved for the shear rate at the end of the step (design note 4.5). Glass beads: mu1 = tan 20.9,
-    mu2 = tan 32.8 degrees, I0 = 0.279; sands mu1 0.4 to 0.65. Bears no tension. Softening does not act on it.
+    Jop et al. (2006), solved for the shear rate at the end of the step. Glass beads: mu1 = tan 20.9,
+    mu2 = tan 32.8 degrees, I0 = 0.279; sands mu1 0.4 to 0.65. No tension. Softening does not act on it.
     """
 
     bulk_modulus: float  # K [Pa]
@@ -229,7 +229,7 @@ class MuI(NamedTuple):
     volume_correction: float  # 1 or 0
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
-        """As that of `DruckerPrager`."""
+        """As in `DruckerPrager`."""
         pressure = max(-self.bulk_modulus * (trace + opening), 0.0)
         shear = sqrt(2.0) * self.shear_modulus * norm  # |s| / sqrt(2)
         excess = max(shear - self.mu1 * pressure, 0.0)
@@ -258,13 +258,13 @@ class MuI(NamedTuple):
 
 
 class CohesiveMuI(NamedTuple):
-    """`DruckerPrager` whose friction grows with the rate of shear: q <= cone(p') + sqrt(3) mu_r p' / (1 + I0 / I).
+    """`DruckerPrager` with rate-dependent friction: q <= cone(p') + sqrt(3) mu_r p' / (1 + I0 / I).
 
-    p' = p - K v_c, mu_r = mu2 - mu1 of `MuI`, I = rate d sqrt(rho_s / p') (Jop et al. 2006). `softening` takes the cone
-    away, cohesion and all, but not the growth. No growth in tension, and none for mu_r = 0, which is
+    p' = p - K v_c, mu_r = mu2 - mu1 of `MuI`, I = rate d sqrt(rho_s / p') (Jop et al. 2006). `softening` reduces the
+    cone and the cohesion, but not the rate-dependent part. That is 0 in tension and for mu_r = 0, which is
     `DruckerPrager` to the last bit; without cohesion and softening it is `MuI` of mu1 = slope / sqrt(3), to rounding.
     Solved for the rate at the end of the step, as `MuI`. Rate-dependent cohesive Drucker-Prager laws are in use for
-    ice (Gaume et al., PARTICLES 2025, an abstract); parameters measured on ice avalanches were not found.
+    ice (Gaume et al., PARTICLES 2025, an abstract); parameters measured on ice avalanches are not known.
     """
 
     bulk_modulus: float  # K [Pa]
@@ -279,7 +279,7 @@ class CohesiveMuI(NamedTuple):
     volume_correction: float  # 1 or 0
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
-        """As that of `DruckerPrager`."""
+        """As in `DruckerPrager`."""
         slope, strength = softening.softened_cone(self.slope, self.strength, plastic_strain)
         tension = min(strength / max(slope, TINY), self.tension_limit)
         pull = self.bulk_modulus * (trace + opening)  # -p, v_c included
@@ -292,7 +292,7 @@ class CohesiveMuI(NamedTuple):
         slowing = self.shear_modulus * time_step * crossover
         linear = slowing + growth - excess
         half = 0.5 * (sqrt(linear * linear + 4.0 * excess * slowing) + abs(linear))
-        # x = G dt rate is the positive root of x^2 + linear x - excess slowing = 0; growth x / (x + slowing) is borne
+        # x = G dt rate is the positive root of x^2 + linear x - excess slowing = 0; strength: growth x / (x + slowing)
         over = excess if linear > 0.0 else half
         share = over / max(over + (half if linear > 0.0 else slowing), TINY)
         borne = borne + sqrt(3.0) * growth * share
@@ -338,7 +338,7 @@ def drucker_prager(
 
 
 def cohesive_mu_i(friction_angle, cohesion, rate_friction, inertial_number, grain_diameter, grain_density, **cone):
-    """`CohesiveMuI` whose cone is that of `drucker_prager`, which has the moduli and its options from `cone`."""
+    """`CohesiveMuI` with the cone of `drucker_prager`, whose moduli and options are in `cone`."""
     at_rest = drucker_prager(friction_angle=friction_angle, cohesion=cohesion, **cone)
     grows = {"rate_friction": rate_friction, "inertial_number": inertial_number,
              "grain_diameter": grain_diameter, "grain_density": grain_density}  # fmt: skip

@@ -10,7 +10,7 @@ from typing import NamedTuple
 class SlopeMetric(NamedTuple):
     """Lengths along the bed: the metric gradient is the bed's."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def metric_gradient(self, gradient_x, gradient_y):
         return gradient_x, gradient_y
@@ -19,7 +19,7 @@ class SlopeMetric(NamedTuple):
 class WaterMetric(NamedTuple):
     """Horizontal lengths, classic shallow water: the metric gradient is zero."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def metric_gradient(self, gradient_x, gradient_y):
         return 0.0, 0.0

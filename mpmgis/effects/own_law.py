@@ -4,8 +4,8 @@ Such a law is a NamedTuple of its parameters with either
 
     basal_stress(self, density, gravity, normal_stress, thickness_normal, speed)  [Pa]
 
-or the three methods into which `effects/friction` splits it, of what compiles: arithmetic, `math`, `if`.
-The file is run as a program: it is only ever the one that the user named.
+or the three methods into which `effects/friction` splits it, with arithmetic, `math` and `if` only.
+The file is executed; it is always the one that the user named.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ SPLIT = ("dry_stress", "viscous_coefficient", "drag_coefficient")
 WHOLE = "basal_stress"
 ARGUMENTS = dict.fromkeys((WHOLE, *SPLIT[:2]), ("density", "gravity", "normal_stress", "thickness_normal", "speed"))
 ARGUMENTS["drag_coefficient"] = ("gravity", "thickness_normal", "speed")
-# what a law is tried on: density, gravity, thickness normal to the bed [m], tan of the slope, speed
+# test values of a law: density, gravity, thickness normal to the bed [m], tan of the slope, speed
 TRIED = ((100.0, 2700.0), (9.81,), (1e-3, 0.1, 1.0, 30.0), (0.0, 0.5, 3.0), (1e-9, 0.01, 1.0, 20.0, 150.0))
 
 
@@ -40,7 +40,7 @@ NO_OWN_LAWS = OwnLaws("", "", {})
 
 
 def load_laws(path):
-    """The laws in the Python file at `path`, with the methods that the solver wants.
+    """The laws in the Python file at `path`, with the methods that the solver requires.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def load_laws(path):
     Raises
     ------
     InputError
-        No such file, it fails, or it holds no law that fits.
+        No such file, an error in it, or no suitable law in it.
     """
     path = Path(path)
     if path.suffix != ".py":
@@ -76,7 +76,7 @@ def _executed(path, name):
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    written, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # no __pycache__ beside the user's scene
+    written, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # no __pycache__ in the folder of the scene
     try:
         spec.loader.exec_module(module)
     except BaseException as error:
@@ -109,7 +109,7 @@ def _parameters(kind):
 
 
 def _fitted(kind, name):
-    """`kind` with every method that the solver calls; those that it has not are made of `basal_stress`."""
+    """`kind` with every method that the solver calls; missing ones are derived from `basal_stress`."""
     split = [method for method in SPLIT if callable(getattr(kind, method, None))]
     if callable(getattr(kind, WHOLE, None)):
         if not split:
@@ -118,18 +118,18 @@ def _fitted(kind, name):
         missing = ", ".join(method for method in SPLIT if method not in split)
         raise InputError(f"{name} has neither {WHOLE} nor {missing}; give it {WHOLE}")
     _require_signatures(kind, name)
-    kind.placed = _placed(kind)
+    kind.at_node = _at_node_of(kind)
     return kind
 
 
 def _dry_of_whole(self, density, gravity, normal_stress, thickness_normal, speed):
-    """What is left at rest, or at this speed where the law weakens with it."""
+    """The stress at rest, or at this speed if that is smaller."""
     at_rest = self.basal_stress(density, gravity, normal_stress, thickness_normal, 0.0)
     return min(at_rest, self.basal_stress(density, gravity, normal_stress, thickness_normal, speed))
 
 
 def _chord_of_whole(self, density, gravity, normal_stress, thickness_normal, speed):
-    """What speed adds to it, as the chord of the law from rest to this speed."""
+    """The increase with speed, as the chord of the law from rest to this speed."""
     at_rest = self.basal_stress(density, gravity, normal_stress, thickness_normal, 0.0)
     here = self.basal_stress(density, gravity, normal_stress, thickness_normal, speed)
     return max(here - at_rest, 0.0) / max(speed, 1e-12)
@@ -139,16 +139,16 @@ def _no_drag(self, gravity, thickness_normal, speed):
     return 0.0
 
 
-def _placed(kind):
-    """The method that makes the law anew from a node's values, written out as the compiler wants it."""
+def _at_node_of(kind):
+    """The method that creates the law from the values of a node, in the form that the compiler requires."""
     values = ", ".join(f"values[j, i, {k}]" for k in range(len(kind._fields)))
     namespace = {"kind": kind}
-    exec(f"def placed(self, values, j, i):\n    return kind({values})", namespace)
-    return namespace["placed"]
+    exec(f"def at_node(self, values, j, i):\n    return kind({values})", namespace)
+    return namespace["at_node"]
 
 
 def _require_signatures(kind, name):
-    """Refuse methods that take something else than the solver hands them, and laws without a parameter."""
+    """Refuse methods with other arguments than those of the solver, and laws without a parameter."""
     if not kind._fields:
         raise InputError(f"{name} has no parameter, but the compiler requires one; add `null: float = 0.0`")
     for method, arguments in ARGUMENTS.items():
@@ -162,18 +162,18 @@ def _require_signatures(kind, name):
 
 
 def tried_inputs():
-    """(density, gravity, normal_stress, thickness_normal, speed) that laws are tried on, the extreme and the usual."""
+    """(density, gravity, normal_stress, thickness_normal, speed) for which laws are tested."""
     for density, gravity, thickness, slope, speed in itertools.product(*TRIED):
         yield density, gravity, density * gravity * thickness / math.sqrt(1.0 + slope * slope), thickness, speed
 
 
 def require_sound(law, name):
-    """Refuse a law that somewhere in the range of flows fails, pushes the flow, or gives no finite number.
+    """Refuse a law that in the range of flows fails, accelerates the flow, or gives a number that is not finite.
 
     Raises
     ------
     SceneError
-        Which method, what it gave, and for what.
+        With the method, its result and its arguments.
     """
     for density, gravity, normal_stress, thickness, speed in tried_inputs():
         arguments = {"density": density, "gravity": gravity, "normal_stress": normal_stress,

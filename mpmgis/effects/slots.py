@@ -1,4 +1,4 @@
-"""The slots of each solver: each holds a law, or a null law that adds no cost."""
+"""The slots of each solver, each with a law or a null law without cost."""
 
 from typing import Any, NamedTuple
 
@@ -8,6 +8,7 @@ from .contact import CoulombContact
 from .curvature import NoCurvature
 from .earth_pressure import NoEarthPressure
 from .entrainment import NoEntrainment
+from .forest import NoForest
 from .friction import Frictionless
 from .metric import SlopeMetric
 from .softening import NoSoftening
@@ -18,7 +19,7 @@ from .zones import NoZones
 
 
 class ColumnEffects(NamedTuple):
-    """What moves the columns of the depth-averaged solver; defaults are the null forms."""
+    """Effects on the columns of the depth-averaged solver; defaults are the null forms."""
 
     friction: Any = Frictionless()
     zones: Any = NoZones()
@@ -30,10 +31,11 @@ class ColumnEffects(NamedTuple):
     viscosity: Any = NoViscosity()
     entrainment: Any = NoEntrainment()
     barrier: Any = NoBarrier()
+    forest: Any = NoForest()
 
 
 class PointEffects(NamedTuple):
-    """What moves the points of the 3D solver; the material has no null form."""
+    """Effects on the points of the 3D solver; the material has no null form."""
 
     material: Any
     softening: Any = NoSoftening()

@@ -1,11 +1,11 @@
-"""Strength that is lost for good as a material is sheared: the slot `softening` of Drucker-Prager (design notes 4.4).
+"""Permanent loss of strength with plastic shear strain: the slot `softening` of Drucker-Prager.
 
 `softened_cone(slope, strength, plastic_strain)` gives the yield cone q <= slope p + strength (slope [1], strength [Pa])
-after the accumulated deviatoric plastic strain e_d [1] = sum of sqrt(2/3) |de_p|. A code that sums |de_p| itself
-(Matter) has e_d larger by sqrt(3/2): multiply its coefficient by that to compare.
+after the accumulated deviatoric plastic strain e_d [1] = sum of sqrt(2/3) |de_p|. In a code that sums |de_p|
+(Matter) e_d is larger by sqrt(3/2): multiply its coefficient by that for a comparison.
 
-Evidence for the exponential is indirect: Vicari et al. (2025) name a coefficient and no formula; Matter and GeoTaichi
-have this form. Strength is lost in one cell's width, whatever the cell: a coefficient belongs to a cell size.
+Evidence for the exponential is indirect: Vicari et al. (2025) give a coefficient and no formula; Matter and GeoTaichi
+use this form. Strength is lost over the width of one cell: a coefficient is valid for a cell size.
 """
 
 from math import cos, radians, sin, sqrt, tan
@@ -16,7 +16,7 @@ from ..errors import InputError
 # Of a cone through Mohr-Coulomb's hexagon: slope = factor sin / (1 - share sin), strength = factor c cos / (same).
 MATCHES = {
     "triaxial": (2.0, 1.0 / 3.0),  # at its corners of triaxial compression: 6 sin / (3 - sin)
-    "plane_strain": (sqrt(3.0), 0.0),  # where nothing moves across the plane and volumes stay: sqrt(3) sin
+    "plane_strain": (sqrt(3.0), 0.0),  # plane strain at constant volume: sqrt(3) sin
 }
 
 
@@ -60,7 +60,7 @@ def sine_cosine(angle):
 
 
 def faded(initial, residual, left):
-    """What is left of a strength that goes from `initial` to `residual` as `left` goes from 1 to 0."""
+    """Strength between `initial` (`left` = 1) and `residual` (`left` = 0)."""
     return residual + (initial - residual) * left
 
 
@@ -71,16 +71,16 @@ def matched_cone(sine, cosine, cohesion, factor, share):
 
 
 class NoSoftening(NamedTuple):
-    """Strength stays what it is: the null law of the slot."""
+    """Constant strength: the null law of the slot."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def softened_cone(self, slope, strength, plastic_strain):
         return slope, strength
 
 
 class Softening(NamedTuple):
-    """X = X_r + (X_i - X_r) exp(-xi_s e_d) for the friction angle and the cohesion (design note 4.4).
+    """X = X_r + (X_i - X_r) exp(-xi_s e_d) for the friction angle and the cohesion.
 
     xi_s = 10 loses 90 % by e_d = 0.23. Vicari et al. (2025), ice avalanche on cells of 1 m: 40 to 20 degrees, 1 kPa to
     0, xi_s = 10.
@@ -102,7 +102,7 @@ class Softening(NamedTuple):
 
 
 class TangentSoftening(NamedTuple):
-    """`Softening` of tan(phi) in place of phi: less than 1.5 degrees from it on the way from 40 to 20 degrees."""
+    """`Softening` of tan(phi) instead of phi; the difference is below 1.5 degrees from 40 to 20 degrees."""
 
     tangent: float  # tan(phi) [1]
     cohesion: float  # [Pa]
@@ -121,14 +121,14 @@ class TangentSoftening(NamedTuple):
 
 
 class LinearSoftening(NamedTuple):
-    """Friction angle and cohesion fall in a straight line between two plastic strains, as in CB-Geo's Mohr-Coulomb."""
+    """Friction angle and cohesion decrease linearly between two plastic strains, as in CB-Geo's Mohr-Coulomb."""
 
     friction_angle: float  # [rad]
     cohesion: float  # [Pa]
     residual_friction_angle: float  # [rad]
     residual_cohesion: float  # [Pa]
-    peak_strain: float  # e_d [1] until which all is left
-    residual_strain: float  # e_d [1], above peak_strain, from which on only the residual is left
+    peak_strain: float  # e_d [1] up to which there is no loss
+    residual_strain: float  # e_d [1], above peak_strain, from which on the strength is residual
     factor: float  # of MATCHES
     share: float
 
@@ -149,7 +149,7 @@ def cone(friction_angle, cohesion, match="triaxial"):
         No such match.
     """
     if match not in MATCHES:
-        raise InputError(f"the cone's match is {match!r}, wanted one of {', '.join(MATCHES)}")
+        raise InputError(f"the cone's match is {match!r}, expected one of {', '.join(MATCHES)}")
     phi = radians(friction_angle)
     return matched_cone(sin(phi), cos(phi), cohesion, *MATCHES[match])
 
@@ -157,7 +157,7 @@ def cone(friction_angle, cohesion, match="triaxial"):
 def softening(initial, residual, coefficient, form="exponential", match="triaxial", peak_strain=0.0):
     """The law of softening from `initial` to `residual`, each a friction angle [deg] and a cohesion [Pa].
 
-    `form` is `exponential`, `tangent` (both with xi_s as `coefficient`) or `linear`, whose strength is lost between
+    `form` is `exponential`, `tangent` (both with xi_s as `coefficient`) or `linear`, with a loss of strength between
     the plastic strains `peak_strain` and `peak_strain + 1 / coefficient`.
 
     Raises
@@ -166,7 +166,7 @@ def softening(initial, residual, coefficient, form="exponential", match="triaxia
         No such form or match, or a linear form whose coefficient is not above 0.
     """
     if match not in MATCHES:
-        raise InputError(f"the cone's match is {match!r}, wanted one of {', '.join(MATCHES)}")
+        raise InputError(f"the cone's match is {match!r}, expected one of {', '.join(MATCHES)}")
     (angle, cohesion), (residual_angle, residual_cohesion) = initial, residual
     start, end = radians(angle), radians(residual_angle)
     if form == "exponential":
@@ -174,8 +174,8 @@ def softening(initial, residual, coefficient, form="exponential", match="triaxia
     if form == "tangent":
         return TangentSoftening(tan(start), cohesion, tan(end), residual_cohesion, coefficient, *MATCHES[match])
     if form != "linear":
-        raise InputError(f"softening has no form {form!r}, wanted exponential, tangent or linear")
+        raise InputError(f"softening has no form {form!r}, expected exponential, tangent or linear")
     if not coefficient > 0.0:
-        raise InputError(f"linear softening has coefficient {coefficient:g}, wanted above 0; or leave softening out")
+        raise InputError(f"linear softening has coefficient {coefficient:g}, expected above 0; or remove softening")
     lost = peak_strain + 1.0 / coefficient
     return LinearSoftening(start, cohesion, end, residual_cohesion, peak_strain, lost, *MATCHES[match])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 class NoStillWater(NamedTuple):
     """The null law: no reference depth."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def still_water_active(self):
         return False
@@ -16,9 +16,9 @@ class NoStillWater(NamedTuple):
 
 
 class StillWater(NamedTuple):
-    """Lakes at rest; form `swe` only. Each cell of the grid has the still level of its lake."""
+    """Lakes at rest; form `swe` only. Each cell of the grid has the still-water level of its lake."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def still_water_active(self):
         return True

@@ -1,24 +1,24 @@
-"""Which part of a point's velocity gradient the 3D transfer carries on to the next step (Jiang et al. 2015)."""
+"""Part of the velocity gradient of a point that the 3D transfer keeps for the next step (Jiang et al. 2015)."""
 
 from typing import NamedTuple
 
 
 class WholeGradient(NamedTuple):
-    """APIC: all of it. Exact for linear fields."""
+    """APIC: the whole gradient. Exact for linear fields."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def only_turns(self):
         return False
 
 
 class TurningGradient(NamedTuple):
-    """RPIC: only the antisymmetric part, its rotation. Angular momentum is kept, strain rates diffuse.
+    """RPIC: only the antisymmetric part, its rotation. Angular momentum is conserved, strain rates diffuse.
 
-    No scene can ask for it: tests hold what must not depend on the transfer against it.
+    Not available in scenes; used in tests of results that must not depend on the transfer.
     """
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def only_turns(self):
         return True

@@ -7,9 +7,9 @@ from .friction import plug_ratio
 
 
 class NoViscosity(NamedTuple):
-    """The null law: no stress but pressure."""
+    """The null law: pressure only."""
 
-    null: float = 0.0  # the compiler wants at least one field
+    null: float = 0.0  # the compiler requires a field
 
     def viscosity_active(self):
         return False
@@ -19,12 +19,12 @@ class NoViscosity(NamedTuple):
 
 
 class InPlaneViscosity(NamedTuple):
-    """Viscosity and yield stress against shearing and stretching in the plane of the map (Bingham, regularised).
+    """Viscosity and yield stress for shear and stretching in the plane of the map (Bingham, regularised).
 
     sigma = (tau_y / sqrt(II + e^2) + 2 eta) D with e = 1e-3 s-1 and II = D:D / 2 over the full symmetric D of a column,
-    sheared by 3 u / ((2 + Z) h) at its bed (Z of `plug_ratio`) and thinned by dzz = -div u (Fois et al. 2024; design
-    notes 3.5). Mudflows: eta 1 to 500 Pa s, tau_y 10 to 2000 Pa. It matters where the flow is as thick as it is wide.
-    The solver cuts eta_eff at what the time step allows, rho dx^2 / (8 dt), and counts the columns.
+    sheared by 3 u / ((2 + Z) h) at its bed (Z of `plug_ratio`) and thinned by dzz = -div u (Fois et al. 2024).
+    Mudflows: eta 1 to 500 Pa s, tau_y 10 to 2000 Pa. It matters where the flow is as thick as wide.
+    The solver limits eta_eff to the value that the time step allows, rho dx^2 / (8 dt), and counts these columns.
     """
 
     viscosity: float  # eta [Pa s]

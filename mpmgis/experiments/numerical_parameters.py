@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..scene.scene import Scene
 from ..scene.tables import NumericsTable
 from ..solvers.columns import CFL_ALONE, ColumnNumerics
-from ..solvers.points import PointNumerics
+from ..solvers.point_numerics import PointNumerics
 
 HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # stability limit of the schemes
 STEP = 2.0**0.5  # between two cell sizes

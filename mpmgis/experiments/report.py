@@ -192,7 +192,7 @@ class Study:
         """The conclusions, one sentence each."""
         return [
             *self._law_lines(), *self._front_lines(), *self._tie_lines(), *self._gain_lines(), *self._cost_lines(),
-            *self._beside_lines(),
+            *self._lines_of_others(),
         ]  # fmt: skip
 
     def _law_lines(self):
@@ -243,7 +243,7 @@ class Study:
         ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
         return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
 
-    def beside_errors(self) -> np.ndarray:
+    def errors_of_others(self) -> np.ndarray:
         """float64[n]: the ranking error of each result of other codes."""
         return np.array([getattr(other.errors, self.measure) for other in self.beside])
 
@@ -251,9 +251,9 @@ class Study:
         """Number of the fastest row with at most this error; None if there is none."""
         return fastest_as_accurate(self.seconds, self.errors, error)
 
-    def _beside_lines(self):
+    def _lines_of_others(self):
         lines = []
-        for other, error in zip(self.beside, self.beside_errors(), strict=True):
+        for other, error in zip(self.beside, self.errors_of_others(), strict=True):
             k = self.as_accurate_as(error)
             if k is None:
                 lines.append(f"{other.name}: no setting of this study is as accurate")
@@ -281,7 +281,7 @@ class Study:
 
     def records(self) -> tuple[tuple, list]:
         """(names, rows of values): the full table for a CSV; results of other codes last."""
-        others = zip(self.beside, self.beside_errors(), strict=True)
+        others = zip(self.beside, self.errors_of_others(), strict=True)
         own = [self._record(k) for k in range(len(self.rows))]
         return RECORD_NAMES, own + [self._record_beside(other, error) for other, error in others]
 

@@ -59,6 +59,14 @@ class Spread(NamedTuple):
             return _rounded(min(max(float(law.ppf(below + (upto - below) * share)), self.low), self.high))
         return _rounded(float(law.ppf(share)))
 
+    def share_of(self, value: float) -> float:
+        """Share (0 to 1) of the distribution below `value`: the inverse of `at`."""
+        law, share = _law(self), float(_law(self).cdf(value))
+        if self.low is not None:
+            below, upto = law.cdf(self.low), law.cdf(self.high)
+            share = (share - below) / (upto - below)
+        return min(max(float(share), 0.0), 1.0)
+
     def levels(self, count: int) -> tuple:
         """Medians of `count` equally likely intervals, for a grid."""
         return tuple(self.at((k + 0.5) / count) for k in range(count))
@@ -161,7 +169,8 @@ def _rounded(value):
     return float(f"{value:.{DIGITS}g}")
 
 
-SAMPLINGS = ("lhs", "sobol", "grid", "random")
+JOINT = "joint"  # member k has value k of every list; only of a plan in a file
+SAMPLINGS = ("lhs", "sobol", "grid", "random", JOINT)
 SAMPLES, LEVELS = 32, 5  # members; on a grid: values per range
 MOST_MEMBERS = 100_000
 
@@ -208,6 +217,8 @@ class Plan:
             sampling = "grid" if all(isinstance(one, Choice) for one in varied.values()) else "lhs"
         if sampling not in SAMPLINGS:
             raise InputError(f"--sampling {sampling}: expected one of {', '.join(SAMPLINGS)}")
+        if sampling == JOINT and not _equally_long(varied):
+            raise InputError(f"sampling {JOINT}: expected a list of values for each key, all of the same length")
         plan = cls(dict(varied), sampling, samples or (LEVELS if sampling == "grid" else SAMPLES), seed)
         if plan.count > MOST_MEMBERS:
             raise InputError(f"{plan.count} members, expected at most {MOST_MEMBERS}; use fewer keys or --samples")
@@ -216,6 +227,8 @@ class Plan:
     @property
     def count(self) -> int:
         """Number of members."""
+        if self.sampling == JOINT:
+            return min((len(one.values) for one in self.varied.values()), default=0)
         if self.sampling != "grid":
             return self.samples
         levels = (len(one.values) if isinstance(one, Choice) else self.samples for one in self.varied.values())
@@ -224,6 +237,8 @@ class Plan:
     def values(self) -> list[tuple]:
         """List of tuples: the values of the varied keys of each member; bitwise reproducible for the same plan."""
         varied = list(self.varied.values())
+        if self.sampling == JOINT:
+            return list(zip(*(one.values for one in varied), strict=True))
         if self.sampling == "grid":
             return list(itertools.product(*(one.levels(self.samples) for one in varied)))
         return [tuple(one.at(share) for one, share in zip(varied, row, strict=True)) for row in self._shares()]
@@ -283,6 +298,11 @@ class Plan:
                 key: list(one.values) if isinstance(one, Choice) else one.text for key, one in self.varied.items()
             },
         }
+
+
+def _equally_long(varied):
+    lists = all(isinstance(one, Choice) for one in varied.values())
+    return lists and len({len(one.values) for one in varied.values()}) == 1
 
 
 def with_values(tables: dict, values: dict) -> dict:

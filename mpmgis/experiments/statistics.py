@@ -16,7 +16,6 @@ from ..fields import BAND, Quantity
 
 ARRIVAL = "t_arrival"
 PEAKS = {"h": "h_max", "Ut": "Ut_max", "p": "p_max"}  # quantity -> band of a member's maxima
-MEMBER_BANDS = (*PEAKS.values(), ARRIVAL)
 WORDS = {
     "h": "largest flow depth (normal)",
     "Ut": "largest speed along the slope",
@@ -108,7 +107,7 @@ def statistics(bands: list[Band], source: str, stack: np.ndarray) -> dict[int, n
     ----------
     bands : list of Band
     source : str
-        Of MEMBER_BANDS.
+        Of `mpmgis.fields.MEMBER_BANDS`.
     stack : float32[members, rows, columns]
         NaN without flow of a member; overwritten.
     """

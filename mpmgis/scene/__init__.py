@@ -2,6 +2,7 @@
 
 from .catalogue import catalogue
 from .decisions import Decision, TerrainFacts
+from .json_schema import json_schema
 from .reading import read_scene, scene_from_tables
 from .resistance import mu_least
 from .resolve import resolve
@@ -13,6 +14,7 @@ __all__ = [
     "Scene",
     "TerrainFacts",
     "catalogue",
+    "json_schema",
     "mu_least",
     "read_scene",
     "resolve",

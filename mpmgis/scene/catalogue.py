@@ -11,14 +11,14 @@ from .tables import TABLES
 NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they define place, material and numerics only
 # table with a law by name -> {name: (law, {parameter: Parameter})}
 LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
-# what a table takes in addition to its own keys with a unit
+# keys of a table besides those with a unit
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 
 
 def catalogue():
-    """Every effect that a scene may name: list of {table, law, what, parameters (name -> unit)}.
+    """All effects that a scene can name: list of {table, law, what, parameters (name -> unit)}.
 
-    In the order of the scene's tables. Parameters are those of the law, then the table's own keys that are quantities.
+    In the order of the tables. Parameters are those of the law, then the keys of the table that are quantities.
     `law` is the word by which a scene picks one of several laws, None where the table has one law only.
     """
     entries = [entry for name in TABLES if name not in NO_EFFECTS for entry in _entries(name)]

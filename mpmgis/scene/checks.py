@@ -5,6 +5,7 @@ from dataclasses import fields
 
 from ..effects import friction
 from ..errors import SceneError
+from .forest import check_forest
 from .solver_tables import check_points
 from .stages import check_stages
 from .table_values import checked_value, is_number, listed, meant, range_of, refuse_both
@@ -27,6 +28,7 @@ def check_together(scene, where):
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)
+    check_forest(scene, where)
     if 0.0 < numerics.clamp < 1.0:
         raise SceneError(f"{where} [numerics]: clamp = {numerics.clamp:g} allows no thickness; use at least 1, or 0")
     if output.frame_interval > output.end_time:
@@ -62,7 +64,7 @@ def _check_sources(scene, where):
         _refuse_unused(release, ("source", "particles", "window"), f"{where} [release]")
     elif release.window is not None:
         raise SceneError(
-            f"{where} [release]: window applies to particles only, a source has its own outline; remove window"
+            f"{where} [release]: window applies to particles only, not to a source with an outline; remove window"
         )
     if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
@@ -111,7 +113,7 @@ def _check_zones(scene, where):
         )
     law = scene.friction.law
     instead = friction.given_instead(law)
-    wanted = scene.laws[law][1] | {name: told for name, (_, told) in instead.items()}
+    wanted = scene.laws[law][1] | {name: parameter for name, (_, parameter) in instead.items()}
     for number, zone in enumerate(scene.zones, 1):
         here = f"{where} [[zones]] number {number}"
         if not zone.parameters:
@@ -149,4 +151,4 @@ def _refuse_unused(release, used, where):
     """Particles from a file bring all else with them: a key that would not be used is an error."""
     for f in fields(release):
         if f.name not in used and getattr(release, f.name) != f.default:
-            raise SceneError(f"{where}: particles bring their own {f.name}; take {f.name} out")
+            raise SceneError(f"{where}: particles have a {f.name}; remove {f.name}")

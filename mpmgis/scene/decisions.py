@@ -2,7 +2,7 @@
 
 A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
 `TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
-compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (nothing in the scene).
+compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (not used in the scene).
 To add one: write it beside its kind (`scene/resistance`, `scene/terrain_effects`), give `TerrainFacts` its number
 with None as default, fill that in `workflows/run_setup/prepare`, and name the decider in `resolve.DECIDERS`.
 """
@@ -40,7 +40,7 @@ class Decision(NamedTuple):
 class TerrainFacts(NamedTuple):
     """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.reach`).
 
-    What a scene has by place is None where the scene has nothing of the kind.
+    Spatial features are None if the scene has none.
     """
 
     centrifugal_ratio: float  # p95 of |u^T Hess b u| / g at the energy line's speed
@@ -50,14 +50,15 @@ class TerrainFacts(NamedTuple):
     slope_steep: float = 0.0  # 99 % quantile
     detachment_ratio: float = 0.0  # p99 of U^2 curvature / (g cos) over convex ground; above 1 the flow takes off
     edge_distance: float | None = None  # [m] from reachable ground to where the terrain ends; 0: it gets there
-    hole_in_reach: tuple | None = None  # (cells, E [m], N [m]) of nodata amid the DTM that the flow can reach
-    line_edge_distance: float | None = None  # [m] the same from the energy line alone, without what is downhill of it
-    start_speed: float = 0.0  # [m s-1] largest of what moves at the start, comes in or is released later
+    hole_in_reach: tuple | None = None  # (cells, E [m], N [m]) of nodata inside the DTM that the flow can reach
+    line_edge_distance: float | None = None  # [m] the same from the energy line only, without ground downhill of it
+    start_speed: float = 0.0  # [m s-1] largest of the initial flow, of inflow and of later releases
     release_thickness: float = 0.0  # [m] h0, vertical, mean over the mass
     release_length: float = 0.0  # [m] L0, along the mean slope under the release
     density: float = 1000.0  # [kg m-3]
     profile: tuple = ()  # ((horizontal distance, elevation), ...) [m] of the steepest way down from the release
     zone_spread: float | None = None  # (largest - smallest) / mean of mu over zones in reach
+    forest_areas: tuple | None = None  # [m2] of forest, and of that in reach
     erodible_ratio: float | None = None  # erodible mass in reach over released mass
     barrier_distance: float | None = None  # [m] from reachable ground to the nearest barrier; 0: touched
     barrier_height_ratio: float | None = None  # lowest crest over h0 + U^2 / 2g there
@@ -87,5 +88,5 @@ def as_asked(effect, use, reason, indicator=None, runout_change=None):
 
 
 def not_called_for(effect, reason):
-    """Off because nothing in the scene calls for it."""
+    """Off because the scene does not use it."""
     return Decision(effect, "off", "scene", None, None, reason)

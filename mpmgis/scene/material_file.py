@@ -8,7 +8,7 @@ from .reading import read_toml, scene_from_tables
 from .tables import MaterialTable
 
 TABLES = ("material", "softening", "friction", "output")
-# what a scene must have and a material has not; never looked at
+# required in a scene but not in a material file; not used
 _REST = {
     "terrain": {"dem": "dtm.tif"}, "release": {"source": "release.shp", "thickness": 1.0, "density": 1000.0},
     "numerics": {"cell_size": 1.0}, "output": {},
@@ -33,7 +33,7 @@ def read_material(path):
     Raises
     ------
     SceneError
-        No such file, nothing of that kind, values that are impossible.
+        No such file, no material in it, impossible values.
     """
     path = Path(path)
     tables = read_toml(path)
@@ -56,7 +56,7 @@ def read_material(path):
 
 
 def _filled(tables):
-    """The tables of a file without a scene with what a scene must have; of [output] some keys may be there."""
+    """The tables of a material file with the required tables of a scene; some keys of [output] are allowed."""
     filled = {"solver": "points"} | _REST | tables
     own = filled["output"]
     if isinstance(own, dict):  # a frame at the end: whatever the one is, the other is possible with it

@@ -1,4 +1,4 @@
-"""Materials of the 3D solver by name: what a scene gives for each, in which units and range, and the law of it."""
+"""Materials of the 3D solver by name: parameters in a scene with units and ranges, and their laws."""
 
 from math import radians, tan
 
@@ -53,15 +53,15 @@ MATERIALS = {
     ),
     "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
 }
-CONES = ("DruckerPrager", "CohesiveMuI")  # what has a friction angle and a cohesion, and softens
-# keys of [material] beside parameters -> (laws that have it, what it is where the scene does not say)
+CONES = ("DruckerPrager", "CohesiveMuI")  # laws with friction angle, cohesion and softening
+# keys of [material] besides parameters -> (laws that have it, default)
 OPTIONS = {
     "match": (CONES, "triaxial"),
     "tension_limit": (CONES, None),
     "volume_correction": ((*CONES, "MuI"), True),
     "pressure": (("Fluid",), "linear"),
 }
-# what the 3D solver has on the bed: name -> (law, {parameter: Parameter})
+# contact laws of the 3D solver: name -> (law, {parameter: Parameter})
 CONTACTS = {
     "Coulomb": (CoulombContact, FRICTION_LAWS["Coulomb"][1]),
     "Voellmy": (VoellmyContact, FRICTION_LAWS["Voellmy"][1]),
@@ -70,7 +70,7 @@ CONTACTS = {
 
 
 def contradiction(name, parameters):
-    """What parameters of material `name` that are fine one by one contradict together, in words; '' where nothing."""
+    """Message for parameters of material `name` that are valid separately but not together; '' for none."""
     bulk, shear = parameters["bulk_modulus"], parameters.get("shear_modulus", 0.0)
     if shear > 1.5 * bulk:
         return (
@@ -99,7 +99,7 @@ def made_material(table):
 
 
 def made_softening(table, material):
-    """The law of a SofteningTable for the cone of a MaterialTable; null where nothing is lost."""
+    """The law of a SofteningTable for the cone of a MaterialTable; the null law without loss of strength."""
     initial = material.parameters["friction_angle"], material.parameters["cohesion"]
     residual = table.residual_friction_angle, table.residual_cohesion
     if initial == residual:
@@ -116,7 +116,7 @@ def stiffened(material, bulk_modulus):
 
 
 def least_internal_friction(table, softening_table):
-    """tan of the least friction angle inside a material [1], None for one that does not yield."""
+    """tan of the smallest friction angle of a material [1], None for one that does not yield."""
     values = table.parameters
     if table.law in CONES:
         angles = [values["friction_angle"]]

@@ -1,4 +1,4 @@
-"""Effects of the 3D solver, as decisions (design notes 8): material, stiffness, softening, contact with the bed."""
+"""Effects of the 3D solver, as decisions: material, stiffness, softening, contact with the bed."""
 
 from math import atan, cos, radians, sqrt, tan
 
@@ -10,9 +10,9 @@ from .materials import CONES, least_internal_friction, made_material, made_softe
 from .terrain_effects import use_of_several
 
 MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
-FEWEST_CELLS = 3.0  # over a flow's depth, and over a wall's height, that a 3D grid needs to see what happens there
+FEWEST_CELLS = 3.0  # over the depth of a flow, and over the height of a wall, for a resolved 3D flow
 JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from the expected one before it is reported
-SCALED_MACH = 0.1  # what a scaled stiffness is made for: densities within 1 %
+SCALED_MACH = 0.1  # of a scaled stiffness: densities within 1 %
 COHESION_THRESHOLD = 0.02  # of the load of the release
 # Columns as high as long on 8 and 16 cells: 99 % of the mass within 0.64 and 0.96 lengths, measured 1.2; on mu(I) 0.83
 # and 1.11 (tests/scenes/granular_column)
@@ -21,11 +21,11 @@ COLLAPSE = (
     "volume_correction = false: by a third)"
 )
 MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
-VISCOUS_REYNOLDS = 1e4  # above which viscosity is not felt
+VISCOUS_REYNOLDS = 1e4  # above which viscosity has no effect
 
 
 def mu_least_of_points(scene):
-    """The least friction that a 3D flow can find [1]: on its bed or, where it yields, inside itself."""
+    """Smallest friction of a 3D flow [1]: on its bed or, if it yields, in its interior."""
     inside = least_internal_friction(scene.material, scene.softening)
     table = scene.friction
     if table is None or table.use == "off":
@@ -43,7 +43,7 @@ def decide_material(scene, facts, slots):
 
 
 def decide_stiffness(scene, facts, slots):
-    """Moduli as given, or at most what keeps the flow's Mach number near 0.1 (design notes 4.2)."""
+    """Moduli as given, or limited to those for a Mach number near 0.1."""
     material, speed = slots["material"], largest_speed(facts)
     waves = material.wave_speed(facts.density)
     mach, enough = speed / waves, facts.density * (speed / SCALED_MACH) ** 2
@@ -54,7 +54,7 @@ def decide_stiffness(scene, facts, slots):
         return Decision("stiffness", "on", "scene", mach, None, f"{moduli}; the number is Mach, U / c_p, as given")
     word = "as given"
     if mach > MACH_THRESHOLD:
-        word = f"the flow is compressed; a bulk modulus of {enough:.2g} Pa would hold it to 1 %"
+        word = f"the flow is compressed; a bulk modulus of {enough:.2g} Pa would limit this to 1 %"
     elif mach < 0.5 * SCALED_MACH and not scaled:
         word = f"[numerics] stiffness = 'scaled' would take steps {SCALED_MACH / mach:.1f} times as long"
     reason = f"Mach, U / c_p = {speed:.0f} m/s of the energy line over {waves:.0f} m/s of waves: {word}"
@@ -62,15 +62,15 @@ def decide_stiffness(scene, facts, slots):
 
 
 def largest_speed(facts):
-    """U [m s-1]: that of the energy line with the head 2 h0 of a front that the release's own thickness drives.
+    """U [m s-1]: speed of the energy line with the head 2 h0 of a front driven by the thickness of the release.
 
-    At rest on level ground it is the speed of a dam break's front, 2 sqrt(g h0) (Ritter, 1892).
+    At rest on level ground it is the front speed of a dam break, 2 sqrt(g h0) (Ritter, 1892).
     """
     return sqrt(facts.speed**2 + 4.0 * GRAVITY * max(facts.release_thickness, 0.0))
 
 
 def stiffness_in_hindsight(facts, density, fastest, mach):
-    """A line on what the stiffness was judged by and what the flow came to; '' where the two say about the same.
+    """Line that compares the speed assumed for the stiffness with that of the run; '' if they are similar.
 
     `fastest` [m s-1] is the largest speed of the run, `mach` its share of the speed of pressure waves.
     """
@@ -78,19 +78,19 @@ def stiffness_in_hindsight(facts, density, fastest, mach):
     if fastest <= 0.0 or expected / JUDGED_ALIKE < fastest < expected * JUDGED_ALIKE:
         return ""
     return (
-        f"the stiffness was judged by {expected:.0f} m/s before the run; the flow had {fastest:.3g} m/s at most, Mach "
-        f"{mach:.2f}: a bulk modulus of {density * (fastest / SCALED_MACH) ** 2:.2g} Pa holds its density to 1 %"
+        f"the stiffness was chosen for {expected:.0f} m/s before the run; the flow had at most {fastest:.3g} m/s, Mach "
+        f"{mach:.2f}: a bulk modulus of {density * (fastest / SCALED_MACH) ** 2:.2g} Pa limits density changes to 1 %"
     )
 
 
 def decide_elasticity(scene, facts, slots):
-    """How far the flow is compressed by its own weight."""
+    """Compression of the flow by its weight."""
     squeezed = facts.density * GRAVITY * facts.release_thickness / slots["material"].bulk_modulus
-    return Decision("elasticity", "on", "scene", squeezed, None, "compression under its own weight, rho g h0 / K")
+    return Decision("elasticity", "on", "scene", squeezed, None, "compression by its weight, rho g h0 / K")
 
 
 def decide_plasticity(scene, facts, slots):
-    """Yielding of solids that yield."""
+    """Plastic yielding of solids."""
     table, values = scene.material, scene.material.parameters
     if table.law not in (*CONES, "MuI"):
         return not_called_for("plasticity", f"{table.law} does not yield")
@@ -102,7 +102,7 @@ def decide_plasticity(scene, facts, slots):
 
 
 def decide_point_cohesion(scene, facts, slots):
-    """Cohesion of the material against the load of the release; it costs nothing and is never left out."""
+    """Cohesion of the material relative to the load of the release; it has no cost and is always on."""
     cohesion = scene.material.parameters.get("cohesion", 0.0)
     if cohesion <= 0.0:
         return not_called_for("cohesion", "no cohesion in [material]")
@@ -121,7 +121,7 @@ def decide_softening(scene, facts, slots):
     reason = f"share of tan(phi) or of cohesion that shearing takes away ({table.form}, xi_s {table.coefficient:g})"
     decision = by_number("softening", table.use, lost, 0.0, reason)
     if decision.state == "on" and isinstance(law, NoSoftening):
-        return decision._replace(state="off", reason="nothing to lose: the residual strength is the material's")
+        return decision._replace(state="off", reason="no loss: the residual strength is that of the material")
     if decision.state == "on":
         slots["softening"] = law
     return decision
@@ -167,7 +167,7 @@ def decide_volume_correction(scene, facts, slots):
     if table.law not in (*CONES, "MuI"):
         return not_called_for("vol_correction", "the material remembers no gaps")
     use = "off" if table.volume_correction is False else "auto"
-    return as_asked("vol_correction", use, "what was pulled apart bears load only when it is pushed back")
+    return as_asked("vol_correction", use, "material that was pulled apart bears load only after compression")
 
 
 def decide_contact(scene, facts, slots):
@@ -184,7 +184,7 @@ def decide_contact(scene, facts, slots):
 
 
 def decide_depth_cells(scene, facts, slots):
-    """Whether the cells resolve the depth of the release; a stage that begins later reports the flow's own."""
+    """Whether the cells resolve the depth of the release; a stage that begins later reports that of the flow."""
     size = scene.numerics.cell_size
     reason = f"cells of {size:g} m over the release's mean thickness of {facts.release_thickness:.3g} m"
     return _resolved("cells_over_depth", facts.release_thickness / size, reason)

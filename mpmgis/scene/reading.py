@@ -20,7 +20,7 @@ SOLVERS = ("columns", "points")
 
 
 def read_scene(path, own_laws=NO_OWN_LAWS):
-    """Read and check `scene.toml` at `path`, with laws of the user's own; raises SceneError in one line."""
+    """Read and check `scene.toml` at `path`, with user-defined laws; raises SceneError in one line."""
     path = Path(path)
     return scene_from_tables(read_toml(path), path.parent, path.name, own_laws)
 
@@ -41,7 +41,7 @@ def read_toml(path):
     _require_short_keys(path, text)
     try:
         tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: TOML's own, and whole numbers of thousands of digits
+    except (ValueError, RecursionError) as error:  # ValueError: of TOML, and for integers with thousands of digits
         raise SceneError(f"{path} is not valid TOML: {one_line(error)[:120]}{_hint(text, error)}") from error
     return tables
 
@@ -52,7 +52,7 @@ _MAY_BE_KEY = re.compile(r"[\w\s.\[\"'-]+")
 def _require_short_keys(path, text):
     """Refuse dotted keys of many parts: the parser's memory and time grow with the square of their number."""
     for number, line in enumerate(text.splitlines(), 1):
-        runs = _MAY_BE_KEY.finditer(line)  # a line begins with one, and one stands before each = of an inline table
+        runs = _MAY_BE_KEY.finditer(line)  # a key is at the start of a line and before each = of an inline table
         dots = max((run[0].count(".") for run in runs if run.start() == 0 or line[run.end() : run.end() + 1] == "="),
                    default=0)  # fmt: skip
         if dots > MOST_DOTS:
@@ -76,12 +76,12 @@ def _hint(text, error):
     if "\\" in line:
         return "; write paths with / or in 'single quotes'"
     if re.search(r"=\s*(?!(?:true|false|inf|nan)\b)[A-Za-z]", line):
-        return '; words stand in "quotes"'
+        return '; put words in "quotes"'
     return ""
 
 
 def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
-    """Check a plain dictionary and make the Scene of it; raises SceneError naming table, key, value and cure."""
+    """Check a plain dictionary and make the Scene of it; raises SceneError with table, key, value and fix."""
     tables = dict(tables)
     solver = tables.pop("solver", None)
     if solver not in (None, *SOLVERS):
@@ -91,9 +91,9 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
             raise SceneError(f"{where}: unknown table [{name}]{meant(name, TABLES)}; it takes {listed(TABLES)}")
         if name in LISTED:
             if not (isinstance(tables[name], list) and all(isinstance(entry, dict) for entry in tables[name])):
-                raise SceneError(f"{where}: there may be several {name}; write [[{name}]] on a line of its own")
+                raise SceneError(f"{where}: there can be several {name}; write [[{name}]] on a separate line")
         elif not isinstance(tables[name], dict):
-            raise SceneError(f"{where}: {name} is not a table; write [{name}] on a line of its own")
+            raise SceneError(f"{where}: {name} is not a table; write [{name}] on a separate line")
     for name in REQUIRED:
         if name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
@@ -126,7 +126,7 @@ def _first_solver(solver, stages, where):
 
 
 def _made(name, values, where, own_laws, by_place, contacts):
-    """The table `name`, or the tuple of all tables of that name, from what TOML gave."""
+    """The table `name`, or the tuple of all tables of that name, from TOML."""
     if name == "friction":
         return made_table(TABLES[name], values, f"{where} [{name}]", own_laws, by_place, contacts)
     if name not in LISTED:

@@ -18,7 +18,7 @@ PIECES = 400  # of the profile, at least
 
 
 def runout(facts, friction=None, cohesion=0.0):
-    """Horizontal distance [m] at which a point comes to rest; None where it never does, or never starts.
+    """Horizontal distance [m] at which a point comes to rest; None if it never does or never starts.
 
     dU^2 / 2 ds = g sin - tau / (rho h_n) along `facts.profile`, with the stress of `friction` and of `cohesion` [Pa].
     For Coulomb friction this is D / mu (Heim 1932).
@@ -72,9 +72,9 @@ def change(reference, other):
 COHESION_THRESHOLD = 0.005
 EARTH_PRESSURE_THRESHOLD = 0.03
 LATERAL_THRESHOLD = 0.01
-SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user's own law is looked at
+SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user-defined law is evaluated
 NO_DRAG = "the law of friction has none"
-LEAST_DRIVE = 0.01  # of gravity: what is left of the drive where friction balances the slope
+LEAST_DRIVE = 0.01  # of gravity: remaining driving force where friction balances the slope
 
 
 def mu_least(scene):
@@ -99,7 +99,7 @@ def decide_friction(scene, facts, slots):
     """The law of basal resistance."""
     table = scene.friction
     if table is None:
-        return not_called_for("friction", "no [friction] in the scene: nothing slows the flow")
+        return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
     values = ", ".join(f"{k} = {v:g}" for k, v in table.parameters.items())
     law = scene.laws[table.law][0](**table.parameters)
     ratio = scene.dry_friction() / max(facts.slope_median, 1e-6) if scene.dry_friction() else None
@@ -134,7 +134,7 @@ def decide_point_drag(scene, facts, slots):
 
 
 def _drag_by_number(scene, law, facts):
-    """The decision on the drag of Voellmy's `law`, with what it changes in the runout of a point."""
+    """The decision on the drag of Voellmy's `law`, with its effect on the runout of a point."""
     reason, ratio = _drag_felt(law.mu, law.xi, facts)
     decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, THRESHOLD, reason)
     return _with_change(decision, runout(facts, law), runout(facts, friction.Coulomb(law.mu)))
@@ -155,7 +155,7 @@ def _terminal_speed(mu, xi, facts):
 
 
 def decide_bingham(scene, facts, slots):
-    """Yield stress and viscosity at the bed, against what drives the flow.
+    """Yield stress and viscosity at the bed, relative to the driving stress.
 
     However small, they are the only resistance in the scene: without them the flow would never come to rest.
     """
@@ -166,12 +166,12 @@ def decide_bingham(scene, facts, slots):
     depth = facts.release_thickness * cosine
     drive = facts.density * GRAVITY * max(depth, 1e-6) * max(sine, LEAST_DRIVE)  # [Pa]
     ratio = max(law.yield_stress, 3.0 * law.viscosity * facts.speed / max(depth, 1e-6)) / drive
-    reason = "yield stress or 3 eta U / h over the stress that drives the flow, the larger; never left out"
+    reason = "yield stress or 3 eta U / h over the driving stress, the larger; always on"
     return as_asked("bingham", scene.friction.use, reason, ratio)
 
 
 def decide_cohesion(scene, facts, slots):
-    """A yield stress at the bed, against the load of the release."""
+    """A yield stress at the bed, relative to the load of the release."""
     table = scene.cohesion
     if table is None:
         return not_called_for("cohesion", "no [cohesion] in the scene")
@@ -186,7 +186,7 @@ def decide_cohesion(scene, facts, slots):
 
 
 def decide_earth_pressure(scene, facts, slots):
-    """Active and passive push of granular material, against what drives the flow."""
+    """Active and passive earth pressure, relative to the driving stress."""
     table = scene.earth_pressure
     if table is None:
         return not_called_for("earth_pressure", "no [earth_pressure] in the scene: K = 1")
@@ -201,7 +201,7 @@ def decide_earth_pressure(scene, facts, slots):
 
 
 def decide_viscosity(scene, facts, slots):
-    """Viscous stress in the plane of the map, against what drives the flow."""
+    """Viscous stress in the plane of the map, relative to the driving stress."""
     table = scene.viscosity
     if table is None:
         return not_called_for("viscosity", "no [viscosity] in the scene")
@@ -219,7 +219,7 @@ def decide_viscosity(scene, facts, slots):
 
 
 def decide_lateral_pressure(scene, facts, slots):
-    """The push of the flow's own weight is always computed; the number shows how much it matters."""
+    """The pressure of the weight of the flow is always computed; the number shows its importance."""
     ratio = _aspect(scene, facts)
     matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"
     reason = f"h0 / (L0 |T - mu|): {matters}"
@@ -239,7 +239,7 @@ def _sine_cosine(facts):
 
 
 def _forced_on(table):
-    """`use` of a part of a law that is in use: what is on as a whole is forced on, else auto."""
+    """`use` of a part of a law: forced on if the law is on, else auto."""
     return "on" if table.use == "on" else "auto"
 
 

@@ -1,6 +1,7 @@
 """Decisions on all effects of a scene, in the order of the report."""
 
 from ..effects.slots import ColumnEffects, PointEffects
+from .forest import decide_forest
 from .points import (
     decide_contact,
     decide_depth_cells,
@@ -39,7 +40,7 @@ from .terrain_effects import (
     decide_zones,
 )
 
-# in the order in which a reader wants them; each puts its law into its slot (see `scene/decisions`)
+# in the order of the report; each puts its law into its slot (see `scene/decisions`)
 DECIDERS = (
     decide_metric,
     decide_friction,
@@ -52,6 +53,7 @@ DECIDERS = (
     decide_viscosity,
     decide_curvature,
     decide_entrainment,
+    decide_forest,
     decide_barrier,
     decide_still_water,
     decide_hydrograph,
@@ -78,7 +80,7 @@ POINT_DECIDERS = (
     decide_wall_cells,
     decide_outflow,
 )
-# solver -> (its slots, who fills them)
+# solver -> (its slots, the functions that fill them)
 SOLVERS = {"columns": (ColumnEffects, DECIDERS), "points": (PointEffects, POINT_DECIDERS)}
 
 

@@ -34,7 +34,7 @@ from .tables import (
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole scene. Paths are as written, `folder` is what they are relative to."""
+    """A scene. Paths are as written, relative to `folder`."""
 
     terrain: TerrainTable
     output: OutputTable
@@ -52,6 +52,7 @@ class Scene:
     curvature: CurvatureTable | None = None
     still_water: StillWaterTable | None = None
     entrainment: EntrainmentTable | None = None
+    forest: tuple = ()  # of ForestTable
     barrier: tuple = ()  # of BarrierTable
     stage: tuple = ()  # of StageTable
     solver: str = "columns"
@@ -79,11 +80,11 @@ class Scene:
 
     @property
     def columns_per_cell(self):
-        """Columns a cell of the solver that a release is seeded with: of points those that stand side by side."""
+        """Columns per cell of the solver for the seeding of a release; for points, those next to each other."""
         return self.numerics.points_per_side**2 if self.solver == "points" else self.numerics.particles_per_cell
 
     def densities(self):
-        """(table, density [kg m-3]) of every table that lets something in and gives its density."""
+        """(table, density [kg m-3]) of every table with inflow and a density."""
         sources = [("[release]", self.release), ("[hydrograph]", self.hydrograph)]
         sources += [("[[secondary_release]]", table) for table in self.secondary_release]
         used = ((name, table) for name, table in sources if table is not None and getattr(table, "use", "") != "off")
@@ -147,7 +148,7 @@ class Scene:
         }  # fmt: skip
 
     def as_tables(self):
-        """The scene as the plain dictionary that TOML and JSON hold; absent tables and unset keys are left out."""
+        """The scene as a plain dictionary for TOML and JSON, without absent tables and unset keys."""
         tables = {} if self.stage else {"solver": self.solver}
         for name, table in self.tables():
             if name in LISTED:
@@ -157,7 +158,7 @@ class Scene:
         return tables
 
     def digest(self, *inputs):
-        """Hex digest of the scene and of what else decides its result (digests of the input files)."""
+        """Hex digest of the scene and of its further inputs (digests of the input files)."""
         own = [self.own_laws.sha256] if self.own_laws.laws else []
         text = json.dumps([self.as_tables(), list(inputs), *own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -172,7 +173,7 @@ def friction_laws(solvers, own_laws):
 
 
 def _plain(table, solvers):
-    """One table as a dictionary of what TOML holds; unset keys and those of no solver in use are left out."""
+    """One table as a dictionary for TOML, without unset keys and keys of solvers not in use."""
     others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, *solvers)}
     own = ("parameters", "written", *others)
     values = {k: v for k, v in asdict(table).items() if v is not None and k not in own}

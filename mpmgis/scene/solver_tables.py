@@ -1,4 +1,4 @@
-"""Tables and keys that only one solver has, and what a scene of each solver requires."""
+"""Tables and keys of only one solver, and the requirements of each solver on a scene."""
 
 from dataclasses import fields
 
@@ -7,18 +7,19 @@ from .materials import CONES, OPTIONS
 
 NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
 OTHER = {"columns": "points", "points": "columns"}
-# tables that only one solver has -> that solver, and what to do with the other
+# tables of only one solver -> that solver, and the fix for the other
 ONLY = {
-    "material": ("points", "its material is told by [friction] and its kin"),
+    "material": ("points", "its material is defined by [friction] and related tables"),
     "softening": ("points", "take it out, or set solver = 'points'"),
     "hydrograph": ("columns", "start with [release]"),
     "secondary_release": ("columns", "start with [release]"),
     "cohesion": ("columns", "give [material] cohesion"),
-    "earth_pressure": ("columns", "[material] friction_angle says it"),
+    "earth_pressure": ("columns", "use [material] friction_angle"),
     "viscosity": ("columns", "give [material] law = 'Fluid' with viscosity"),
     "curvature": ("columns", "3D flow follows the ground by itself; take it out"),
     "still_water": ("columns", "water is at rest by itself; take it out"),
     "entrainment": ("columns", "take it out, or set solver = 'columns'"),
+    "forest": ("columns", "take it out, or set solver = 'columns'"),
 }
 
 
@@ -30,19 +31,19 @@ def check_solver(tables, solvers, kinds, where):
     SceneError
     """
     for name, given in tables.items():
-        only, cure = ONLY.get(name, (None, ""))
+        only, fix = ONLY.get(name, (None, ""))
         if only not in (None, *solvers):
-            raise SceneError(f"{where}: {NAMES[OTHER[only]]} has no [{name}]; {cure}")
+            raise SceneError(f"{where}: {NAMES[OTHER[only]]} has no [{name}]; {fix}")
         own = {f.name: f.metadata.get("solver") for f in fields(kinds[name])}
         for key in given if isinstance(given, dict) else ():
             if own.get(key) not in (None, *solvers):
                 raise SceneError(
-                    f"{where} [{name}]: {key} requires solver = {own[key]!r}, this is {OTHER[own[key]]!r}; take it out"
+                    f"{where} [{name}]: {key} requires solver = {own[key]!r}, this is {OTHER[own[key]]!r}; remove it"
                 )
 
 
 def check_points(scene, where):
-    """What a scene of the 3D solver needs, and what contradicts it.
+    """Requirements of the 3D solver on a scene, and contradictions.
 
     Raises
     ------
@@ -71,6 +72,6 @@ def check_points(scene, where):
                 "softening takes away"
             )
     if softening.form == "linear" and softening.coefficient == 0.0:
-        raise SceneError(f"{where} [softening]: the linear form wants a coefficient above 0")
+        raise SceneError(f"{where} [softening]: the linear form requires a coefficient above 0")
     if softening.form != "linear" and softening.peak_strain != 0.0:
         raise SceneError(f"{where} [softening]: peak_strain requires form = 'linear'")

@@ -1,4 +1,4 @@
-"""Checks on the stages of a scene: order, end conditions, and what two solvers cannot share."""
+"""Checks on the stages of a scene: order, end conditions, and incompatible tables of two solvers."""
 
 import math
 from itertools import pairwise
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import SceneError
 
-WALLS, CLIFF = "barrier", "cliff"  # what `reach` may name in addition to a file of polygons
+WALLS, CLIFF = "barrier", "cliff"  # values of `reach` besides a file of polygons
 UNTIL = ("time", "reach", "calm")
 
 
@@ -28,7 +28,7 @@ def check_stages(scene, where):
         if stage.outside and not stage.window:
             raise SceneError(f"{here}: outside is of a window, and there is none; give window, or take outside out")
         if stage.outside == "columns" and number == 1:
-            raise SceneError(f"{here}: outside = 'columns' goes on with those of a stage before; there is none")
+            raise SceneError(f"{here}: outside = 'columns' continues those of a previous stage; there is none")
     for number, (before, stage) in enumerate(pairwise(scene.stage), 2):
         if before.solver == stage.solver:
             raise SceneError(
@@ -69,7 +69,7 @@ def _check_reach(value, here):
 
 
 def _check_times(scene, where):
-    """Times at which stages end go up and lie within the run."""
+    """Times at which stages end increase and are within the run."""
     before = 0.0
     for number, stage in enumerate(scene.stage, 1):
         time = (stage.until or {}).get("time")
@@ -89,16 +89,16 @@ def _check_tables(scene, where):
     inflow, release = scene.hydrograph, scene.release
     events = [table for table in (inflow, *scene.secondary_release) if table is not None and table.use != "off"]
     if events and solvers[0] != "columns":
-        raise SceneError(f"{where}: [hydrograph] and [[secondary_release]] want a first [[stage]] of columns")
+        raise SceneError(f"{where}: [hydrograph] and [[secondary_release]] require a first [[stage]] of columns")
     if release is not None and release.window is not None and solvers[0] != "points":
-        raise SceneError(f"{where} [release]: window cuts points at the start; a [[stage]] has a window of its own")
+        raise SceneError(f"{where} [release]: window selects points at the start; use the window of a [[stage]]")
     if "points" not in solvers:
         return
     bed = scene.entrainment
     beds = solvers.count("columns") + sum(stage.outside == "columns" for stage in scene.stage)
     if bed is not None and bed.use != "off" and (bed.lower_bed or beds > 1):
-        what = "a bed that it lowers" if bed.lower_bed else "what is left of its bed"
+        what = "a bed that it lowers" if bed.lower_bed else "the eroded bed"
         raise SceneError(
-            f"{where} [entrainment]: {what} is not handed on through a [[stage]] of points; take "
-            f"{'lower_bed' if bed.lower_bed else 'the table, or what is columns later on,'} out"
+            f"{where} [entrainment]: {what} is not kept through a [[stage]] of points; remove "
+            f"{'lower_bed' if bed.lower_bed else 'the table, or the later stages of columns'}"
         )

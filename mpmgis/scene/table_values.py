@@ -20,12 +20,12 @@ KIND_WORDS = {
 def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None):
     """One table from its dictionary; parameters of its law named in `by_place` may be missing.
 
-    `instead` are the laws in place of the table's own, where the solver has others.
+    `instead` are the laws of a solver that replace those of the table.
     """
     known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
     free = any("by_place" in f.metadata for f in fields(kind))
-    told = next((f.metadata for f in fields(kind) if "parameters_of" in f.metadata), {})
-    laws = instead or told.get("parameters_of")
+    metadata = next((f.metadata for f in fields(kind) if "parameters_of" in f.metadata), {})
+    laws = instead or metadata.get("parameters_of")
     made, extra = {}, {}
     for name, value in values.items():
         if name in known:
@@ -38,28 +38,28 @@ def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=N
         if f.default is MISSING and name not in made:
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
-        elsewhere = made["law"] in told["parameters_of"] or ":" in made["law"]
+        elsewhere = made["law"] in metadata["parameters_of"] or ":" in made["law"]
         if instead is not None and made["law"] not in laws and elsewhere:
             raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; expected {listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
         if kind is FrictionTable:
             extra, made["written"] = _in_place_of(made["law"], extra, where)
         made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
-        if "contradiction" in told and len(made["parameters"]) == len({**laws, **own_laws.laws}[made["law"]][1]):
-            _require_no_contradiction(told["contradiction"](made["law"], made["parameters"]), where)
+        if "contradiction" in metadata and len(made["parameters"]) == len({**laws, **own_laws.laws}[made["law"]][1]):
+            _require_no_contradiction(metadata["contradiction"](made["law"], made["parameters"]), where)
     elif free:
         made["parameters"] = extra
     return kind(**made)
 
 
 def _in_place_of(law, values, where):
-    """(parameters of `law` with what is given in place of some, the latter as they were given)."""
+    """(parameters of `law`, with alternatives converted; the alternatives as given)."""
     made, written = dict(values), {}
-    for name, (parameter, told) in friction.given_instead(law).items():
+    for name, (parameter, metadata) in friction.given_instead(law).items():
         if name not in made:
             continue
         refuse_both(name, parameter, made, where)
-        written[name] = checked_value(range_of(told, float), made.pop(name), f"{where}: {name}")
+        written[name] = checked_value(range_of(metadata, float), made.pop(name), f"{where}: {name}")
         made[parameter] = friction.turbulent_coefficient(written[name])
     return made, written
 
@@ -81,7 +81,7 @@ def _require_no_contradiction(words, where):
 
 
 def _law_name(laws, law, own_laws, where):
-    """The name of `law` as its table of laws has it; a law of the user's own only out of the file that was named."""
+    """The name of `law` in its table of laws; user-defined laws only from the file of --law."""
     if law in laws:
         return law
     file, _, name = law.rpartition(":")
@@ -91,12 +91,12 @@ def _law_name(laws, law, own_laws, where):
         raise SceneError(f"{where}: law = {law!r} is in a Python file; allow it to be run with --law {file}")
     own = f"{Path(file).name}:{name}"
     if own not in own_laws.laws:
-        raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} holds {listed(own_laws.laws)}")
+        raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} contains {listed(own_laws.laws)}")
     return own
 
 
 def _parameters(laws, law, values, where, by_place=()):
-    """The parameters of `law`, all present but those known by place, none unknown, each in its range."""
+    """The parameters of `law`, complete except those given by place, without unknown ones, each in its range."""
     wanted = laws[law][1]
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:
@@ -146,6 +146,6 @@ def listed(names):
 
 
 def meant(name, known):
-    """What `name` was meant to be among the names `known`, as the end of a message; '' where nothing is near."""
+    """End of a message that suggests the nearest of the names `known`; '' without a similar one."""
     close = difflib.get_close_matches(str(name), list(map(str, known)), 1)
     return f"; did you mean {close[0]!r}?" if close else ""

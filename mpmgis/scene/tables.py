@@ -35,26 +35,28 @@ class TerrainTable:
     dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif",
                     file=True)  # fmt: skip
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
+    to_crs: str | None = _key("DTM in degrees or feet: reprojected to auto (the UTM zone of its centre), or EPSG:n",
+                              None, kind=str, example="auto")  # fmt: skip
     band: int | None = _key("band with the elevation, where the DTM has several", None, kind=int, low=1, example=1)
     window: tuple | None = _key("only this part of it: [west, south, east, north] [m]", None, kind=list,
                                 example=(600000, 5200000, 601000, 5201000))  # fmt: skip
-    fill_nodata: str | None = _key("holes amid the DTM: interpolated from the ground around them; without it what "
-                                   "flows into one has left the terrain", None, kind=str, choices=("interpolate",),
+    fill_nodata: str | None = _key("holes inside the DTM: interpolated from the ground around them; default: flow "
+                                   "into one leaves the terrain", None, kind=str, choices=("interpolate",),
                                    example="interpolate")  # fmt: skip
 
 
-DENSITY = 1000.0  # [kg m-3], assumed where a scene gives none
+DENSITY = 1000.0  # [kg m-3], default
 
 
 @dataclass(frozen=True)
 class ReleaseTable:
-    """What starts to move."""
+    """Initial mass."""
 
     source: str | None = _key("release areas: any vector file, or a raster", None, kind=str, example="release.shp",
                               file=True)  # fmt: skip
     particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote, or points in 3D", None, kind=str,
                                  example="a.h5", file=True)  # fmt: skip
-    window: str | None = _key("of particles: only what lies in these polygons; the rest is reported and left out",
+    window: str | None = _key("with particles: only those in these polygons; the mass of the others is reported",
                               None, kind=str, example="box.gpkg", file=True, solver="points")  # fmt: skip
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
@@ -101,7 +103,7 @@ class HydrographTable:
 
 @dataclass(frozen=True)
 class SecondaryReleaseTable:
-    """Mass at rest that the flow releases when it gets there; as many of these tables as there are areas."""
+    """Mass at rest that the flow releases when it reaches it; one table per area."""
 
     source: str = _key("its areas: any vector file, or a raster", kind=str, example="secondary.shp", file=True)
     thickness: float | str | None = _key(
@@ -118,38 +120,38 @@ class SecondaryReleaseTable:
                                choices=("normal", "vertical"))  # fmt: skip
     density: float | None = _key("bulk density [kg m-3]; must be that of [release]", None, low=1.0, high=30000.0,
                                  example=1000.0)  # fmt: skip
-    trigger_thickness: float | None = _key("released by flow thicker than this [m]; without it by any flow", None,
+    trigger_thickness: float | None = _key("released by flow thicker than this [m]; default any flow", None,
                                            low=0.0, above=True, example=0.5)  # fmt: skip
-    use: str = _key("auto and on: released when reached; off: left out", "auto", str, choices=USE)
+    use: str = _key("auto and on: released when reached; off: not used", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
 class FrictionTable:
     """Resistance of the bed; without this table there is none."""
 
-    law: str = _key('law of basal resistance, or your own: "my_law.py:MyLaw"', kind=str, example="Voellmy")
+    law: str = _key('law of basal resistance, or a user-defined law: "my_law.py:MyLaw"', kind=str, example="Voellmy")
     use: str = _key("auto: without turbulent drag where it changes little", "auto", str, choices=USE)
     parameters: dict = field(
         default_factory=dict, metadata={"parameters_of": friction.LAWS, "contradiction": friction.contradiction}
     )
-    written: dict = field(default_factory=dict)  # what the scene gives in place of parameters: k for xi
+    written: dict = field(default_factory=dict)  # alternatives to parameters in the scene: k for xi
 
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """What a 3D flow is made of."""
+    """Material of a 3D flow."""
 
     law: str = _key("law of the material", kind=str, choices=tuple(materials.MATERIALS), example="DruckerPrager")
     match: str | None = _key(
-        "of DruckerPrager, CohesiveMuI: where the cone meets Mohr-Coulomb; without it triaxial (too strong for slides)",
+        "of DruckerPrager, CohesiveMuI: match of the cone to Mohr-Coulomb; default triaxial (too strong for slides)",
         None, kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
     )  # fmt: skip
     tension_limit: float | None = _key(
-        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; without it 10 times the cohesion", None, low=0.0,
+        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; default 10 times the cohesion", None, low=0.0,
         high=1e9, example=1000.0,
     )  # fmt: skip
     volume_correction: bool | None = _key(
-        "not of Fluid and Elastic: what was pulled apart bears load only when pushed back; without it true", None,
+        "not of Fluid and Elastic: separated material bears load only after compression; default true", None,
         kind=bool, example=True,
     )  # fmt: skip
     pressure: str | None = _key("of Fluid: K (1 / J - 1), or Tait's; without it linear", None, kind=str,
@@ -162,32 +164,32 @@ class MaterialTable:
 
 @dataclass(frozen=True)
 class SofteningTable:
-    """Strength that DruckerPrager and CohesiveMuI lose for good where they are sheared."""
+    """Permanent loss of strength of DruckerPrager and CohesiveMuI with shear."""
 
-    residual_friction_angle: float = _key("what is left of friction_angle [degrees]", low=0.0, high=80.0, example=20.0)
-    residual_cohesion: float = _key("what is left of cohesion [Pa]", 0.0, low=0.0, high=1e9)
-    coefficient: float = _key("xi_s: strength fades as exp(-xi_s e_d); it belongs to a cell size [1]", 10.0, low=0.0,
+    residual_friction_angle: float = _key("residual friction angle [degrees]", low=0.0, high=80.0, example=20.0)
+    residual_cohesion: float = _key("residual cohesion [Pa]", 0.0, low=0.0, high=1e9)
+    coefficient: float = _key("xi_s: strength decreases as exp(-xi_s e_d); depends on the cell size [1]", 10.0, low=0.0,
                               high=1e6)  # fmt: skip
-    form: str = _key("how it fades: of the angle, of its tangent, or in a straight line over 1 / coefficient",
+    form: str = _key("decrease of the angle, of its tangent, or linear over 1 / coefficient",
                      "exponential", str, choices=("exponential", "tangent", "linear"))  # fmt: skip
-    peak_strain: float = _key("of the linear form: plastic strain until which all is left [1]", 0.0, low=0.0, high=1e6)
-    use: str = _key("auto: on where it takes friction or cohesion away", "auto", str, choices=USE)
+    peak_strain: float = _key("linear form: plastic strain at its beginning [1]", 0.0, low=0.0, high=1e6)
+    use: str = _key("auto: on where it reduces friction or cohesion", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
 class ZoneTable:
-    """Friction by place: parameters of the law of [friction]; where zones overlap the later one holds."""
+    """Friction by place: parameters of the law of [friction]; where zones overlap the later one applies."""
 
-    source: str | None = _key("polygons, or a raster mask; without it wherever the rasters below have values", None,
+    source: str | None = _key("polygons, or a raster mask; default: where the rasters below have values", None,
                               kind=str, example="zones.gpkg", file=True)  # fmt: skip
-    use: str = _key("auto: on where a parameter differs by more than 2 % in reach; off: this zone is left out", "auto",
+    use: str = _key("auto: on where a parameter differs by more than 2 % in reach; off: this zone is not used", "auto",
                     str, choices=USE)  # fmt: skip
     parameters: dict = field(default_factory=dict, metadata={"by_place": "mu = 0.3"})
 
 
 @dataclass(frozen=True)
 class CohesionTable:
-    """A yield stress at the bed, added to whatever friction there is."""
+    """A yield stress at the bed, in addition to [friction]."""
 
     yield_stress: float = _key("[Pa]", low=0.0, high=1e7, example=100.0)
     use: str = _key("auto: on above 0.5 % of the load of the release", "auto", str, choices=USE)
@@ -214,13 +216,13 @@ class ViscosityTable:
 
 @dataclass(frozen=True)
 class EntrainmentTable:
-    """The flow takes up its bed."""
+    """Entrainment of bed material by the flow."""
 
     law: str = _key("law of erosion", kind=str, choices=tuple(entrainment.LAWS), example="ErosionEnergy")
     source: str = _key("erodible ground: polygons with thickness, or a raster of its thickness [m]", kind=str,
                        example="erodible.gpkg", file=True)  # fmt: skip
     thickness: float | str | None = _key(
-        "of the erodible ground: number [m] or column name; a raster brings its own",
+        "of the erodible ground: number [m] or column name; not for a raster",
         None,
         kind=(float, str),
         low=0.0,
@@ -230,16 +232,43 @@ class EntrainmentTable:
     )
     thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
                                choices=("normal", "vertical"))  # fmt: skip
-    density: float | None = _key("of the bed [kg m-3]; without it the flow's", None, low=1.0, high=30000.0,
+    density: float | None = _key("of the bed [kg m-3]; default that of the flow", None, low=1.0, high=30000.0,
                                  example=200.0)  # fmt: skip
-    lower_bed: bool = _key("the bed sinks by what is taken from it", False, kind=bool)
-    use: str = _key("auto: on where more than 5 % of the released mass lies in reach", "auto", str, choices=USE)
+    lower_bed: bool = _key("the bed is lowered by the eroded thickness", False, kind=bool)
+    use: str = _key("auto: on where more than 5 % of the released mass is in reach", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"parameters_of": entrainment.LAWS})
 
 
 @dataclass(frozen=True)
+class ForestTable:
+    """Forest that slows the flow, stops part of its mass and breaks; it acts only where it is named."""
+
+    strength: float | str = _key(
+        "pressure rho U^2 that breaks it [Pa]: number, column or raster",
+        kind=(float, str), low=0.0, high=1e9, above=True, example=10000.0, file=True,
+    )  # fmt: skip
+    source: str | None = _key("polygons, or a raster mask; default: where the rasters below have values", None,
+                              kind=str, example="forest.gpkg", file=True)  # fmt: skip
+    detrainment: float | str = _key("K [Pa], mass stops at K / U: number, column or raster", 0.0, kind=(float, str),
+                                    low=0.0, high=1e6, file=True)  # fmt: skip
+    drag: float | str = _key("added drag c of rho h c U^2 [m-1]: number, column or raster", 0.0, kind=(float, str),
+                             low=0.0, high=100.0, file=True)  # fmt: skip
+    friction: float | str = _key("added to the friction coefficient [1]: number, column or raster", 0.0,
+                                 kind=(float, str), low=0.0, high=10.0, file=True)  # fmt: skip
+    detrainment_speed: float | str = _key(
+        "speed [m s-1]: mass stops only of flow that is slower, or thinner than the next key; drag and friction act "
+        "only on other flow; both 0: all act together", 0.0, kind=(float, str), low=0.0, high=1000.0, file=True,
+    )  # fmt: skip
+    detrainment_thickness: float | str = _key("see detrainment_speed; thickness normal to the ground [m]", 0.0,
+                                              kind=(float, str), low=0.0, high=1000.0, file=True)  # fmt: skip
+    breaking_thickness: float | str = _key("thickness normal to the ground above which it breaks [m]; 0: none", 0.0,
+                                           kind=(float, str), low=0.0, high=1000.0, file=True)  # fmt: skip
+    use: str = _key("auto and on: it acts; off: not used", "auto", str, choices=USE)
+
+
+@dataclass(frozen=True)
 class BarrierTable:
-    """A wall that the flow passes only above its crest: screening, loads need a 3D run."""
+    """A wall that the flow passes only above its crest: estimates only, loads require a 3D run."""
 
     source: str = _key("polygons, or lines with width", kind=str, example="dam.gpkg", file=True)
     height: float | str | None = _key("of the crest above the terrain: number [m] or column name", None,
@@ -249,7 +278,7 @@ class BarrierTable:
     width: float | None = _key("of a wall that is drawn as a line [m]", None, low=0.0, above=True, example=2.0)
     mu: float = _key("friction of the flow along the wall [1]", 0.0, low=0.0, high=10.0)
     name: str | None = _key("in results; without it the column name, or the file's name", None, kind=str, example="dam")
-    use: str = _key("auto: on if the flow can reach it; off: left out", "auto", str, choices=USE)
+    use: str = _key("auto: on if the flow can reach it; off: not used", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
@@ -268,14 +297,14 @@ class StillWaterTable:
                               kind=(float, str), example=1500.0)  # fmt: skip
     source: str | None = _key("polygons that touch the lakes; without it every one with water at the start", None,
                               kind=str, example="lakes.gpkg", file=True)  # fmt: skip
-    use: str = _key("auto and on: used; off: left out", "auto", str, choices=USE)
+    use: str = _key("auto and on: used; off: not used", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
 class NumericsTable:
-    """How it is computed; none of this is physics."""
+    """Numerical parameters."""
 
-    cell_size: float | None = _key("solver cell [m]; without it the DTM's own", None, low=0.0, above=True, example=5.0)
+    cell_size: float | None = _key("solver cell [m]; default that of the DTM", None, low=0.0, above=True, example=5.0)
     particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 9, kind=int, low=1, high=400, solver="columns")
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
     precision: str = _key("3D: float32: half the memory, two thirds of the time; columns are always float64", "float64",
@@ -295,13 +324,13 @@ class NumericsTable:
 
     @property
     def points_per_side(self):
-        """Points along a cell's side at the start."""
+        """Initial points along the side of a cell."""
         return round(self.points_per_cell ** (1.0 / 3.0))
 
 
 @dataclass(frozen=True)
 class OutputTable:
-    """What is kept, and when it ends."""
+    """Output and end of the run."""
 
     end_time: float = _key("longest simulated time [s]", low=0.0, above=True, example=120.0)
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
@@ -316,29 +345,29 @@ class OutputTable:
 
 @dataclass(frozen=True)
 class StageTable:
-    """A part of the run in time, by one solver; the next one goes on from where it ends."""
+    """A part of the run in time, by one solver; the next stage continues from its end."""
 
     solver: str = _key("of this stage", kind=str, choices=("columns", "points"), example="columns")
     until: dict | None = _key(  # noqa: RUF009
         'when it ends: {time = 30} [s], {reach = "barrier"}, "cliff" or a file, of points {calm = 1} [s]; or several',
         None, kind=dict, example={"time": 30.0},
     )  # fmt: skip
-    window: str | None = _key("of points: only what lies in these polygons becomes points", None, kind=str,
+    window: str | None = _key("of points: only the flow in these polygons is converted to points", None, kind=str,
                               example="box.gpkg", file=True)  # fmt: skip
     outside: str | None = _key(
-        "what lies outside window: removed (ledger), or continued as columns; default ledger", None, kind=str,
+        "flow outside window: removed (ledger), or continued as columns; default ledger", None, kind=str,
         choices=("ledger", "columns"), example="columns",
     )  # fmt: skip
     cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)
 
     @property
     def reach(self):
-        """What the flow has to come near to; None where that ends nothing."""
+        """Feature that the flow has to reach; None without this condition."""
         return (self.until or {}).get("reach")
 
     @property
     def reached_file(self):
-        """Name of the file of polygons that the flow has to come near to; None where it is no file."""
+        """Name of the file of polygons that the flow has to reach; None if it is not a file."""
         return None if self.reach in (WALLS, CLIFF) else self.reach
 
 
@@ -357,9 +386,10 @@ TABLES = {
     "curvature": CurvatureTable,
     "still_water": StillWaterTable,
     "entrainment": EntrainmentTable,
+    "forest": ForestTable,
     "barrier": BarrierTable,
     "numerics": NumericsTable,
     "output": OutputTable,
     "stage": StageTable,
 }
-LISTED = ("secondary_release", "zones", "barrier", "stage")  # tables that a scene may have several of, written [[name]]
+LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]

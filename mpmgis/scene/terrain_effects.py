@@ -53,7 +53,7 @@ def decide_outflow(scene, facts, slots):
     if facts.hole_in_reach is not None:
         cells, east, north = facts.hole_in_reach
         reason += (
-            f"; {cells} cells of nodata amid the DTM are in reach, around E {east:.1f} N {north:.1f}: "
+            f"; {cells} cells of nodata inside the DTM are in reach, around E {east:.1f} N {north:.1f}: "
             "[terrain] fill_nodata = 'interpolate' fills them"
         )
     return Decision("outflow", "on", "scene", None, None, reason)
@@ -110,7 +110,7 @@ def with_effects_on(scene, effects):
 
 
 def decide_zones(scene, facts, slots):
-    """Friction by place, if a parameter differs where the flow can get to; decided after friction and drag."""
+    """Friction zones, if a parameter differs on ground in reach; decided after friction and drag."""
     if not scene.zones:
         return not_called_for("zones", "no [[zones]] in the scene")
     if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
@@ -125,7 +125,7 @@ def decide_zones(scene, facts, slots):
 
 
 def decide_entrainment(scene, facts, slots):
-    """Erosion, by what lies in reach against what is released."""
+    """Erosion, by the erodible mass in reach relative to the released mass."""
     table = scene.entrainment
     if table is None:
         return not_called_for("entrainment", "no [entrainment] in the scene")

@@ -7,9 +7,10 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError
-from ..kernels import raster_values
+from ..kernels import cell_fill, raster_values
 from ..messages import log
 from ..particles import Frame, Particles
+from ..terrain.georeference import name_of
 from ..terrain.grid import Grid
 from ..terrain.release import require_on_terrain
 from .bed import bed_under, deposit_of, extended_elevation, steepness
@@ -81,6 +82,17 @@ class PartScene:
     bed_grid: Grid
     thickness: np.ndarray
     thickness_grid: Grid
+
+    def ground(self, lattice, window, law):
+        """The Ground of kernels for the cells of `window`; `law` as in `Ground`."""
+        return cell_fill.Ground(
+            lattice.map_affine(window, self.origin),
+            self.bed,
+            lattice.raster_affine(window, self.bed_grid),
+            self.thickness,
+            lattice.raster_affine(window, self.thickness_grid),
+            law,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +197,13 @@ class Seed:
             origin=(*self._origin, 0.0),
             dem=self._terrain.path,
             dem_sha256=self._terrain.sha256,
-            header=self.record,
+            header=self.record | self._terrain_facts(),
         )
+
+    def _terrain_facts(self):
+        """What the file of the DTM has to be brought to, where it is not in metres, or not in the CRS of the frame."""
+        how = self._terrain.reprojection
+        return {} if how is None else {"to_crs": how.word, "dem_crs": name_of(how.source)}
 
     def frame(self):
         """All columns in one Frame."""

@@ -7,6 +7,8 @@ import numpy as np
 import shapely
 
 from ..kernels import inside_polygon, polygon_cover
+from ..kernels.inside_polygon import Edges
+from ..kernels.polygon_cover import Cover
 
 _SNAP = 1e-9  # [cells] edges this close to a lattice line lie on it, or as close as map coordinates round
 _ULPS = 4.0  # units in the last place by which a map coordinate may be off
@@ -122,63 +124,24 @@ class Outline:
         key, terms = polygon_cover.cut_edges(edges, columns)
         order = np.argsort(key, kind="stable")
         rim_key, rim, spans = polygon_cover.accumulate_cover(key, order, terms, columns, self.orientation)
-        return Cover(
-            rows,
-            columns,
-            rim_key,
-            rim,
-            polygon_cover.row_starts(rim_key // columns, rows),
-            spans,
-            polygon_cover.row_starts(spans[:, 0], rows),
-        )
+        rim_start = polygon_cover.row_starts(rim_key // columns, rows)
+        return Cover(rows, columns, rim_key, rim, rim_start, spans, polygon_cover.row_starts(spans[:, 0], rows))
 
     def contains(self, points):
         """bool[n]: which points float64[n, 2] in (u, v) of the window lie inside."""
-        return inside_polygon.inside(np.ascontiguousarray(points), self.edges, *self.binned_edges)
+        return inside_polygon.inside(np.ascontiguousarray(points), *self.binned_edges)
 
     def points_in_squares(self, corners, sizes):
         """float64[n, 2]: a point inside the polygon in each square of lower corner and size float64[n, 2], or NaN."""
         corners, sizes = np.ascontiguousarray(corners), np.ascontiguousarray(sizes)
-        return inside_polygon.points_in_squares(corners, sizes, self.edges, *self.binned_edges)
+        return inside_polygon.points_in_squares(corners, sizes, *self.binned_edges)
 
     @cached_property
     def binned_edges(self):
-        """(starts, index) of the edges by row of cells."""
-        return inside_polygon.edges_by_row(self.edges, self.window.rows)
+        """The Edges, by row of cells."""
+        return Edges(self.edges, *inside_polygon.edges_by_row(self.edges, self.window.rows))
 
 
 def _snapped(values, snap):
     nearest = np.round(values)
     return np.where(np.abs(values - nearest) <= snap, nearest, values)
-
-
-@dataclass(frozen=True, eq=False)
-class Cover:
-    """Cells that a polygon covers: rim cells one by one, whole ones in spans of rows.
-
-    `rim_key` int64[m] is row * columns + column, `rim` float64[m, 4] (covered share, its centroid (u, v) in the cell,
-    edge pieces in the cell); `spans` int64[s, 3] (row, first column, column after the last). `rim_start` and
-    `span_start` int64[rows + 1] hold the start of each row.
-    """
-
-    rows: int
-    columns: int
-    rim_key: np.ndarray
-    rim: np.ndarray
-    rim_start: np.ndarray
-    spans: np.ndarray
-    span_start: np.ndarray
-
-    @property
-    def area(self):
-        """Covered area [cells]."""
-        return float(self.rim[:, 0].sum() + (self.spans[:, 2] - self.spans[:, 1]).sum())
-
-    def cells(self):
-        """int64[n, 2]: (row, column) of every cell that is covered in part or whole."""
-        rim = np.column_stack((self.rim_key // self.columns, self.rim_key % self.columns))
-        lengths = self.spans[:, 2] - self.spans[:, 1]
-        rows = np.repeat(self.spans[:, 0], lengths)
-        first = np.repeat(self.spans[:, 1], lengths)
-        within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-        return np.vstack((rim, np.column_stack((rows, first + within))))

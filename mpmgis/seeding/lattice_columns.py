@@ -63,13 +63,10 @@ class LatticeColumns:
         self._set_slope(slope)
         cover = self.outline.cover()
         share = np.ascontiguousarray(cover.rim[:, 0])
-        self.inner, self._near = polygon_cover.split_cells(
-            cover.rows, cover.columns, cover.rim_key, share, self._slivers(cover, forced), cover.rim_start, cover.spans,
-            cover.span_start,
-        )  # fmt: skip
+        self.inner, self._near = polygon_cover.split_cells(cover, share, self._slivers(cover, forced))
         self.inner_start = polygon_cover.row_starts(self.inner[:, 0], cover.rows)
         self._set_pieces(forced)
-        inner_counts = cell_fill.count_rows(self.window.rows, self.inner, self.inner_start, *self._counting)
+        inner_counts = cell_fill.count_rows(self.window.rows, self.inner, self.inner_start, self._counting)
         self.counts = inner_counts + np.diff(self.piece_start)
 
     def _set_slope(self, slope):
@@ -81,7 +78,7 @@ class LatticeColumns:
     @property
     def _counting(self):
         tiling = self.tiling
-        return (
+        return cell_fill.Counting(
             tiling.n0, tiling.beta, self._slope, self._slope_map, self.seed, self.window.row, self.window.column,
             tiling.largest,
         )  # fmt: skip
@@ -104,7 +101,7 @@ class LatticeColumns:
     def _set_pieces(self, forced):
         """Cut the cells at and near the rim, and join slivers."""
         near = self._near
-        counts = cell_fill.cell_counts(near, *self._counting)
+        counts = cell_fill.cell_counts(near, self._counting)
         owner, pieces, cut = self._cut(counts)
         starts = polygon_cover.row_starts(owner, len(near))
         alone = pieces[:, :2].copy()
@@ -122,10 +119,7 @@ class LatticeColumns:
             across, down = self.tiling.cut(count)
             cells = np.flatnonzero(counts == count)
             cover = self._level(across, down)
-            owner, piece = rim_pieces.gather_pieces(
-                self._near[cells], across, down, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans,
-                cover.span_start,
-            )  # fmt: skip
+            owner, piece = rim_pieces.gather_pieces(self._near[cells], across, down, cover)
             owners.append(cells[owner])
             pieces.append(piece)
             cuts.append(np.tile([1.0 / across, 1.0 / down], (len(piece), 1)))
@@ -164,7 +158,7 @@ class LatticeColumns:
         cell = self._near[owner]
         keys = np.column_stack((cell[:, 1] + self.window.column, cell[:, 0] + self.window.row, number))
         inside_polygon.scatter_in_pieces(
-            points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, self.outline.edges, *self.outline.binned_edges
+            points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, *self.outline.binned_edges
         )
         pieces[:, :2] = points
 
@@ -176,18 +170,15 @@ class LatticeColumns:
     def fill(self, first, last, scene, law, position=None, columns=None, at=0):
         """Evaluate the rows first <= row < last; write them from `at` on if `position` is given.
 
-        `scene` is a `PartScene`; `law`, `position`, `columns` as in `kernels.sampling.evaluate`. Returns
+        `scene` is a `PartScene`; `law`, `position`, `columns` as in `Ground` and `Output`. Returns
         float64[last - first, 3]: sum, smallest and largest of thickness times area [m3].
         """
         offsets = at + np.concatenate(([0], np.cumsum(self.counts[first:last])))[:-1]
         write = position is not None
         if not write:
             position, columns = np.empty((0, 3)), np.empty((4, 0))
-        tiling = self.tiling
         return cell_fill.fill_rows(
-            first, last, write, offsets, self.inner, self.inner_start, self.piece, self.piece_start, self.kind,
-            tiling.n0, tiling.beta, tiling.rows, self._slope, self._slope_map, self.seed, self.window.row,
-            self.window.column, self.lattice.cell_area, self.lattice.map_affine(self.window, scene.origin),
-            scene.bed, self.lattice.raster_affine(self.window, scene.bed_grid), scene.thickness,
-            self.lattice.raster_affine(self.window, scene.thickness_grid), law, position, columns,
+            first, last, offsets, self.inner, self.inner_start, self.piece, self.piece_start, self._counting,
+            cell_fill.Tiles(self.kind, self.tiling.rows, self.lattice.cell_area),
+            scene.ground(self.lattice, self.window, law), cell_fill.Output(write, position, columns),
         )  # fmt: skip

@@ -137,7 +137,7 @@ THICKNESS = (0.01, 100.0)  # [m]
 FEWEST_COLUMNS = 50
 
 
-class Cures(NamedTuple):
+class Fixes(NamedTuple):
     """What the user would change: where `density` and `thickness` are given, and how to have `more` columns."""
 
     density: str
@@ -145,7 +145,7 @@ class Cures(NamedTuple):
     more: str
 
 
-def tell_if_implausible(count, density, thickness, cures):
+def report_implausible(count, density, thickness, fixes):
     """Say in one line each what about a release is hardly meant; it is taken as it is.
 
     Parameters
@@ -155,11 +155,11 @@ def tell_if_implausible(count, density, thickness, cures):
     density : float [kg m-3]
     thickness : float [m]
         Mean, vertical.
-    cures : Cures
+    fixes : Fixes
     """
     for name, value, unit, (low, high), cure in (
-        ("density", density, "kg m-3", DENSITY, cures.density),
-        ("mean thickness", thickness, "m", THICKNESS, cures.thickness),
+        ("density", density, "kg m-3", DENSITY, fixes.density),
+        ("mean thickness", thickness, "m", THICKNESS, fixes.thickness),
     ):
         if not low <= value <= high:
             log.info(
@@ -167,4 +167,4 @@ def tell_if_implausible(count, density, thickness, cures):
             )
     if count < FEWEST_COLUMNS:
         columns = "1 column carries" if count == 1 else f"{count} columns carry"
-        log.info(f"only {columns} the release, too few to resolve a flow; {cures.more}")
+        log.info(f"only {columns} the release, too few to resolve a flow; {fixes.more}")

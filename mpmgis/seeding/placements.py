@@ -59,9 +59,8 @@ class EqualMassColumns:
         """Borders of the strips [rows of cells] and how many columns each holds."""
         cover = self.cover
         sums = equal_mass_fill.cover_row_sums(
-            cover.rows, cover.columns, cover.rim_key, cover.rim, cover.rim_start, cover.spans, cover.span_start,
-            scene.thickness, self.lattice.raster_affine(self.window, scene.thickness_grid),
-        )  # fmt: skip
+            cover, scene.thickness, self.lattice.raster_affine(self.window, scene.thickness_grid)
+        )
         mass, width = sums.T
         each = mass.sum() / self.count
         filled = mass > 0
@@ -82,14 +81,11 @@ class EqualMassColumns:
     def fill(self, first, last, scene, law, position, columns, at=0):
         """Write the columns of the strips first <= strip < last from `at` on."""
         offsets = at + self._start[first:last] - self._start[first]
-        cover = self.cover
         equal_mass_fill.fill_strips(
-            first, last, True, self._borders, self.counts, offsets, self._start, _SPREAD[self.points],
-            self.points == "halton", self.seed, self._shift, cover.columns, cover.rim_key, cover.rim, cover.rim_start,
-            cover.spans, cover.span_start, self.outline.edges, *self.outline.binned_edges,
-            self.lattice.map_affine(self.window, scene.origin), scene.bed,
-            self.lattice.raster_affine(self.window, scene.bed_grid), scene.thickness,
-            self.lattice.raster_affine(self.window, scene.thickness_grid), law, position, columns,
+            first, last, offsets, equal_mass_fill.Strips(self._borders, self.counts, self._start),
+            equal_mass_fill.Spread(_SPREAD[self.points], self.points == "halton", self.seed, self._shift), self.cover,
+            self.outline.binned_edges, scene.ground(self.lattice, self.window, law),
+            cell_fill.Output(True, position, columns),
         )  # fmt: skip
 
 
@@ -165,25 +161,22 @@ class HaltonColumns:
 
     def _chunks(self, first, last, quota, unit_area, scene=None, law=None, position=None, columns=None, at=0):
         offsets = np.zeros(last - first, np.int64)
-        place = np.zeros(6)
-        bed = thick = np.ones((2, 2))
-        bed_map = thick_map = np.zeros(6)
-        if scene is not None:
-            place = self.lattice.map_affine(self.window, scene.origin)
-            bed, bed_map = scene.bed, self.lattice.raster_affine(self.window, scene.bed_grid)
-            thick, thick_map = scene.thickness, self.lattice.raster_affine(self.window, scene.thickness_grid)
         write = position is not None
         if write:
             offsets[1:] = np.cumsum(self.counts[first:last])[:-1]
             offsets += at
         else:
             position, columns, law = np.empty((0, 3)), np.empty((4, 0)), np.zeros(3)
-        cover = self.cover
+        flat, nowhere = np.ones((2, 2)), np.zeros(6)
+        ground = cell_fill.Ground(nowhere, flat, nowhere, flat, nowhere, law)
+        if scene is not None:
+            ground = scene.ground(self.lattice, self.window, law)
+        sequence = halton_fill.Sequence(
+            self._shift, self._box, self.beta, self._slope, self._slope_map, self.seed, unit_area
+        )
         return halton_fill.halton_chunks(
-            first, last, _CHUNK, np.asarray(quota), write, offsets, self._shift, self._box, cover.columns,
-            cover.rim_key, cover.rim_start, cover.spans, cover.span_start, self.outline.edges,
-            *self.outline.binned_edges, self.beta, self._slope, self._slope_map, self.seed, unit_area, place, bed,
-            bed_map, thick, thick_map, law, position, columns,
+            first, last, _CHUNK, np.asarray(quota), offsets, sequence, self.cover, self.outline.binned_edges, ground,
+            cell_fill.Output(write, position, columns),
         )  # fmt: skip
 
     def fill(self, first, last, scene, law, position=None, columns=None, at=0):

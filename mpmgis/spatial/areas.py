@@ -18,10 +18,10 @@ def within(shape, x, y):
 
 
 def cell_values(values, grid, x, y):
-    """Value of the raster cell that each point x, y [m] lies in; NaN outside the raster and in cells without value.
+    """Value of the raster cell of each point x, y [m]; NaN outside the raster and in cells without value.
 
-    No interpolation: zones are classes, and a mean of two classes is none. A point on the border of
-    cells takes one that has a value.
+    No interpolation, because zones are classes. A point on the border of cells gets the value of one that
+    has a value.
     """
     row, column = grid.rowcol(x, y)
     there = (row >= -0.5 - _RIM) & (row <= grid.shape[0] - 0.5 + _RIM)
@@ -43,14 +43,14 @@ def spread(values, where):
     return float((high - low) / mean) if mean > 0.0 else 0.0
 
 
-FILLED = 0.9  # share of a body's volume below the level that the released water must hold for it to be a lake at rest
+FILLED = 0.9  # share of the volume of a body below the level that released water must fill for a lake at rest
 
 
 def lake_cells(corner_bed, level, water, touched=None):
     """Cells of all lakes at one still level.
 
     A lake is a connected body of cells with ground below `level`, of which the released water fills at least FILLED:
-    a valley that lies as low but is dry is none, and no reference state either.
+    a dry valley at the same level is neither a lake nor a reference state.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def lake_cells(corner_bed, level, water, touched=None):
     Returns
     -------
     (bool[ny, nx], list of float)
-        Cells of lakes; filled share of every other body that holds some of the water.
+        Cells of lakes; filled share of every other body with released water.
     """
     corners = [corner_bed[:-1, :-1], corner_bed[:-1, 1:], corner_bed[1:, :-1], corner_bed[1:, 1:]]
     depth = np.mean([np.maximum(level - bed, 0.0) for bed in corners], axis=0)

@@ -9,10 +9,10 @@ from scipy import ndimage
 
 from .openings import MOST_SHARE, SPLINE, openings_at
 
-FACE_CELLS = 0.5  # [cells] depth of the nodes that only hold what runs into the wall
-CORE_CELLS = 1.0  # [cells] depth of those behind, through which nothing moves; both sides of a wall have one
+FACE_CELLS = 0.5  # [cells] depth of the nodes that only stop flow into the wall
+CORE_CELLS = 1.0  # [cells] depth of those behind, without flow; both sides of a wall have one
 WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
-CORNER = cos(radians(30.0))  # neighbours whose normals differ by more make a corner
+CORNER = cos(radians(30.0))  # a larger difference of the normals of neighbours is a corner
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class WallNodes:
-    """What a grid's nodes know of walls, arrays [rows, columns] (zeros where no wall stands).
+    """Walls at the nodes of a grid, arrays [rows, columns] (zeros without a wall).
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class WallNodes:
         Elevation of the crest.
     mu : float [1]
     core, corner : bool
-        Nodes through which nothing moves below the crest; those of them where the wall turns.
+        Nodes without flow below the crest; those of them where the wall has a corner.
     weight : float [m-1]
         With which the flux at the node counts as passing over the wall: a hat a cell to either side of the middle of
         thin walls, of the middle of the two faces' cores of thick ones.
@@ -64,7 +64,7 @@ class WallNodes:
     limit : float
         How much passes there at most, over the critical discharge of a metre of opening.
     side : float
-        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
+        -1, 0 or 1: direction of the opening from the node along (normal north, -normal east).
     """
 
     number: np.ndarray
@@ -86,7 +86,7 @@ def half_thickness(footprint):
 
 
 def margin_in_3d(footprint, cell_size):
-    """As `margin_of` where the flow rests on nodes in front of the wall: only what makes it three cells thick."""
+    """As `margin_of`, but only up to a thickness of three cells: in 3D the flow rests on nodes in front of the wall."""
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), 0.0)
 
 
@@ -100,7 +100,7 @@ def margin_of(footprint, cell_size):
 
 
 def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
-    """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) that stand in `walls`; a WallNodes.
+    """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) inside `walls`, as WallNodes.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
 
 
 def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
-    """Set, in place, what `nodes` (WallNodes) know of openings; `nearest` is 1 + the wall within a spline's reach."""
+    """Set openings of `nodes` (WallNodes) in place; `nearest` is 1 + the number of the wall in the spline's support."""
     rows, columns = np.nonzero(nearest)
     thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
     places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
@@ -202,7 +202,7 @@ def _depth(footprint, x, y):
 
 
 def _side_normal(footprint, point):
-    """Outward unit normal of the side of `footprint` on which `point` lies."""
+    """Outward unit normal of the side of `footprint` at `point`."""
     boundary, reach = footprint.boundary, 1e-3 * half_thickness(footprint)
     beside = shapely.get_coordinates(boundary.intersection(point.buffer(reach)))
     start, end = beside[np.argmin(beside @ [1.0, 1e-3])], beside[np.argmax(beside @ [1.0, 1e-3])]
@@ -213,7 +213,7 @@ def _side_normal(footprint, point):
 
 
 def _turns(normal, number):
-    """True at nodes beside which a wall's side looks another way: corners, ends, and where walls meet."""
+    """True at nodes whose neighbours have another normal: corners, ends, and junctions of walls."""
     turns = np.zeros(number.shape, bool)
     for axis in (0, 1):
         for step in (1, -1):

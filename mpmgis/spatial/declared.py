@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from ..effects.forest import STRENGTH
 from ..effects.zones import FrictionZones
 from ..errors import SceneError
 from ..scene import mu_least
@@ -14,12 +15,12 @@ from .areas import spread
 from .features import Places, barrier_entries
 from .watch import Feature
 
-LEAST_OF = ("xi",)  # parameters whose least value makes the law's part largest; of others the mean decides
+LEAST_OF = ("xi",)  # parameters whose smallest value gives the largest effect; for others the mean is used
 
 
 @dataclass(frozen=True)
 class KnownByPlace:
-    """The places of one scene before its effects are decided; None or empty where it has nothing of the kind.
+    """Spatial features of a scene before its effects are decided; None or empty without them.
 
     Parameters
     ----------
@@ -31,6 +32,7 @@ class KnownByPlace:
     walls : tuple of Wall
     wall_nodes : WallNodes
     lake_level : float64 in the cells [m]
+    forest : float64 at the nodes [..., FOREST_ENTRIES]
     """
 
     grid: object
@@ -40,6 +42,7 @@ class KnownByPlace:
     walls: tuple
     wall_nodes: object
     lake_level: np.ndarray | None
+    forest: np.ndarray | None = None
 
     def mu_least(self):
         """The least that friction can be anywhere [1]."""
@@ -67,6 +70,10 @@ class KnownByPlace:
         if self.erodible is not None:
             mass = self.erodible[inside].sum() * self.grid.cell_size**2
             facts["erodible_ratio"] = float(mass / frame.particles.mass.sum())
+        if self.forest is not None:
+            trees = self.forest[..., STRENGTH] > 0.0
+            areas = (nodes.sum() * self.grid.cell_size**2 for nodes in (trees, trees & inside))
+            facts["forest_areas"] = tuple(float(area) for area in areas)
         if self.walls:
             facts |= self._wall_facts(terrain, reach, inside | near, x, y, depth)
         if self.lake_level is not None:
@@ -74,7 +81,7 @@ class KnownByPlace:
         return facts
 
     def completed(self, reach, terrain):
-        """The scene with the friction that stands for its zones, to decide effects by."""
+        """The scene with a friction that represents its zones, for decisions on effects."""
         if not self.zones:
             return self.scene
         x, y = self.grid.node_points()
@@ -85,11 +92,11 @@ class KnownByPlace:
             row, column = (np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
                            for v, v0 in ((north, self.grid.y0), (east, self.grid.x0)))  # fmt: skip
             inside[np.clip(row, 1, inside.shape[0] - 2), np.clip(column, 1, inside.shape[1] - 2)] = True
-        told = {}
+        representative = {}
         for name, values in self.zones.items():
             chosen = values[inside] if np.isfinite(values[inside]).any() else values
-            told[name] = float(np.nanmin(chosen) if name in LEAST_OF else np.nanmean(chosen))
-        return _with_friction(self.scene, told)
+            representative[name] = float(np.nanmin(chosen) if name in LEAST_OF else np.nanmean(chosen))
+        return _with_friction(self.scene, representative)
 
     def on_grid(self, effects):
         """The Places of a run in which `effects` are on."""
@@ -102,6 +109,7 @@ class KnownByPlace:
             barriers=barriers,
             barrier_names=names,
             lake_level=self.lake_level if effects.still_water.still_water_active() else None,
+            forest=self.forest if effects.forest.forest_active() else None,
         )
 
     def in_3d(self, effects):
@@ -114,7 +122,7 @@ class KnownByPlace:
         )
 
     def watched(self, law, decisions):
-        """tuple of Feature: what is off by its number alone, `law` being the friction that is used in its place."""
+        """tuple of Feature that are off by their indicator only; `law` is the friction used instead."""
         off = {decision.effect: _why_off(decision) for decision in decisions
                if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
         where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
@@ -126,7 +134,7 @@ class KnownByPlace:
         return tuple(features)
 
     def _zone_nodes(self, law):
-        """Nodes at which a parameter differs from that of `law` by more than what counts as a difference."""
+        """Nodes at which a parameter differs from that of `law` significantly."""
         differs = np.zeros(self.grid.bed.shape, bool)
         for name in law._fields:
             used = getattr(law, name)
@@ -179,7 +187,7 @@ class KnownByPlace:
 
 
 def _why_off(decision):
-    """Why a decision found nothing in reach, in words."""
+    """Reason of a decision without features in reach."""
     if decision.indicator is None:
         return decision.reason.partition(";")[0]
     if decision.indicator == 0.0:

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects.barrier import CORE, CORNER, FACE
+from ..effects.forest import FOREST_ENTRIES
 from ..kernels import column_barriers as entries
 from ..kernels.column_barriers import BARRIER_ENTRIES
+from ..kernels.column_forest import FOREST_STATE, FOREST_SUMS
 from ..kernels.columns import NodeFields
 from .node_grid import spared
 
@@ -16,7 +18,7 @@ MAX_AREAS = 127  # that the flow can release, as many as a node's mark of 8 bits
 
 @dataclass(frozen=True)
 class Places:
-    """Node and cell arrays of one scene; None where the scene has nothing of the kind. Rows go northwards.
+    """Node and cell arrays of one scene; None without such features. Rows go northwards.
 
     Parameters
     ----------
@@ -29,6 +31,8 @@ class Places:
     barrier_names : tuple of str
     lake_level : float64[ny, nx] [m], optional
         Still level of the lake in each cell, NO_LAKE elsewhere.
+    forest : float64[ny + 3, nx + 3, FOREST_ENTRIES], optional
+        Values of the trees (`effects.forest`), 0 without.
     """
 
     zone_values: np.ndarray | None = None
@@ -36,13 +40,16 @@ class Places:
     barriers: np.ndarray | None = None
     barrier_names: tuple = ()
     lake_level: np.ndarray | None = None
+    forest: np.ndarray | None = None
 
     def fields(self, grid, lowers_bed):
-        """`NodeFields` on `grid` for one run: what the run changes is copied, what is absent holds one entry."""
+        """`NodeFields` on `grid` for one run: arrays that change are copied, absent ones have one entry."""
 
         def present(array, *entries):
             return np.zeros((1, 1, *entries)) if array is None else np.ascontiguousarray(array, float)
 
+        shape = (1, 1) if self.forest is None else self.forest.shape[:2]
+        state = np.zeros((*shape, FOREST_STATE))
         return NodeFields(
             bed=spared(grid.bed) if lowers_bed else grid.bed,
             gradient=grid.gradient.copy() if lowers_bed else grid.gradient,
@@ -51,14 +58,18 @@ class Places:
             erodible=present(self.erodible).copy(),
             barriers=present(self.barriers, BARRIER_ENTRIES),
             lake_level=present(self.lake_level),
+            forest=present(self.forest, FOREST_ENTRIES),
+            forest_state=state,
+            forest_share=np.zeros(state.shape[:2]),
+            forest_sums=np.zeros(FOREST_SUMS),
             trigger_thickness=np.full(MAX_AREAS, np.inf),
         )
 
 
 def barrier_entries(walls):
-    """The node array of a grid's `walls` (geo.barriers.WallNodes), in the order that the kernel reads.
+    """The node array of the `walls` of a grid (`spatial.barriers.WallNodes`), in the order of the kernel.
 
-    At the edge of the domain a wall holds all that reaches it, so that nothing squeezes between the two.
+    At the edge of the domain a wall is a corner, so that no flow passes between edge and wall.
     """
     nodes = np.zeros((*walls.number.shape, BARRIER_ENTRIES))
     at_edge = np.ones(walls.number.shape, bool)

@@ -10,10 +10,10 @@ from ..errors import SceneError
 from ..kernels.column_rows import beds_at, node_gradients
 from ..terrain.elevation import Terrain, bilinear, continued
 
-MAX_NODES_PER_SIDE = 262_000  # block rows have 15 bits beside the sign, of 8 nodes each
+MAX_NODES_PER_SIDE = 262_000  # block rows, of 8 nodes each, have 15 bits and a sign
 
 
-RIM = 3  # [cells] beyond the known ground over which its slope goes on
+RIM = 3  # [cells] beyond the known ground over which it is extended with its slope
 LEVEL = 1e-6  # tangent of a slope below which there is no downhill direction
 
 
@@ -112,7 +112,7 @@ class ColumnGrid:
         return self.x0 + (column + 0.5) * self.cell_size, self.y0 + (row + 0.5) * self.cell_size
 
     def cells_of(self, frame, grown=0):
-        """CellWindow of the cells that hold columns of `frame`, and of those up to `grown` cells beside."""
+        """CellWindow of the cells with columns of `frame`, and of those up to `grown` cells around them."""
         x, y = self.from_corner(frame)
         ny, nx = self.inside.shape
         j, i = (y / self.cell_size).astype(int), (x / self.cell_size).astype(int)
@@ -218,9 +218,9 @@ def bed_at_nodes(grid):
 
 def spared(array):
     """A copy of `array` with four numbers to spare behind it: kernels load three nodes of a row as four."""
-    room = np.zeros(array.size + 4)
-    room[: array.size] = array.ravel()
-    return room[: array.size].reshape(array.shape)
+    padded = np.zeros(array.size + 4)
+    padded[: array.size] = array.ravel()
+    return padded[: array.size].reshape(array.shape)
 
 
 def _on_raster(grid, x0, y0, cell_size, nx, ny, off):
@@ -238,7 +238,7 @@ def _node_beds(terrain, x0, y0, cell_size, nx, ny):
     samples = max(1, int(np.ceil(cell_size / pixel - 1e-9)))
     pad = int(np.ceil(2.0 * cell_size / min(np.hypot(*terrain.grid.matrix)))) + 2
     padded = terrain.elevation
-    while pad > 0:  # odd reflection needs a raster wider than what it adds
+    while pad > 0:  # odd reflection requires a raster wider than the padding
         now = min(pad, min(padded.shape) - 1)
         if now < 1:
             padded = np.pad(padded, pad, mode="edge")

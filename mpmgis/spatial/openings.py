@@ -13,7 +13,7 @@ import shapely
 import shapely.affinity
 
 SPLINE = 1.5  # [cells] half width of the quadratic B-spline
-REGION = 3.0  # [cells] radius in which the direction of the walls is sought; twice the wall's thickness if that is more
+REGION = 3.0  # [cells] radius for the direction of the walls; twice the thickness of the wall if that is more
 WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the walls there have a direction
 LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
 SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one; more by
@@ -25,7 +25,7 @@ DEEP = 0.3  # [cells] how far behind the wall's faces a node counts as in the op
 
 
 class Opening(NamedTuple):
-    """What the nodes near openings know, arrays [n].
+    """Openings at the nodes near them, arrays [n].
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Opening(NamedTuple):
         more than the share, which the held nodes beside it take from the flow, and up to a quarter where the way
         through is long; in the opening, which holds only what has passed there, it is WITHIN times the share.
     side : float
-        -1, 0 or 1: in which direction along (normal north, -normal east) the opening lies from the node.
+        -1, 0 or 1: direction of the opening from the node along (normal north, -normal east).
     """
 
     share: np.ndarray
@@ -132,7 +132,7 @@ def _with_mirror_images(walls, domain, reach):
 
 
 def _image(walls, axis, edge, reach):
-    """Mirror image at `edge` [m] (west or east for `axis` 0, else south or north) of what lies within `reach` of it."""
+    """Mirror image at `edge` [m] (west or east for `axis` 0, else south or north) of shapes within `reach` of it."""
     if walls.is_empty:
         return walls
     strip = list(walls.bounds)

@@ -1,4 +1,4 @@
-"""Places on the map where mass left the terrain: over an edge of the DTM, into a nodata collar, into a hole."""
+"""Map places of outflow: over an edge of the DTM, into a nodata collar, into a hole."""
 
 import numpy as np
 from scipy import ndimage
@@ -18,7 +18,7 @@ from ..terrain.nodata import nodata_groups
 
 HOLE, COLLAR = "hole", "collar"
 SIDES = {WEST_EDGE: "west", SOUTH_EDGE: "south", EAST_EDGE: "east", NORTH_EDGE: "north"}
-MOST_PLACES = 10  # that are kept, the largest; the others are one entry
+MOST_PLACES = 10  # number of places; the smallest ones are summed in one entry
 _AROUND = np.ones((3, 3))
 
 
@@ -78,7 +78,7 @@ def _nodata_places(grid, blocks):
 
 
 def _nearest_label(labels, row, column, sums, dx):
-    """Number of the group of nodata cells in or beside a block that is nearest to what left there; 0: none."""
+    """Number of the group of nodata cells in or next to a block that is nearest to the outflow there; 0: none."""
     first = np.maximum(np.array((row, column)) * LEFT_BLOCK - 1, 0)
     window = labels[first[0] : first[0] + LEFT_BLOCK + 2, first[1] : first[1] + LEFT_BLOCK + 2]
     cells = np.argwhere(window > 0)

@@ -16,12 +16,12 @@ from .openings import narrow_openings
 
 DRY = 1e-6  # [m] thinner water at a lake's shore is none
 MOST_NAMED = 5  # narrow openings that are reported one by one
-TOLD = 1e-3  # share of a release by which it may change without a word
+REPORTED_CHANGE = 1e-3  # share of a release by which it may change without a word
 
 
 @dataclass(frozen=True)
 class PlacedFiles:
-    """What the files of one table hold, in the terrain's CRS.
+    """Features of the files of one table, in the CRS of the terrain.
 
     Parameters
     ----------
@@ -107,8 +107,18 @@ def standing_walls(barriers, grid, everything):
     Raises
     ------
     InputError
-        A wall off the terrain, below it or on the columns of `everything` (Frame); a height that is none.
+        A wall off the terrain, below it or on the columns of `everything` (Frame); an invalid height.
     """
+    walls = walls_of(barriers)
+    if not walls:
+        return (), None
+    nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, grid.cell_size)
+    _require_standing(walls, nodes, grid, everything)
+    return walls, nodes
+
+
+def walls_of(barriers):
+    """Tuple of Wall of `barriers`, (BarrierTable, PlacedFiles) each."""
     walls = []
     for table, files in barriers:
         for k, feature in enumerate(files.features, 1):
@@ -119,11 +129,7 @@ def standing_walls(barriers, grid, everything):
                 raise InputError(f"{feature.path}: '{feature.name}' has height {height:g}, expected metres above 0")
             name = _unlike(_wall_name(table, feature.name, k, len(files.features)), walls)
             walls.append(Wall(name, feature.shape, height, crest, table.mu))
-    if not walls:
-        return (), None
-    nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, grid.cell_size)
-    _require_standing(walls, nodes, grid, everything)
-    return tuple(walls), nodes
+    return tuple(walls)
 
 
 def _wall_name(table, feature_name, k, count):
@@ -147,20 +153,20 @@ def _require_standing(walls, nodes, grid, frame):
     closed = np.where(nodes.share > 0.0, 0, nodes.number)
     under = closed[np.clip(j, 0, grid.bed.shape[0] - 1), np.clip(i, 0, grid.bed.shape[1] - 1)]
     for number, wall in enumerate(walls, 1):
-        mine = nodes.number == number
-        if not mine.any():
-            raise InputError(f"barrier '{wall.name}' lies outside the terrain; check its CRS, or use a larger DTM")
-        above = (nodes.crest - grid.bed)[mine]
+        own = nodes.number == number
+        if not own.any():
+            raise InputError(f"barrier '{wall.name}' is outside the terrain; check its CRS, or use a larger DTM")
+        above = (nodes.crest - grid.bed)[own]
         if wall.crest is not None and above.max() <= 0:
             raise InputError(
                 f"barrier '{wall.name}': its crest at {wall.crest:g} m is below the terrain, which is at "
-                f"{grid.bed[mine].min():.1f} to {grid.bed[mine].max():.1f} m there; give a higher crest, or height"
+                f"{grid.bed[own].min():.1f} to {grid.bed[own].max():.1f} m there; give a higher crest, or height"
             )
         if wall.crest is not None and (buried := np.mean(above <= 0)) > 0.01:
             log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
         if (under == number).any():
             raise InputError(
-                f"barrier '{wall.name}' stands on the release ({int((under == number).sum())} columns start inside it, "
+                f"barrier '{wall.name}' is on the release ({int((under == number).sum())} columns start inside it, "
                 f"including one cell on each side); move it, or take a smaller [numerics] cell_size"
             )
         thin, least = 2.0 * half_thickness(wall.footprint), 2.0 * (FACE_CELLS + CORE_CELLS) * grid.cell_size
@@ -188,8 +194,8 @@ def erodible_mass(table, files, path, grid, flow_density):
         Thickness missing, given twice, negative, or nowhere on the terrain.
     """
     x, y = grid.node_points()
-    told = _raster_thickness if files.features is None else _polygon_thickness
-    thickness = told(table, files, path, x, y)
+    thickness_from = _raster_thickness if files.features is None else _polygon_thickness
+    thickness = thickness_from(table, files, path, x, y)
     inner = grid.domain_nodes()
     if not thickness[inner].any():
         raise InputError(f"{path}: no erodible ground on this terrain; check its CRS and its values")
@@ -225,7 +231,7 @@ def _polygon_thickness(table, files, path, x, y):
 
 
 def lake_levels(table, files, grid, frame):
-    """Still level in the cells of every lake [m], NO_LAKE elsewhere; `frame` holds the columns at the start.
+    """Still-water level in the cells of every lake [m], NO_LAKE elsewhere; `frame` has the initial columns.
 
     Without files every water body below the StillWaterTable's level that is filled counts.
 
@@ -291,7 +297,7 @@ def levelled(frame, levels, grid):
     kept = thickness > DRY
     volume = (thickness * p.area)[kept]
     change = volume.sum() / p.volume.sum() - 1.0
-    if abs(change) > TOLD:
+    if abs(change) > REPORTED_CHANGE:
         log.info(f"[still_water]: the release is filled to the still level, its volume by {100 * change:+.2g} %")
     particles = replace(p, thickness=thickness, id=None).take(kept)
     return replace(frame, particles=replace(particles, volume=volume, mass=density * volume))

@@ -1,7 +1,7 @@
 """Inactive features on the map: an effect is switched on before the flow reaches its feature.
 
-The kernels stop before a step in which a particle would give mass to a block of nodes that holds such a feature.
-An effect changes nothing but its own nodes, so switching it on at that moment gives the same result as from
+The kernels stop before a step in which a particle would add mass to a block of nodes with such a feature.
+An effect acts only on its own nodes, so switching it on at that moment gives the same result as from
 the start: no step is repeated, and no flow is ever on a feature whose effect is off.
 """
 
@@ -15,15 +15,15 @@ MOST_FEATURES = 8  # bits of the mark of a block of nodes
 
 
 class Feature(NamedTuple):
-    """One effect that a scene has by place and that is off; `nodes` bool[ny + 3, nx + 3] is where it would act."""
+    """A spatial effect of a scene that is off; `nodes` bool[ny + 3, nx + 3] are the nodes on which it would act."""
 
     effect: str  # as in a Decision
-    words: str  # what it is, and why it is off
+    words: str  # description, and reason for which it is off
     nodes: np.ndarray
 
 
 class TakenIn(NamedTuple):
-    """When [s] and where (map E, N [m] of a particle) the flow came to a feature whose effect is on since then."""
+    """Time [s] and place (map E, N [m] of a particle) where the flow reached a feature and switched its effect on."""
 
     effect: str
     words: str
@@ -32,7 +32,7 @@ class TakenIn(NamedTuple):
     north: float
 
     def line(self):
-        """In a sentence."""
+        """As a message."""
         return (
             f"t = {self.time:.2f} s, E {self.east:.1f} N {self.north:.1f}: the flow comes to {self.words}; the effect "
             f"'{self.effect}' is on from here"
@@ -40,13 +40,13 @@ class TakenIn(NamedTuple):
 
 
 class Watch:
-    """What a solver looks out for.
+    """Features that a solver watches.
 
     Parameters
     ----------
     features : sequence of Feature
     with_effects : callable
-        (names of effects that are on besides) -> (effects, Places, walls) to march with.
+        (names of additional effects) -> (effects, Places, walls) for the solver.
     """
 
     def __init__(self, features, with_effects):

@@ -1,1 +1,1 @@
-"""One file a verb: path in, path out; wiring only."""
+"""One module per verb: reads its inputs, calls the computation, writes its files."""

@@ -1,42 +1,30 @@
-"""Where an answer about results goes: a folder of files, or the one of them that the suffix of -o asks for."""
+"""Output of verbs about results: a folder of files, or one file chosen by the suffix of -o."""
 
 import re
-from dataclasses import dataclass, fields
 from pathlib import Path
 
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
 from ..io.links import is_above
-from .export import ExportRequest
 from .opened_results import result_name
 
-FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder called run_1.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnswerRequest:
-    """What every question about results says: `results` (ExportRequest: which, and how their cells are averaged),
-    where the answer goes, and whether it replaces an earlier one."""
-
-    results: ExportRequest
-    output: Path | None = None
-    overwrite: bool = False
+FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder named run_1.5
 
 
 def answer_output(request, word, files):
-    """Path to write to: the one asked for, else the folder `<name>_<word>` beside the results.
+    """Output path: that of the request, else the folder `<name>_<word>` beside the results.
 
     Parameters
     ----------
     request : AnswerRequest
     word : str
     files : sequence of str
-        Names of the files that the answer is made of.
+        Names of the output files.
 
     Raises
     ------
     InputError, OutputError
-        A suffix that none of the files has; it exists; it holds the results, or another file that is asked with.
+        As `checked_output`.
     """
     frames, output = request.results.frames, request.output
     if output is None:
@@ -44,7 +32,7 @@ def answer_output(request, word, files):
         folder = path if path.is_dir() else path.parent
         folder = folder if folder.name not in ("", "..") else folder.resolve()
         output = folder.parent / f"{result_name(request.results)}_{word}"
-    return checked_output(output, files, request.overwrite, (*frames, *_files_asked_with(request)))
+    return checked_output(output, files, request.overwrite, (*frames, *request.paths()))
 
 
 def checked_output(output, files, overwrite, read):
@@ -55,43 +43,37 @@ def checked_output(output, files, overwrite, read):
     output : path
         A folder for all `files`, or one file with the suffix of one of them.
     files : sequence of str
-        Names of the files that the answer is made of.
+        Names of the output files.
     overwrite : bool
     read : iterable of path
-        What the answer is made from.
+        The inputs.
 
     Raises
     ------
     InputError, OutputError
-        A suffix that none of the files has; it exists; it holds something of what is read.
+        None of the files has this suffix; the output exists; it contains an input.
     """
     output = Path(output)
     suffixes = list(dict.fromkeys(Path(name).suffix for name in files))
     if output.suffix.lower() not in suffixes and FILE_SUFFIX.fullmatch(output.suffix):
-        raise InputError(f"-o {output}: wanted {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
+        raise InputError(f"`output={output}`: expected {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
     refuse_existing(output, overwrite)
     for path in read:
         if is_above(output, Path(path).resolve()):
-            raise OutputError(f"{output} holds {path}, which is asked about, and would be replaced; give another -o")
+            raise OutputError(f"{output} contains the input {path} and would be replaced; give another `output`")
     return output
 
 
-def _files_asked_with(request):
-    """Paths of the lines, points, guidelines, ... of a question, and of the DTM."""
-    values = [getattr(request, field.name) for field in fields(request) if field.name != "output"]
-    return [value for value in (*values, request.results.dem, request.results.sidecar) if isinstance(value, Path)]
-
-
 def write_answer(request, output, writers):
-    """Write the files of an answer, all or none.
+    """Write the output files, all or none.
 
     Parameters
     ----------
-    request : AnswerRequest or another that says `overwrite`
+    request : AnswerRequest or another one with `overwrite`
     output : Path
-        As `answer_output` or `checked_output` gives it.
+        From `answer_output` or `checked_output`.
     writers : dict of str to callable
-        File name -> function of the path to write; where `output` is one file, the first of its suffix is written.
+        File name -> function of the path to write; if `output` is one file, the first with its suffix is called.
 
     Returns
     -------

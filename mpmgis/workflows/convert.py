@@ -11,7 +11,6 @@ from ..conversion.columns import points_to_columns
 from ..conversion.options import ColumnOptions, PointOptions
 from ..conversion.points import columns_to_points
 from ..errors import InputError, OutputError
-from ..interop.declarations import Declarations
 from ..interop.frame_list import OWN, list_frames
 from ..io.atomic import refuse_existing
 from ..io.frames import read_frame, write_frame
@@ -20,29 +19,26 @@ from ..io.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..machine import memory_lack
 from ..messages import log
 from .export_inputs import run_terrain
+from .requests import FrameSource
 
-BYTES_PER_POINT = 320  # at the most, with a velocity gradient and the frame's file
+BYTES_PER_POINT = 320  # at most, with a velocity gradient and the frame's file
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ConvertRequest:
-    """What is to be converted: a frame's file, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the
-    current folder), the terrain: `dem` (None: the one that the frame names), `crs` and `dem_band` as for
-    `read_terrain`; which of several frames, by its time `at_time` [s]; what is said about another code's files."""
+    """A conversion: the file of a frame, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the current
+    folder), the time `at_time` [s] of one of several frames, and the declarations about DTM and frames."""
 
     source: Path
     output: Path | None = None
     overwrite: bool = False
-    dem: Path | None = None
-    crs: str | None = None
-    dem_band: int | None = None
     at_time: float | None = None
-    terms: Declarations = field(default_factory=Declarations)
+    declared: FrameSource = field(default_factory=FrameSource)
 
 
 @dataclass(frozen=True)
 class Written:
-    """The file of the converted frame, that of points that stay points (None: there are none), and the report."""
+    """The file of the converted frame, the file of points that remain points (or None), and the report."""
 
     path: Path
     rest: Path | None
@@ -50,7 +46,7 @@ class Written:
 
 
 def convert_to_points(request, options=None):
-    """Turn the columns in `request.source` into points, as PointOptions `options` ask.
+    """Convert the columns in `request.source` to points with PointOptions `options`.
 
     Raises
     ------
@@ -69,16 +65,16 @@ def convert_to_points(request, options=None):
     header = points.frame.header | {
         "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
     }  # fmt: skip
-    state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}  # as the points' own
-    placed = _placed(replace(points.frame, header=header, state=state), terrain, path)
-    (write_las if is_point_cloud(path) else write_frame)(path, placed)
+    state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}
+    frame = _with_terrain(replace(points.frame, header=header, state=state), terrain, path)
+    (write_las if is_point_cloud(path) else write_frame)(path, frame)
     for line in account_of_points(points.report, options):
         log.info(line)
     return Written(path, None, points.report)
 
 
 def write_point_cloud(request):
-    """Write the points in `request.source`, as they are, to the .las file `request.output`.
+    """Write the points in `request.source` unchanged to the .las file `request.output`.
 
     Raises
     ------
@@ -87,8 +83,8 @@ def write_point_cloud(request):
     """
     path, entry = _output(request, "points"), _entry(request)
     require_point_cloud(path)
-    if entry.reader == OWN and request.crs is not None:
-        raise InputError(f"{entry.path} is a frame of mpmgis, which has its CRS; leave --crs out")
+    if entry.reader == OWN and request.declared.crs is not None:
+        raise InputError(f"{entry.path} is a frame of mpmgis, which contains its CRS; leave `crs` out")
     frame = whole_frame(entry)
     if frame.crs is None:
         log.info(f"{path}: the frame has no CRS, so the point cloud has none")
@@ -97,9 +93,9 @@ def write_point_cloud(request):
 
 
 def convert_to_columns(request, options=None):
-    """Gather the points in `request.source` into columns, as ColumnOptions `options` ask.
+    """Convert the points in `request.source` to columns with ColumnOptions `options`.
 
-    Points that stay points go to `<output>_points.h5` beside the output.
+    Points that remain points are written to `<output>_points.h5` beside the output.
 
     Raises
     ------
@@ -121,24 +117,24 @@ def convert_to_columns(request, options=None):
 
 
 def _write_both(columns, path, rest, terrain):
-    """The columns to `path` and the points that are left to `rest`; neither without the other."""
+    """Write the columns to `path` and the remaining points to `rest`, both or none."""
     if columns.rest is not None:
-        write_frame(rest, _placed(columns.rest, terrain, rest))
+        write_frame(rest, _with_terrain(columns.rest, terrain, rest))
     particles = columns.frame.particles
     try:
-        write_columns(path, _placed(columns.frame, terrain, path), len(particles), [particles])
+        write_columns(path, _with_terrain(columns.frame, terrain, path), len(particles), [particles])
     except BaseException:
         rest.unlink(missing_ok=True)
         raise
 
 
 def dimension_of(request):
-    """2 where the frame that is to be converted holds columns, 3 where it holds points."""
+    """2 if the frame to convert contains columns, 3 if points."""
     return _entry(request).header.dimension
 
 
 def listed(sources, terms):
-    """The FrameEntries of some files, ours or another code's, by time.
+    """The FrameEntries of some files, of mpmgis or another code, by time.
 
     Raises
     ------
@@ -147,12 +143,12 @@ def listed(sources, terms):
     """
     entries = list_frames(sources, terms)
     if entries[0].reader == OWN and terms.density is not None:
-        raise InputError(f"{entries[0].path} is a frame of mpmgis, which has its density; leave --density out")
+        raise InputError(f"{entries[0].path} is a frame of mpmgis, which contains its density; leave `density` out")
     return entries
 
 
 def whole_frame(entry):
-    """The Frame of a FrameEntry, with all that its file keeps."""
+    """The Frame of a FrameEntry, with all data of its file."""
     if entry.reader == OWN:
         return read_frame(entry.path)
     frame = entry.read()
@@ -160,14 +156,14 @@ def whole_frame(entry):
 
 
 def _entry(request):
-    """The FrameEntry that is to be converted: the only one, or that at the time asked for."""
-    entries = listed([request.source], request.terms)
+    """The FrameEntry to convert: the only one, or that at `at_time`."""
+    entries = listed([request.source], request.declared.terms())
     if request.at_time is not None:
         return entry_at(entries, request.at_time)
     if len(entries) > 1:
         raise InputError(
-            f"{request.source} holds {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; say "
-            "which with --at-time"
+            f"{request.source} contains {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; "
+            "choose one with `at_time`"
         )
     return entries[0]
 
@@ -190,43 +186,43 @@ def _output(request, kind):
     path = Path(request.output) if request.output is not None else Path(f"{Path(request.source).stem}_{kind}.h5")
     refuse_existing(path, request.overwrite)
     if path.is_dir():
-        raise OutputError(f"{path} is a folder, wanted the name of a file; give another -o")
+        raise OutputError(f"{path} is a folder, expected the name of a file; give another `output`")
     return path
 
 
 def _inputs(request, path, dimension):
-    """(the frame, its terrain); both are refused as what the output would replace."""
+    """(the frame, its terrain); an error if the output would replace one of their files."""
     entry = _entry(request)
     source, is_of = entry.path, entry.header.dimension
     if is_of != dimension:
         kinds = {2: "columns", 3: "points"}
-        raise InputError(f"{source} holds {kinds[is_of]} already; --to {kinds[is_of]} makes them of {kinds[dimension]}")
-    terrain = run_terrain(request, [entry], path)
+        raise InputError(f"{source} already contains {kinds[is_of]}; `to={kinds[is_of]}` requires {kinds[dimension]}")
+    terrain = run_terrain(request.declared, [entry], path)
     _refuse_replacing(path, request, terrain)
     frame = whole_frame(entry)
     if "assumed_density" in frame.header:
         log.info(
-            f"{source} holds mass or volume alone; the density is taken as {frame.header['assumed_density']:g} kg m-3"
+            f"{source} contains only mass or volume; a density of {frame.header['assumed_density']:g} kg m-3 is assumed"
         )
     return frame, terrain
 
 
 def _refuse_replacing(path, request, terrain):
-    """No conversion takes the place of what it is made from, --overwrite or not."""
+    """Refuse to replace an input, even with `overwrite`."""
     for given in (request.source, terrain.path):
         if given and path.exists() and Path(given).exists() and path.samefile(given):
-            raise OutputError(f"{path} is what the frame is made from and would be replaced; give another -o")
+            raise OutputError(f"{path} is an input and would be replaced; give another `output`")
 
 
 def require_point_memory(count, spacing):
-    """Refuse before the work what this machine cannot hold (H25)."""
+    """Refuse, before the work, more points than the memory of this machine allows."""
     if lack := memory_lack(count * BYTES_PER_POINT):
         raise InputError(
-            f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; take a wider --spacing, or larger cells"
+            f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; use a wider `spacing`, or larger cells"
         )
 
 
-def _placed(frame, terrain, path):
-    """The frame with its terrain's CRS, and with the terrain's path as seen from its own file."""
+def _with_terrain(frame, terrain, path):
+    """The frame with its terrain's CRS, and with the terrain's path relative to the frame's file."""
     crs = frame.crs if frame.crs is not None else terrain.grid.crs
     return replace(frame, crs=crs, dem=system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..analysis.frame_values import Averaging, average_frame
 from ..analysis.maxima import RunningMaxima, SolverPeaks
-from ..analysis.quantities import PRODUCTS, RUNNING, choose_products
+from ..analysis.quantities import PRODUCTS, choose_products
 from ..errors import GeoreferenceError, InputError
 from ..fields import BAND
 from ..interop.frame_list import list_frames
@@ -17,15 +17,14 @@ from ..io.exported import is_export
 from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, same_place
-from .export import ExportRequest, make_plan
 from .export_inputs import refuse_nowhere, run_terrain
+from .export_plan import make_plan
 from .parallel import frame_pool
-from .python_options import AveragingOptions, require_known
 
 
 @dataclass(frozen=True)
 class GivenFrame:
-    """A Frame in memory, with what an export asks of one on disk."""
+    """A Frame in memory with the interface of a FrameEntry."""
 
     frame: Frame
     path: Path = Path("the frame")
@@ -47,21 +46,25 @@ class GivenFrame:
         return len(self.frame.particles)
 
     def read(self, density=1000.0):
-        """The frame, whatever `density` is: mass and volume are there."""
+        """The frame, which has mass and volume: `density` is not used."""
         return self.frame
 
     def read_positions(self):
-        """The frame, which has more than places."""
+        """The frame."""
         return self.frame
 
     def read_maxima(self):
         """Running peaks of the solver."""
         return self.frame.maxima
 
+    def read_bed_change(self):
+        """What the flow took from its bed."""
+        return self.frame.bed_change
+
 
 @dataclass(frozen=True)
 class AveragedSteps:
-    """Answers a step's FrameValues, read and averaged anew each time: `entries` of the steps, on `terrain`."""
+    """Callable: FrameValues of a step, read and averaged at each call; `entries` of the steps, on `terrain`."""
 
     entries: tuple
     averaging: Averaging
@@ -77,14 +80,14 @@ class AveragedSteps:
 
 @dataclass(frozen=True)
 class SolverMaxima:
-    """Answers what the solver kept of every step, on the cells of `averaging`: name of the band -> float32."""
+    """Callable: the solver's maxima over all steps on the cells of `averaging`, band name -> float32."""
 
     peaks: SolverPeaks
     averaging: Averaging
 
     @property
     def names(self):
-        """The maxima bands that it serves."""
+        """Names of the maxima bands."""
         return self.peaks.bands(self.averaging.min_depth)
 
     def __call__(self):
@@ -95,15 +98,17 @@ class SolverMaxima:
         return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
 
 
-def open_results(folder, dem=None, **options):
-    """A folder as a lazy xarray.Dataset: an exported one as it is, one of frames averaged step by step when asked for.
+def open_results(folder, request, dem=None, given=()):
+    """A folder as a lazy xarray.Dataset: an export, or frames that are averaged when values are needed.
 
     Parameters
     ----------
     folder : str or Path
     dem : as of `depth_average`
-    **options
-        `AveragingOptions`, for frames; `extent` is "dtm" unless it is given, because "flow" reads all frames first.
+    request : ExportRequest
+        Of frames.
+    given : sequence of str
+        Names of the options given, which are an error for an exported folder.
 
     Raises
     ------
@@ -111,24 +116,22 @@ def open_results(folder, dem=None, **options):
     """
     folder = Path(folder)
     if is_export(folder):
-        idle = [*(["dem"] if dem is not None else []), *options]
+        idle = [*(["dem"] if dem is not None else []), *given]
         if idle:
-            raise InputError(f"{folder} is an exported folder, its cells are fixed; {', '.join(idle)} is for frames")
+            raise InputError(f"{folder} is an exported folder with fixed cells; {', '.join(idle)} requires frames")
         return open_export(folder)
-    request = _request(folder, options, "open_results")
-    return _dataset(request, list_frames([folder], request.terms()), dem, lazy=True)
+    return _dataset(request, list_frames([folder], request.source.terms()), dem, lazy=True)
 
 
-def depth_average(frame, dem=None, **options):
+def depth_average(frame, request, dem=None):
     """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
 
     Parameters
     ----------
     frame : str, Path or Frame
     dem : path, Terrain or xarray.DataArray (rioxarray), optional
-        Default: the DTM that the frame names.
-    **options
-        `AveragingOptions`.
+        Default: the DTM named in the frame.
+    request : ExportRequest
 
     Returns
     -------
@@ -140,25 +143,17 @@ def depth_average(frame, dem=None, **options):
     MpmgisError
     """
     given = isinstance(frame, Frame)
-    request = _request("the frame" if given else frame, options, "depth_average")
-    entries = (GivenFrame(frame),) if given else list_frames([frame], request.terms())
+    entries = (GivenFrame(frame),) if given else list_frames([frame], request.source.terms())
     if len(entries) > 1:
-        raise InputError(f"{frame} holds {len(entries)} frames, wanted one; mpmgis.open_results averages them all")
+        raise InputError(f"{frame} contains {len(entries)} frames, expected one; mpmgis.open_results averages them all")
     return _dataset(request, entries, dem, lazy=False).isel(time=0)
 
 
-def _request(frames, options, where):
-    require_known(options, AveragingOptions, where)
-    if RUNNING in options.get("products", ()):
-        raise InputError(f"{where}: products={RUNNING!r} is of exported folders; here it is .max('time')")
-    return ExportRequest(frames=(frames,), **({"extent": "dtm", "north_up": True} | options))
-
-
 def _dataset(request, entries, dem, lazy):
-    """The steps averaged when they are asked for, with the solver's maxima; or, not `lazy`, the first one in memory."""
-    products = choose_products(request.products)
+    """The steps, averaged when needed, with the solver's maxima; if not `lazy` the first step in memory."""
+    products = choose_products(request.files.products)
     if dem is None or isinstance(dem, (str, Path)):
-        terrain = run_terrain(replace(request, dem=None if dem is None else Path(dem)), entries, None)
+        terrain = run_terrain(replace(request.source, dem=None if dem is None else Path(dem)), entries, None)
     else:
         terrain = _terrain_in_memory(dem, entries[0])
     with frame_pool() as pool:

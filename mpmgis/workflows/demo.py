@@ -1,4 +1,4 @@
-"""The whole chain on the sample site that is shipped with mpmgis."""
+"""`mpmgis demo`: the whole workflow on the shipped sample site."""
 
 import shutil
 from pathlib import Path
@@ -15,13 +15,14 @@ from ..io.release_areas import read_release
 from ..messages import details, muted
 from ..reports.picture import write_picture
 from ..scene import read_scene
-from .export import ExportRequest, export_raster
+from .export_raster import export_raster
 from .export_rasters import DEPOSIT_BANDS
+from .requests import ExportRequest, FrameSource
 from .run import run
 
 SITE = "lava_falls"
 _PACKAGE = Path(__file__).resolve().parents[1]
-# A wheel carries the data inside the package (pyproject.toml maps them there); a checkout has them beside it.
+# A wheel has the data inside the package (see pyproject.toml), a checkout beside it.
 _PLACES = (_PACKAGE / "sample_data", _PACKAGE.parent / "sample_data")
 
 
@@ -31,7 +32,7 @@ def sample_folder(site=SITE):
     Raises
     ------
     InputError
-        The data are not there: a stripped installation.
+        The data are missing in this installation.
     """
     for place in _PLACES:
         if (place / site / "scene.toml").is_file():
@@ -47,7 +48,7 @@ def demo(output, *, overwrite=False, threads=None, watch=lambda solver, end_time
          progress=lambda done, total: None):  # fmt: skip
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
 
-    With `overwrite` an earlier demo in `output` is replaced, and nothing that is not one.
+    With `overwrite` an earlier demo in `output` is replaced, but no other files.
 
     Returns
     -------
@@ -65,7 +66,9 @@ def demo(output, *, overwrite=False, threads=None, watch=lambda solver, end_time
     with details():
         summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, watch=watch)
     frames = tuple(sorted((output / SITE).glob("frame_*.h5")))
-    request = ExportRequest(frames, output / f"{SITE}_gis", overwrite=overwrite, workers=threads)
+    request = ExportRequest(
+        source=FrameSource(frames=frames), output=output / f"{SITE}_gis", overwrite=overwrite, workers=threads
+    )
     with details():
         project = export_raster(request, progress)[0]
     picture = output / f"{SITE}.png"

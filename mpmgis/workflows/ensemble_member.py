@@ -1,4 +1,4 @@
-"""One member of an ensemble: a scene run, its peaks as a raster, what it came to as a record."""
+"""One member of an ensemble: runs a scene, writes its maxima as a raster and its figures as a record."""
 
 import time
 from dataclasses import dataclass
@@ -13,21 +13,20 @@ from ..analysis.sampling import export_grid
 from ..effects.own_law import NO_OWN_LAWS, load_laws
 from ..errors import InputError, UnphysicalError, one_line
 from ..experiments.measures import centre_of
-from ..experiments.statistics import MEMBER_BANDS
-from ..fields import BAND
+from ..fields import BAND, MEMBER_BANDS, Quantity
 from ..io.atomic import whole_file
-from ..io.ensemble_folder import member_files, read_member, write_member
+from ..io.ensemble_folder import deposit_file, member_files, read_member, write_member
 from ..io.raster_output import write_rows
 from ..io.run_folder import RunFolder
 from ..kernels.laws import use_own_laws
 from ..messages import muted
 from ..scene import scene_from_tables
-from .run import march_into, use_threads
+from .run import integrate_into, use_threads
 from .run_setup.prepare import prepare_scene
 from .run_setup.sequence import Sequence
-from .run_setup.warmup import rehearse
+from .run_setup.warmup import warm_up
 
-FIGURES = {  # of a member: what it is called in the table -> what it is
+FIGURES = {  # of a member: column of the table -> description
     "end_time_s": "simulated time at the end",
     "steps": "steps of the solver",
     "runout_m": "distance on the map from the release's centre of mass to the farthest cell that was reached",
@@ -40,28 +39,33 @@ FIGURES = {  # of a member: what it is called in the table -> what it is
 }
 
 
+DEPOSITED = Quantity("t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32")
+
+
 @dataclass(frozen=True)
 class MemberTask:
-    """All that a worker needs to run a member, wherever it is; it goes there as it is.
+    """All data that a worker needs to run a member; it is pickled.
 
     Parameters
     ----------
     number : int
     digest : str
-        Of everything that decides its result.
+        Of all inputs of its result.
     tables : dict
         The scene.
     scene_folder, name : str
-        What its paths are relative to, and what it is called in messages.
+        Folder to which its paths are relative, and its name in messages.
     law : str or None
-        File with laws of friction of the user's own.
+        File with the user's own friction laws.
     output : str
-        Folder for what members leave.
+        Folder for results of members.
     cell_size : float or None [m]
         Of its raster; None: the DTM's cells.
     min_depth : float [m]
     frames : bool
-        Keep them.
+        Keep the frames.
+    deposit : bool
+        Keep the vertical thickness at the end.
     """
 
     number: int
@@ -74,36 +78,36 @@ class MemberTask:
     cell_size: float | None
     min_depth: float
     frames: bool = False
+    deposit: bool = False
 
     def prepared(self):
-        """Everything before the first step, as of any run."""
+        """The Prepared run."""
         own = NO_OWN_LAWS if self.law is None else load_laws(self.law)
         use_own_laws(own)
         return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
 
     def averaging(self, prepared):
-        """How its frames are averaged: as an export of them would."""
+        """Averaging of its frames, as in an export."""
         return Averaging(
             bed=Bed.of(prepared.terrain),
             grid=export_grid(prepared.terrain.grid, self.cell_size),
             density=prepared.frame.header["density"],
-            names=PRODUCTS_NEEDED,
+            names=(*PRODUCTS_NEEDED, "mass") if self.deposit else PRODUCTS_NEEDED,
             min_depth=self.min_depth,
         )
 
 
 def run_member(task, look=lambda *state: None):
-    """Run a member unless it is done; answers its record, which lies beside its raster when both are whole.
+    """Run a member unless it is finished; returns its record, which is also written.
 
-    A run that stops itself because it became unphysical is an outcome, and so is one that its inputs do not allow.
-    `look` is called a few times a second.
+    Runs that become unphysical or whose inputs are refused also give a record. `look` is called a few times a second.
     """
-    done = read_member(task.output, task.digest, task.frames)
+    done = read_member(task.output, task.digest, task.frames, task.deposit)
     if done is not None:
         return done
     began, used = time.perf_counter(), time.process_time()
     try:
-        record = _run(task, look)
+        record = run_task(task, look)
     except UnphysicalError as error:
         record = {"status": "unphysical", "reason": one_line(error)}
     except InputError as error:
@@ -119,8 +123,11 @@ def run_member(task, look=lambda *state: None):
 
 
 @muted()
-def _run(task, look):
+def run_task(task, look):
+    """Run a MemberTask and write its raster; its record without digest and time."""
+    began = time.perf_counter()
     prepared = task.prepared()
+    preparing = time.perf_counter() - began
     use_threads(prepared.particles, 1)
     averaging = task.averaging(prepared)
     sequence = _Peaks(prepared, averaging, look)
@@ -129,7 +136,7 @@ def _run(task, look):
         folder = RunFolder(kept, overwrite=True)
         with folder.held():
             folder.open()
-            march_into(folder, sequence, False)
+            integrate_into(folder, sequence, False)
     else:
         for _ in sequence:
             pass
@@ -140,22 +147,37 @@ def _run(task, look):
             part, grid, [BAND[name] for name in MEMBER_BANDS], tags,
             lambda band, first, last: maxima.rows(MEMBER_BANDS[band], first, last, grid.shape[1]),
         )  # fmt: skip
-    return {"status": "finished", "reason": sequence.reason, **_figures(prepared, sequence, averaging)}
+    if task.deposit:
+        _write_deposit(task, sequence, averaging, tags)
+    figures = _figures(prepared, sequence, averaging)
+    return {"status": "finished", "reason": sequence.reason, "prepare_seconds": preparing, **figures}
+
+
+def _write_deposit(task, sequence, averaging, tags):
+    """Write the vertical thickness of the last frame as a raster."""
+    index, thickness = sequence.at_end
+    values = np.full(averaging.grid.shape, np.nan)
+    values.flat[index] = thickness
+    with whole_file(deposit_file(task.output, task.digest)) as part:
+        write_rows(part, averaging.grid, [DEPOSITED], tags, lambda band, first, last: values[first:last])
 
 
 class _Peaks(Sequence):
-    """A run whose frames leave their peaks on the cells of a raster as they go by, and the solver's own at the end."""
+    """A run that collects the maxima of its frames, and at the end those of the solver, on the cells of a raster."""
 
     def __init__(self, prepared, averaging, look):
         super().__init__(prepared, look)
         rows, columns = averaging.grid.shape
         self.averaging, self.on_cells = averaging, RunningMaxima(rows * columns, averaging.min_depth)
+        self.at_end = np.empty(0, int), np.empty(0)
 
     def __iter__(self):
         last = None
         for frame in super().__iter__():
             values = average_frame(frame, self.averaging)
             self.on_cells.absorb(values.index, values.values, values.time, values.least)
+            if "mass" in values.values:
+                self.at_end = values.index, values.values["mass"] / self.averaging.density
             last = frame if frame.maxima else last
             yield frame
         peaks = None if last is None else SolverPeaks.of(last.maxima, last.time)
@@ -165,7 +187,7 @@ class _Peaks(Sequence):
 
 
 def _figures(prepared, sequence, averaging):
-    """What the table tells of a finished member; `extent` are the rows and columns with any peak, None without."""
+    """Figures of a finished member; `extent` are the rows and columns with maxima, None without."""
     maxima, grid = sequence.on_cells, averaging.grid
     depth, balances = maxima.values["h_max"], sequence.solver.balances()
     any_flow = np.flatnonzero(maxima.seen["h_max"])
@@ -194,7 +216,7 @@ def _figures(prepared, sequence, averaging):
 
 
 def _runout(prepared, grid, row, column):
-    """(distance [m], angle [degrees]) from the release's centre of mass to the farthest of some cells; None of none."""
+    """(distance [m], angle [degrees]) from the release's centre of mass to the farthest cell; (None, None) of none."""
     if not len(row):
         return None, None
     start, terrain = centre_of(prepared.seen), prepared.terrain
@@ -208,14 +230,14 @@ def _runout(prepared, grid, row, column):
 
 @muted()
 def warmed(task, prepared):
-    """Compile what a member needs in all its stages, so that workers find it in the disk cache and do not compile."""
+    """Compile the kernels of a member in all its stages, so that workers load them from the disk cache."""
     averaging = task.averaging(prepared)
-    for frame in rehearse(prepared):
+    for frame in warm_up(prepared):
         average_frame(frame, averaging)
 
 
 @muted()
 def warm_worker(tasks):
-    """Import and load in a worker what `tasks` need, before the first of them is timed."""
+    """Import modules and load kernels for `tasks` in a worker, before the first of them is timed."""
     for task in tasks:
         warmed(task, task.prepared())

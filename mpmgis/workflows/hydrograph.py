@@ -1,4 +1,4 @@
-"""`mpmgis hydrograph`: results and a section in, what goes through it over time out."""
+"""`mpmgis hydrograph`: volume and mass through a section over time."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,26 +24,27 @@ from ..errors import InputError
 from ..io.observed import read_line
 from ..messages import log
 from ..reports.series import write_hydrograph_plot, write_hydrograph_table
-from .answer_files import AnswerRequest, answer_output, write_answer
+from .answer_files import answer_output, write_answer
 from .opened_results import open_flow
 from .parallel import frame_pool
+from .requests import AnswerRequest
 
 PLOT_FILE, TABLE_FILE = "hydrograph.png", "hydrograph.csv"
 WORD = "hydrograph"
-BEYOND = 2.0  # diagonals of the raster by which a section is continued at both ends
+BEYOND = 2.0  # diagonals of the raster by which a section is extended at both ends
 METHODS = ("auto", "particles", "cells")
 
 
 @dataclass(frozen=True, kw_only=True)
 class HydrographRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     section: Path
     method: str = "auto"
 
 
-def hydrograph(request, progress=lambda done, total: None):
-    """Volume and mass through a section over time, counted by particles where they can be told apart.
+def hydrograph(request: HydrographRequest, progress=lambda done, total: None) -> HydrographFound:
+    """Volume and mass through a section over time, counted by particles where these have ids.
 
     Returns
     -------
@@ -52,12 +53,12 @@ def hydrograph(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        What cannot be read, a section that crosses itself or that lies off the raster, one frame alone.
+        Unreadable input, a section that crosses itself or is outside the raster, a single frame.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_flow(request.results, output)
     if len(flow.times) < 2:
-        raise InputError(f"{flow.name}: one frame, wanted two or more: what crosses is told between frames")
+        raise InputError(f"{flow.name}: one frame, expected two or more: discharge is computed between frames")
     section = _section(request.section, flow)
     found = (_found if flow.entries else _found_in_rasters)(request, flow, section, progress)
     writers = {
@@ -72,12 +73,12 @@ def _section(path, flow):
     section = read_line(path, flow.terrain.grid)
     line = shapely.LineString(section)
     if not line.is_simple or line.is_closed:
-        raise InputError(f"{path} crosses itself or is closed, wanted a line from one side of the flow to the other")
+        raise InputError(f"{path} crosses itself or is closed, expected a line from one side of the flow to the other")
     if not line.intersects(shapely.box(*flow.grid.bounds)):
         west, south, east, north = flow.grid.bounds
         raise InputError(
-            f"{path} lies off the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it anew, or "
-            "check its CRS"
+            f"{path} is outside the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it again, "
+            "or check its CRS"
         )
     return section
 
@@ -105,7 +106,7 @@ def _found(request, flow, section, progress):
     balance = _balance(crossed, beyond) if simple else None
     if not simple:
         log.info(
-            f"{request.section}: continued straight it crosses itself, so mass beyond it cannot be told: no balance"
+            f"{request.section}: extended straight it crosses itself, so that mass beyond it is not defined: no balance"
         )
     return _towards_more(flow, section, np.array(cells), crossed, balance)
 
@@ -113,12 +114,12 @@ def _found(request, flow, section, progress):
 def _found_in_rasters(request, flow, section, progress):
     """The HydrographFound of an export, by the flux of its cells."""
     if request.method == "particles":
-        raise InputError(f"--method particles: {flow.name} is an export, which keeps none; give the frames")
+        raise InputError(f"`method=particles`: {flow.name} is an export without particles; give the frames")
     missing = [name for name in RASTER_BANDS if name not in flow.steps.bands]
     if missing or flow.density is None:
         raise InputError(
-            f"{flow.name}: its steps have no {', '.join(missing) or 'density'}, of which the flux of the section's "
-            "cells is made; export with --products mass,Ut_E,Ut_N, or give the frames"
+            f"{flow.name}: its steps have no {', '.join(missing) or 'density'}, which the flux of cells requires; "
+            "export with `products` mass,Ut_E,Ut_N, or give the frames"
         )
     places, normals = section_pieces(section, 0.25 * flow.grid.cell_size)
     under = cells_of(flow.terrain.grid, *places.T)
@@ -139,13 +140,13 @@ def _require_counted(request, flow, crossed):
     if request.method == "particles" and missing is not None:
         names = [flow.entries[k].path.name for k in (missing, missing + 1)]
         raise InputError(
-            f"--method particles: {names[0]} and {names[1]} have no particles in common by id (none stored, an id "
-            "twice, or columns became points); take --method auto or cells"
+            f"`method=particles`: {names[0]} and {names[1]} have no particles in common by id (none stored, an id "
+            "twice, or columns became points); use `method=auto` or cells"
         )
 
 
 def _balance(crossed, beyond):
-    """The Balance of all intervals; None where one was not counted by particles."""
+    """The Balance of all intervals; None if one was not counted by particles."""
     if None in crossed:
         return None
     sums = (sum(getattr(counted, key) for counted in crossed) for key in ("mass", "round_mass", "began_beyond"))
@@ -165,13 +166,11 @@ def _towards_more(flow, section, cells, crossed, balance):
         azimuth, sign = (azimuth + 180.0) % 360.0, -1.0
     if not by_particles.all():
         why = (
-            "their particles have no ids in common, or --method says so"
-            if flow.entries
-            else "rasters know no particles"
+            "their particles have no ids in common, or `method=cells`" if flow.entries else "rasters have no particles"
         )
         log.info(
-            f"{np.count_nonzero(~by_particles)} of {len(crossed)} intervals are from the cells' flux at the frames, by "
-            f"the trapezoidal rule: {why}"
+            f"{np.count_nonzero(~by_particles)} of {len(crossed)} intervals are from the flux of cells at the frames, "
+            f"by the trapezoidal rule: {why}"
         )
     return HydrographFound(
         name=flow.name,

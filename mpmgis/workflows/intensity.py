@@ -1,15 +1,17 @@
-"""`mpmgis intensity`: results in, classes of a named guideline on a map out."""
+"""`mpmgis intensity`: classes of a named guideline on a map."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
-from ..analysis.comparison import upright
 from ..analysis.guidelines import Guideline, class_areas, classify
 from ..errors import InputError
+from ..io.building_layer import write_buildings
+from ..io.results import Result
+from ..messages import log
+from ..reports.class_map import write_class_map
 from ..reports.intensity import (
     choose_guideline,
     write_class_polygons,
@@ -17,26 +19,34 @@ from ..reports.intensity import (
     write_class_style,
     write_class_table,
 )
-from .answer_files import AnswerRequest, answer_output, write_answer
-from .opened_results import exported_peaks, read_peaks
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
+from .answer_files import answer_output, write_answer
+from .building_loads import building_loads
+from .export_inputs import terrain_of_rasters
+from .opened_results import peaks_of, read_peaks
+from .requests import AnswerRequest
 
 RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
 POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
-FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE)
+MAP_FILE, BUILDING_FILE = "intensity.png", "buildings.gpkg"
+FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE, MAP_FILE)
 WORD = "intensity"
 
 
 @dataclass(frozen=True, kw_only=True)
 class IntensityRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     guideline: str
     guidelines: Path | None = None
+    buildings: Path | None = None
+    drag: float = 2.0  # [1] C_d
 
 
 @dataclass(frozen=True)
 class IntensityFound:
-    """What was found: the result's `name`, the `guideline`, plan `areas` float64[classes] [m2], and the `files`."""
+    """The result's `name`, the `guideline`, plan `areas` float64[classes] [m2], and the `files`."""
 
     name: str
     guideline: Guideline
@@ -44,8 +54,8 @@ class IntensityFound:
     files: tuple
 
 
-def intensity(request, progress=lambda done, total: None):
-    """Classes of the largest values that each cell saw, as raster, polygons and areas.
+def intensity(request: IntensityRequest, progress=lambda done, total: None) -> IntensityFound:
+    """Classes of the largest values of each cell, as raster, polygons and areas.
 
     Returns
     -------
@@ -54,45 +64,77 @@ def intensity(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        An unknown guideline, what cannot be read, a flow that came nowhere; nothing is written then.
+        An unknown guideline, unreadable input, or a flow that reached no cell; nothing is written then.
     """
     guideline = choose_guideline(request.guideline, request.guidelines)
     output = answer_output(request, WORD, FILES)
-    with ExitStack() as stack:
-        of_rasters = ("density",) if "p_max" in guideline.bands else ()
-        result = exported_peaks(request.results, stack, progress, ("min_depth",), of_rasters)
-        bands, grid = _bands(result, guideline, request.results.density)
-    reached = np.nan_to_num(bands["h_max"]) >= request.results.min_depth
+    _require_folder(request, output)
+    of_rasters = ("density",) if "p_max" in guideline.bands else ()
+    result = peaks_of(request.results, progress, ("min_depth",), of_rasters)
+    bands, grid = bands_of(result, guideline, request.results.source.density)
+    reached = np.nan_to_num(bands["h_max"]) >= request.results.averaging.min_depth
     if not reached.any():
-        least = request.results.min_depth
-        raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller --min-depth")
+        least = request.results.averaging.min_depth
+        raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller `min_depth`")
     numbers = classify(guideline, bands, reached)
     areas = class_areas(guideline, numbers, grid.cell_area)
-    tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.min_depth:g}"}
+    tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.averaging.min_depth:g}"}
     writers = {
         RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, guideline, tags),
         STYLE_FILE: lambda path: write_class_style(path, guideline),
         POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, guideline, areas),
         TABLE_FILE: lambda path: write_class_table(path, guideline, areas),
     }
+    terrain = _terrain(request, result, grid, output)
+    if terrain is not None:
+        writers[MAP_FILE] = lambda path: write_class_map(path, terrain, grid, numbers, guideline, areas, result.name)
+    if request.buildings is not None:
+        least = request.results.averaging.min_depth
+        loaded = building_loads(request.results, request.buildings, request.drag, least, output)
+        writers[BUILDING_FILE] = lambda path: write_buildings(path, *loaded)
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
-def _bands(result, guideline, density):
-    """(band -> float[rows, columns], their Grid) of depth and of all that the guideline asks for."""
+def _require_folder(request, output):
+    """Refuse buildings where -o is one file, which would not be theirs."""
+    if request.buildings is not None and output.suffix.lower() in {Path(name).suffix for name in FILES}:
+        raise InputError(f"`output={output}` is one file, and `buildings` adds {BUILDING_FILE}; give a folder")
+
+
+def _terrain(request, result, grid, output):
+    """The Terrain of the map; None where no DTM is known, which leaves the map out."""
+    if isinstance(result.terrain, Terrain):
+        return result.terrain
+    path = request.results.source.dem or result.terrain
+    if path is not None:
+        return terrain_of_rasters(path, grid.crs, request.results.source.dem_band)
+    if output.suffix.lower() == Path(MAP_FILE).suffix:
+        raise InputError(f"{result.name}: no DTM is known, which {output.name} needs; give it with `dem`")
+    log.info(f"{result.name}: no DTM is known, so there is no {MAP_FILE}; give it with `dem`")
+    return None
+
+
+def bands_of(result: Result, guideline: Guideline, density: float | None) -> tuple[dict, Grid]:
+    """(band -> float[rows, columns], their Grid) of depth and of all bands of the guideline.
+
+    Raises
+    ------
+    InputError
+        A band is missing.
+    """
     names = tuple(dict.fromkeys(("h_max", *guideline.bands)))
     bands, grid = read_peaks(result, names, density)
     missing = [name for name in names if name not in bands]
     if missing:
         raise InputError(
-            f"{result.name} has no {', '.join(missing)}, which {guideline.name} asks for; {_CURES[missing[0]]}"
+            f"{result.name} has no {', '.join(missing)}, which {guideline.name} requires; {_FIXES[missing[0]]}"
         )
-    return bands, upright(grid)
+    return bands, grid
 
 
-_CURES = {  # band that is missing: what to do
-    "h_max": "wanted an export, or rasters called <name>_pft",
-    "Ut_max": "wanted an export, or rasters called <name>_pft and <name>_pfv, given by the beginning of their names",
-    "p_max": "wanted an export, rasters called <name>_ppr [kPa], or --density and <name>_pfv",
-    "h_deposit": "wanted an export with its last step",
+_FIXES = {  # by missing band
+    "h_max": "expected an export, or rasters named <name>_pft",
+    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
+    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
+    "h_deposit": "expected an export with its last step",
 }

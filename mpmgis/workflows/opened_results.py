@@ -1,7 +1,6 @@
-"""Results opened for questions: frames of any code or an exported folder, cells averaged as in an export."""
+"""Opened results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +16,14 @@ from ..io.results import names_rasters, open_result
 from ..messages import log
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
-from .export import ExportRequest, export_raster
-from .export_inputs import release_density, run_terrain, tell_of_columns, terrain_of_rasters
+from .export_inputs import log_unused_options, release_density, run_terrain, terrain_of_rasters
+from .export_raster import peaks_of_frames
 from .parallel import frame_pool
-
-EXPORTED_FOLDER = "gis"
 
 
 @dataclass(frozen=True)
 class FrameFlow:
-    """A flow as frames on disk: `entries` by time, the `terrain` under them, how their cells are averaged."""
+    """A flow as frames on disk: `entries` by time, their `terrain`, and the averaging of their cells."""
 
     name: str
     entries: tuple
@@ -61,8 +58,7 @@ class FrameFlow:
         dict of str to float64[steps, cells]
             Of the products `names`; NaN off the grid, and velocities where the flow is too shallow.
         """
-        wanted = tuple(name for name in PRODUCTS if name in names or name == "h")
-        averaging = replace(self.averaging, names=wanted)
+        averaging = replace(self.averaging, names=tuple(name for name in PRODUCTS if name in names or name == "h"))
         found = []
         with frame_pool() as pool:
             entries = [self.entries[step] for step in steps]
@@ -97,15 +93,15 @@ class ExportFlow:
 
     @property
     def density(self):
-        """Of the release [kg m-3]; None where the export does not say it."""
-        return self._said("density")
+        """Of the release [kg m-3]; None if the export has no such tag."""
+        return self._number("density")
 
     @property
     def min_depth(self):
         """Depth [m] from which there are velocities."""
-        return self._said("min_depth") or 0.0
+        return self._number("min_depth") or 0.0
 
-    def _said(self, tag):
+    def _number(self, tag):
         try:
             return float(self.steps.tags.get(tag))
         except (TypeError, ValueError):
@@ -116,8 +112,8 @@ class ExportFlow:
         missing = [name for name in names if name not in self.steps.bands]
         if missing:
             raise InputError(
-                f"{self.name}: the exported steps have no {', '.join(missing)}; name the frames instead, or export "
-                f"them with --products {','.join(missing)}"
+                f"{self.name}: the exported steps have no {', '.join(missing)}; give the frames instead, or export "
+                f"with `products={','.join(missing)}`"
             )
         found = []
         for step in steps:
@@ -128,7 +124,7 @@ class ExportFlow:
 
 @dataclass(frozen=True)
 class RasterFlow:
-    """A flow of which only rasters of its largest values are known, as other codes leave them, on a `terrain`."""
+    """A flow known only by rasters of its largest values, as other codes write them, on a `terrain`."""
 
     name: str
     terrain: Terrain
@@ -140,10 +136,10 @@ class RasterFlow:
 
 
 def open_flow(request, output, peaks_do=False, used=()):
-    """The flow that `request` (ExportRequest) names: frames, one exported folder, or rasters of its largest values.
+    """The flow of `request` (Results): frames, one exported folder, or rasters of its largest values.
 
-    `output` is where the answers go: a DTM in there is refused. `peaks_do`: largest values are enough.
-    `used`: options of frames that the question has a use for with rasters of these, too.
+    `output` is the output path, which must not contain the DTM. `peaks_do`: largest values are sufficient.
+    `used`: options of frames that also apply to rasters of largest values.
 
     Returns
     -------
@@ -161,29 +157,29 @@ def open_flow(request, output, peaks_do=False, used=()):
 
 
 def open_frames(request, output, why=""):
-    """As `open_flow`, of frames only; `why` rasters will not do is said in their refusal."""
+    """As `open_flow`, for frames only; `why` is the reason in the error for rasters."""
     for path in request.frames:
         if is_export(path):
-            raise InputError(f"{path} is an export; {why}; give the folder of the frames it was made from")
+            raise InputError(f"{path} is an export: {why}; give the folder of its frames")
         if names_rasters(path):
-            raise InputError(f"{path} names rasters; {why}; give the code's frames of particles")
-    entries = list_frames(request.frames, request.terms())
-    terrain = run_terrain(request, entries, output)
-    density = release_density(request, entries)
-    tell_of_columns(request, entries)
+            raise InputError(f"{path} are rasters: {why}; give the code's frames of particles")
+    entries = list_frames(request.frames, request.source.terms())
+    terrain = run_terrain(request.source, entries, output)
+    density = release_density(request.source, entries)
+    log_unused_options(request.averaging, entries)
     averaging = Averaging(
-        bed=Bed.of(terrain, request.bed, request.standoff),
-        grid=export_grid(terrain.grid, request.cell_size),
+        bed=Bed.of(terrain, request.averaging.bed, request.averaging.standoff),
+        grid=export_grid(terrain.grid, request.sampling.cell_size),
         density=density,
         names=(),
-        percentile=request.percentile,
-        min_depth=request.min_depth,
+        percentile=request.averaging.percentile,
+        min_depth=request.averaging.min_depth,
     )
     return FrameFlow(result_name(request), entries, terrain, averaging)
 
 
 def result_name(request):
-    """Name of a result: that of the folder of its frames or of the export, or how its rasters' names begin."""
+    """Name of a result: that of the folder of its frames or of the export, or the common beginning of its rasters."""
     path = Path(str(request.frames[0])).absolute()
     if not path.is_dir() and names_rasters(path):
         return path.stem
@@ -195,75 +191,62 @@ def _open_export(request):
     _require_alone(request)
     _refuse_options_of_frames(request)
     steps = open_steps(request.frames[0])
-    path = request.dem or steps.terrain
-    return ExportFlow(steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.dem_band))
+    path = request.source.dem or steps.terrain
+    return ExportFlow(
+        steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.source.dem_band, request.source.to_crs)
+    )
 
 
 def _open_rasters(request, peaks_do, used):
-    """The RasterFlow of rasters named for what they hold."""
+    """The RasterFlow of rasters with standard names."""
     path = request.frames[0]
     if not peaks_do:
-        raise InputError(f"{path} names largest values, which tell nothing over time; give frames, or an export")
+        raise InputError(f"{path} are rasters of largest values without times; give frames, or an export")
     _require_alone(request)
     _refuse_options_of_frames(request, used)
     result = open_result(path)
-    dem = request.dem or result.terrain
+    dem = request.source.dem or result.terrain
     if dem is None:
-        raise InputError(f"{path}: no DTM lies beside these rasters; give it with --dem")
+        raise InputError(f"{path}: there is no DTM beside these rasters; give it with `dem`")
     _, grid = next(iter(result.bands.values())).read()
-    terrain = terrain_of_rasters(dem, grid.crs, request.dem_band)
-    return RasterFlow(result_name(request), terrain, grid, request.density, request.min_depth)
+    terrain = terrain_of_rasters(dem, grid.crs, request.source.dem_band, request.source.to_crs)
+    return RasterFlow(result_name(request), terrain, grid, request.source.density, request.averaging.min_depth)
 
 
 def _require_alone(request):
     if len(request.frames) > 1:
         raise InputError(
-            f"{request.frames[0]} and {request.frames[1]}: of exports and rasters give one at a time, and no frames "
-            "beside it"
+            f"{request.frames[0]} and {request.frames[1]}: give one export or set of rasters at a time, without frames"
         )
 
 
 def _refuse_options_of_frames(request, used=()):
-    """A raster's cells are made: options that say how frames are read and averaged would change nothing.
-
-    `used` are those that the question itself has a use for.
-    """
-    told = [
-        field.name
-        for field in fields(ExportRequest)
-        if field.name not in ("frames", "dem", "dem_band", "output", "overwrite", *used)
-        and getattr(request, field.name) != field.default
-    ]
-    if told:
+    """Refuse options of reading and averaging frames, except those in `used`: they have no effect on rasters."""
+    given = [name for name in request.options_of_frames() if name not in used]
+    if given:
         raise InputError(
-            f"{request.frames[0]} holds rasters, whose cells are averaged already; the option for "
-            f"{', '.join(name.replace('_', ' ') for name in told)} is for frames"
+            f"{request.frames[0]} contains rasters, which are already averaged; "
+            f"{', '.join(f'`{name}`' for name in given)} requires frames"
         )
 
 
-def exported_peaks(request, stack, progress=lambda done, total: None, used=(), used_of_rasters=()):
-    """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, which are exported for it.
+def peaks_of(request, progress=lambda done, total: None, used=(), used_of_rasters=()):
+    """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, in memory.
 
-    `stack` (an ExitStack) keeps the temporary folder of that export; it goes with it. `used` are names of options of
-    frames that the question has a use for with an export, too, `used_of_rasters` with other rasters.
+    `used` are names of options of frames that also apply to an export, `used_of_rasters` to other rasters.
     """
-    import tempfile
-
     exported = any(is_export(path) for path in request.frames)
     if exported or any(names_rasters(path) for path in request.frames):
         _require_alone(request)
         _refuse_options_of_frames(request, used if exported else (*used, *used_of_rasters))
         return replace(open_result(request.frames[0]).with_export_names(), name=result_name(request))
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mpmgis-peaks-"))) / EXPORTED_FOLDER
-    asked = replace(request, output=folder, overwrite=False, time_step=math.inf, qgis=False)  # maxima, no steps
-    export_raster(asked, progress)
-    return replace(open_result(folder), name=result_name(request), kind="run")
+    return replace(peaks_of_frames(request, progress), name=result_name(request))
 
 
 def read_peaks(result, names, density=None):
-    """(Band -> float[rows, columns] of those of `names` that a Result has, their Grid).
+    """(Band -> float[rows, columns] of the `names` that exist in a Result, their Grid).
 
-    A pressure that it lacks is made of its largest speed and the `density` [kg m-3].
+    A missing pressure is computed from the largest speed and the `density` [kg m-3].
     """
     bands, grid = {}, None
     for name in names:
@@ -272,7 +255,7 @@ def read_peaks(result, names, density=None):
     if density is None or result.kind in ("export", "run") or "p_max" not in names:
         return bands, grid
     if "p_max" in bands:
-        log.info(f"{result.name} holds the pressure itself; --density {density:g} is not used")
+        log.info(f"{result.name} contains the pressure; `density={density:g}` is not used")
     elif "Ut_max" in result.bands:
         speed, grid = result.read("Ut_max", grid)
         bands["p_max"] = density * speed**2
@@ -280,14 +263,14 @@ def read_peaks(result, names, density=None):
 
 
 def require_on_grid(flow, x, y, names, what):
-    """Flat cells of map points [m]; InputError names the first that lies off the raster."""
+    """Flat cells of map points [m]; InputError for the first outside the raster."""
     cells = cells_of(flow.grid, x, y)
     off = np.flatnonzero(cells < 0)
     if off.size:
         west, south, east, north = flow.grid.bounds
         k = int(off[0])
         raise InputError(
-            f"{what} {str(names[k])!r} (E {x[k]:.1f}, N {y[k]:.1f}) lies off {flow.terrain.path} (E {west:.0f} to "
+            f"{what} {str(names[k])!r} (E {x[k]:.1f}, N {y[k]:.1f}) is outside {flow.terrain.path} (E {west:.0f} to "
             f"{east:.0f}, N {south:.0f} to {north:.0f}); move it, or check its CRS"
         )
     return cells

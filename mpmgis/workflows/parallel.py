@@ -1,7 +1,7 @@
-"""Work mapped over frames or members: threads, or the Dask cluster at an address.
+"""Parallel work on frames or members: threads, or a Dask cluster.
 
-Whoever reaches the port of a Dask scheduler can have it run any code: on a network or a machine with other users it
-belongs behind TLS (`tls://` addresses, certificates in Dask's own configuration).
+Anyone who can reach the port of a Dask scheduler can execute code there: on a network or a machine with other users
+use TLS (`tls://` addresses, certificates in the configuration of Dask).
 """
 
 import logging
@@ -26,33 +26,30 @@ def connected(address):
     Raises
     ------
     InputError
-        No scheduler answers there, or Dask's scheduler is not installed.
+        No scheduler answers, or Dask's scheduler is not installed.
     """
-    with needed_for(f"--dask {address}", "cluster"):
+    with needed_for(f"`dask={address}`", "cluster"):
         from distributed import Client
 
-    _hush()
+    _silence_dask()
     try:
         client = Client(address, timeout="5s", set_as_default=False)
     except (OSError, ValueError, TimeoutError, ImportError) as error:
         raise InputError(
-            f"--dask {address}: no scheduler answers there ({one_line(error)[:80]}); start one with: dask scheduler"
+            f"`dask={address}`: no scheduler answers there ({one_line(error)[:80]}); start one with: dask scheduler"
         ) from error
     with client:
         yield client
 
 
 class DaskWorkers:
-    """The workers of the Dask `client`, asked as those of this machine are (`workers.Workers`)."""
+    """The workers of the Dask `client`, with the interface of `workers.Workers`."""
 
     def __init__(self, client):
         self._client = client
 
     def warm(self, function, *arguments):
-        """Let every worker call `function(*arguments)`, all at the same time: what it does first takes longer.
-
-        What goes wrong with that is left to the work that follows, which tells it in its own words.
-        """
+        """Call `function(*arguments)` in every worker at the same time; errors are ignored, the work repeats them."""
         futures = [
             self._client.submit(function, *arguments, workers=[address], pure=False)
             for address in self._client.nthreads()
@@ -62,16 +59,15 @@ class DaskWorkers:
                 future.result()
 
     def worked(self, function, pieces, look=lambda: None, died=lambda piece, again: None):
-        """Yield (piece, `function(piece)`) as they are done, in whatever order; None for one that no worker survived.
+        """Yield (piece, `function(piece)`) in the order of completion; None for a piece that killed all its workers.
 
-        As many pieces are handed out as there are threads, so that a worker that dies costs no other piece. `look()` is
-        called a few times a second, `died(piece, again)` when a worker has died over a piece, with whether that is
-        tried again.
+        At most one piece per thread is submitted, so that a dying worker loses no other piece. `look()` is called a few
+        times a second, `died(piece, again)` when a worker has died, with whether the piece is repeated.
 
         Raises
         ------
         InputError
-            The cluster went away, or cannot run this program.
+            The connection to the cluster is lost, or its workers cannot run this program.
         """
         from distributed import CancelledError, KilledWorker
 
@@ -110,7 +106,9 @@ class DaskWorkers:
 
 
 def _gone(error):
-    return InputError(f"the Dask cluster went away ({one_line(error)[:80]}); start again: what is done is kept")
+    return InputError(
+        f"the connection to the Dask cluster is lost ({one_line(error)[:80]}); start again: finished work is kept"
+    )
 
 
 def _arrived(done):
@@ -121,8 +119,8 @@ def _arrived(done):
             yield done.get_nowait()
 
 
-def _hush():
-    """One line is ours, not a page of theirs; their loggers have levels of their own, one by one."""
+def _silence_dask():
+    """Suppress log messages of Dask: mpmgis prints one line."""
     import distributed
 
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == distributed.__name__]
@@ -132,7 +130,7 @@ def _hush():
 
 @dataclass(frozen=True)
 class FramePool:
-    """`threads` for files here, `cluster` (a Dask client, or None) for frames, `workers` of them at a time."""
+    """`threads` for local files, `cluster` (a Dask client, or None) for frames, `workers` of them at a time."""
 
     threads: ThreadPoolExecutor
     cluster: object
@@ -141,17 +139,17 @@ class FramePool:
     def map(self, function, entries, *shared):
         """Yield `function(entry, *shared)` for every frame's entry, in order.
 
-        Only a few results are ever waiting, so that memory does not grow with the number of frames.
+        Only a few results wait at a time, so that memory does not grow with the number of frames.
         """
         ahead = self.workers
 
         def submit(*work):
-            return self.threads.submit(copy_context().run, *work)  # what the user trusts, threads know, too
+            return self.threads.submit(copy_context().run, *work)  # with the setting of `trust`
 
         if self.cluster is not None:
-            # frames are read where the work is done, so that their paths must hold there too
+            # workers read the frames, so that the paths must be valid there
             entries = [replace(entry, path=entry.path.resolve()) for entry in entries]
-            # in a list of one, since a collection would be scattered entry by entry
+            # in a list of one, because a collection would be scattered element by element
             shared = [self.cluster.scatter([value], broadcast=True, hash=False)[0] for value in shared]
             ahead = max(2, 2 * sum(self.cluster.nthreads().values()))
 
@@ -175,15 +173,15 @@ class FramePool:
 def frame_pool(workers=None, dask=None):
     """A FramePool with `workers` threads (None: one per core), and the Dask scheduler at address `dask` if given.
 
-    Threads do, because kernels, GDAL and HDF5 let go of the interpreter's lock.
+    Threads are sufficient, because kernels, GDAL and HDF5 release the GIL.
 
     Raises
     ------
     InputError
-        No scheduler answers at that address; --trust does not reach its workers.
+        No scheduler answers at that address; or `trust` is on, which does not apply to its workers.
     """
     workers = workers or system.cores()
     if dask is not None and is_trusted():
-        raise InputError("--trust holds in this process and not on a Dask cluster; leave --dask or --trust out")
+        raise InputError("`trust` applies to this process and not to a Dask cluster; leave `dask` or `trust` out")
     with nullcontext() if dask is None else connected(dask) as cluster, ThreadPoolExecutor(workers) as threads:
         yield FramePool(threads, cluster, workers)

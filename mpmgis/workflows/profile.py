@@ -1,4 +1,4 @@
-"""`mpmgis profile`: results and a line in, the flow along it out."""
+"""`mpmgis profile`: the flow along a line."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +14,9 @@ from ..errors import InputError
 from ..io.observed import read_line
 from ..messages import log
 from ..reports.series import write_profile_plot, write_rows
-from .answer_files import AnswerRequest, answer_output, write_answer
+from .answer_files import answer_output, write_answer
 from .opened_results import open_flow
+from .requests import AnswerRequest
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
 WORD = "profile"
@@ -25,14 +26,14 @@ MOST_PLACES = 200_000
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     line: Path
     at_times: tuple | None = None  # [s]
     spacing: float | None = None  # [m]
 
 
-def profile(request, progress=lambda done, total: None):
+def profile(request: ProfileRequest, progress=lambda done, total: None) -> ProfileFound:
     """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
 
     Returns
@@ -42,7 +43,7 @@ def profile(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        What cannot be read, a line off the raster, a time beyond the results; nothing is written then.
+        Unreadable input, a line outside the raster, a time outside the results; nothing is written then.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_flow(request.results, output)
@@ -52,17 +53,17 @@ def profile(request, progress=lambda done, total: None):
     spacing = request.spacing or flow.grid.cell_size
     if length > MOST_PLACES * spacing:
         raise InputError(
-            f"{request.line}: {length:.6g} m with a place every {spacing:g} m are {length / spacing:.3g} places, "
-            f"wanted at most {MOST_PLACES}; give a larger --spacing"
+            f"{request.line}: {length:.6g} m with a spacing of {spacing:g} m make {length / spacing:.3g} sample "
+            f"points, expected at most {MOST_PLACES}; give a larger `spacing`"
         )
     along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
     cells = cells_of(flow.grid, x, y)
-    _tell_of_places_off(request.line, flow, cells, line)
+    _log_outside(request.line, flow, cells, line)
     values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)
     surface = free_surface(flow.terrain, x, y, values["h"])
     found = ProfileFound(flow.name, along, x, y, elevation, flow.times[steps], surface, values)
     if not (values["h"] > 0).any():
-        log.info(f"{request.line}: nothing flows along it at these times")
+        log.info(f"{request.line}: no flow along it at these times")
     writers = {
         PLOT_FILE: lambda path: write_profile_plot(path, found),
         TABLE_FILE: lambda path: write_rows(path, found),
@@ -70,37 +71,39 @@ def profile(request, progress=lambda done, total: None):
     return replace(found, files=write_answer(request, output, writers))
 
 
-def chosen_steps(times, wanted):
-    """Numbers of the steps nearest to the `wanted` times [s]; evenly spread ones where none are.
+def chosen_steps(times, requested):
+    """Numbers of the steps nearest to the `requested` times [s]; evenly spread ones for None.
 
     Raises
     ------
     InputError
         A time before the first or after the last.
     """
-    if wanted is None:
-        wanted = np.linspace(times[0], times[-1], USUAL_TIMES)
+    if requested is None:
+        requested = np.linspace(times[0], times[-1], USUAL_TIMES)
     else:
-        room = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        beyond = [time for time in wanted if not times[0] - room <= time <= times[-1] + room]
+        tolerance = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        beyond = [time for time in requested if not times[0] - tolerance <= time <= times[-1] + tolerance]
         if beyond:
             raise InputError(
-                f"--at-times: {beyond[0]:g} s lies outside the results, which go from {times[0]:g} to {times[-1]:g} s"
+                f"`at_times`: {beyond[0]:g} s is outside the results, which go from {times[0]:g} to {times[-1]:g} s"
             )
-        moved = [time for time in wanted if np.abs(times - time).min() > 1e-6 * max(1.0, abs(time))]
+        moved = [time for time in requested if np.abs(times - time).min() > 1e-6 * max(1.0, abs(time))]
         if moved:
-            log.info(f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest ones are shown, each once")
-    return nearest_times(times, wanted)
+            log.info(
+                f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest frames are used, each once"
+            )
+    return nearest_times(times, requested)
 
 
-def _tell_of_places_off(path, flow, cells, line):
+def _log_outside(path, flow, cells, line):
     off = cells == NOWHERE
     if off.all():
         west, south, east, north = flow.grid.bounds
         raise InputError(
-            f"{path} lies off the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it anew, or "
-            "check its CRS"
+            f"{path} is outside the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it again, "
+            "or check its CRS"
         )
     if off.any():
         beyond = shapely.LineString(line).difference(shapely.box(*flow.grid.bounds)).length
-        log.info(f"{path}: {beyond:.0f} m of it lie off the raster and have no values")
+        log.info(f"{path}: {beyond:.0f} m of it are outside the raster and have no values")

@@ -1,7 +1,6 @@
-"""`mpmgis report`: the frames of a run in, one HTML file about it out."""
+"""`mpmgis report`: one HTML file about a run."""
 
 import tempfile
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,42 +9,47 @@ import numpy as np
 from .. import __version__
 from ..analysis.comparison import footprint, high_percentile, peak
 from ..analysis.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
-from ..errors import MpmgisError, one_line
+from ..errors import InputError, MpmgisError, one_line
 from ..io.run_folder import SCENE_FILE, read_record, versions
 from ..messages import collected, log
 from ..reports.band_map import write_band_map
 from ..reports.html import Lines, Picture, Source, Table, figure_rows, section, write_report
 from ..reports.series import write_runout_plot
-from .answer_files import AnswerRequest, answer_output, write_answer
+from .answer_files import answer_output, write_answer
 from .export_inputs import release_outlines
-from .opened_results import exported_peaks, open_flow, read_peaks
+from .hazard_map import HazardFound, HazardOptions, hazard_map
+from .opened_results import open_flow, peaks_of, read_peaks
+from .report_barriers import barrier_sections
+from .report_places import places_section
+from .requests import AnswerRequest
 from .runout import RunoutRequest, found_runout
 
 REPORT_FILE = "report.html"
 WORD = "report"
-MAPS = (  # band of the result, of the looks, title
+MAPS = (  # band of the result, style of the map, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
     ("p_max", "p_max", "Largest impact pressure"),
     ("h_deposit", "h", "Depth in the last frame"),
 )
-USED_OF_RASTERS = ("density", "min_depth")  # options of frames: for the pressure, for what maps show
+USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
 PASCAL_PER_KILOPASCAL = 1000.0
 SQUARE_METRES_PER_HECTARE = 1e4
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     title: str | None = None
     line: Path | None = None
     threshold: float = 0.1  # [m]
+    hazard: HazardOptions
 
 
 @dataclass(frozen=True)
 class _Gathered:
-    """What a report is made from: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
+    """Contents of a report: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
 
     flow: object
     peaks: dict
@@ -56,17 +60,22 @@ class _Gathered:
     notes: tuple
 
 
-def report(request, progress=lambda done, total: None):
+def report(request: ReportRequest, progress=lambda done, total: None) -> tuple[Path, ...] | HazardFound:
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
+
+    With `hazard.map` a hazard map of several scenarios instead.
 
     Returns
     -------
-    tuple of Path
+    tuple of Path, or HazardFound
 
     Raises
     ------
     MpmgisError
     """
+    _require_one_kind(request)
+    if request.hazard.map is not None:
+        return hazard_map(request, progress)
     output = answer_output(request, WORD, (REPORT_FILE,))
     gathered = _gather(request, output, progress)
     title = request.title or f"{gathered.flow.name}: report of a simulated flow"
@@ -74,7 +83,9 @@ def report(request, progress=lambda done, total: None):
         sections = (
             section("Result", _key_figures(request, gathered)),
             section("Maps", *_maps(gathered, Path(folder))),
+            places_section(gathered, Path(folder)),
             section("Runout", *_runout(gathered, Path(folder))),
+            *barrier_sections(gathered, Path(folder)),
             section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
             section("Warnings", _warnings(gathered)),
             section("Effects, and why", *_effects(gathered.record)),
@@ -82,20 +93,34 @@ def report(request, progress=lambda done, total: None):
             section("Origin", _origin(gathered)),
         )
     under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
-    writers = {REPORT_FILE: lambda path: write_report(path, title, under, sections)}
+    writers = {REPORT_FILE: lambda path: write_report(path, title, under, filter(None, sections))}
     return write_answer(request, output, writers)
+
+
+def _require_one_kind(request):
+    """Refuse options of a hazard map in a report of one run, and the other way round."""
+    frames, options = request.results.frames, request.hazard
+    if options.map is None:
+        if options.given():
+            raise InputError(f"`{options.given()[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
+        if not frames:
+            raise InputError("no results were given; give a folder of frames, an export or rasters")
+    elif frames:
+        raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
+    for name in ("line", "threshold"):
+        if options.map is not None and getattr(request, name) != getattr(ReportRequest, name):
+            raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
 
 
 def _gather(request, output, progress):
     with collected() as notes:
         flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
-        with ExitStack() as stack:
-            result = exported_peaks(request.results, stack, progress, used_of_rasters=USED_OF_RASTERS)
-            values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.density)
+        result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.source.density)
         asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
         try:
             runout = found_runout(asked, flow, values, grid)
-        except MpmgisError as error:  # a flow without runout has a report all the same
+        except MpmgisError as error:  # a report without runout
             if request.line is not None:
                 raise
             log.info(f"no runout: {error}")
@@ -104,7 +129,7 @@ def _gather(request, output, progress):
 
 
 def _of_the_run(flow):
-    """(run.json, text of the scene) beside the frames; ({}, "") where they are not there, or nothing is but rasters."""
+    """(run.json, text of the scene) beside the frames; ({}, "") if they do not exist or only rasters are known."""
     if not flow.entries:
         return {}, ""
     folder = flow.entries[0].path.parent
@@ -113,7 +138,7 @@ def _of_the_run(flow):
 
 
 def _made_from(flow):
-    """What a flow is known from, in words."""
+    """Source of a flow in words."""
     if flow.entries:
         return f"{len(flow.entries)} frames"
     return f"an export of {len(flow.times)} steps" if len(flow.times) else "rasters of its largest values"
@@ -148,13 +173,13 @@ def _key_figures(request, gathered):
 
 
 def _direction(band, flow):
-    """How the depth of a band is measured, in words: known of frames and exports, not of other codes' rasters."""
+    """Direction of the depth of a band; "" for rasters of other codes, where it is unknown."""
     depth = band in ("h_max", "h_deposit")
     return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
 
 
 def _place_of_peak(values, grid):
-    """Map coordinates of the cell of the largest of float[rows, columns] `values`; None where there is none."""
+    """Map coordinates of the cell with the largest of float[rows, columns] `values`; None without values."""
     if not np.isfinite(values).any():
         return None
     x, y = grid.xy(*np.unravel_index(np.nanargmax(values), values.shape))
@@ -162,7 +187,7 @@ def _place_of_peak(values, grid):
 
 
 def _solver(flow, record):
-    """Name of the solver; None where only rasters are known."""
+    """Name of the solver; None if only rasters are known."""
     if not flow.entries:
         return None
     first = flow.entries[0]
@@ -172,7 +197,7 @@ def _solver(flow, record):
 
 
 def _maps(gathered, folder):
-    """Pictures of the bands that the flow has."""
+    """Pictures of the bands of the flow."""
     flow = gathered.flow
     release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
     release = None if release is None else list(release)
@@ -197,23 +222,23 @@ def _runout(gathered, folder):
 
 
 def _balances(record, flow):
-    """What the run itself said at its end."""
+    """Balances that the run stored at its end."""
     balances = record.get("balances")
     if not balances:
-        why = "no run.json beside the frames" if flow.entries else "rasters keep none"
+        why = "no run.json beside the frames" if flow.entries else "rasters have no balances"
         return Lines((f"{why}: balances are not known",))
     solver = "points" if "momentum_error_relative" in balances else "columns"
     try:
         mass = record.get("mass")
         of_stages = [] if mass is None else extreme_lines(record["extremes"])
         return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
-    except (KeyError, TypeError, ValueError) as error:  # another version knew other balances
+    except (KeyError, TypeError, ValueError) as error:  # balances of another version
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
-        return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; as it stands:", *known))
+        return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; it contains:", *known))
 
 
 def _checks(record):
-    """Lines of each stage of points: cells over the depth at its start, volume of its points at its end."""
+    """Lines for each stage of points: number of cells over the depth at its start, volume of points at its end."""
     lines, stages = [], record.get("stages") or [record]
     for number, stage in enumerate(stages, start=1):
         words = ((name, stage.get(name)) for name in _CHECKS)
@@ -225,7 +250,7 @@ def _checks(record):
 def _check(name, numbers):
     try:
         return _CHECKS[name](numbers)
-    except (KeyError, TypeError, ValueError) as error:  # another version knew other numbers
+    except (KeyError, TypeError, ValueError) as error:  # numbers of another version
         return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
 
 
@@ -233,7 +258,7 @@ _CHECKS = {"resolution": resolution_words, "volume": volume_words}
 
 
 def _warnings(gathered):
-    """What went wrong or was assumed, of the run and of this reading of its frames."""
+    """Problems and assumptions of the run and of reading its frames."""
     record = gathered.record
     lines = [*(record.get("troubles") or ()), *gathered.notes]
     lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
@@ -243,7 +268,7 @@ def _warnings(gathered):
 
 
 def _against_its_number(decision):
-    """What to say of an effect that is off although its number calls for it; '' of another."""
+    """Text about an effect that is off although its number is beyond the threshold; '' for others."""
     number, threshold = decision.get("indicator"), decision.get("threshold")
     if decision.get("state") != "off" or not all(isinstance(value, int | float) for value in (number, threshold)):
         return ""
@@ -256,7 +281,7 @@ def _against_its_number(decision):
 
 
 def _stages(record):
-    """What the record tells of each stage of the run; of one where it has no stages."""
+    """The records of the stages; one without stages."""
     return record.get("stages") or [{"effects": record.get("effects")}]
 
 
@@ -303,7 +328,7 @@ def _origin(gathered):
 
 
 def _source_rows(flow):
-    """Rows of a table: what was read."""
+    """Rows of a table about the inputs."""
     if flow.entries:
         first = flow.entries[0]
         folder = first.path.resolve().parent.name

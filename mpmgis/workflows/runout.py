@@ -1,6 +1,5 @@
-"""Results in, runout and its angles out; with a flow line that the user may draw."""
+"""`mpmgis runout`: runout, drop height and angles of a flow, along a given line or the centre line."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,13 +22,14 @@ from ..errors import InputError
 from ..io.observed import read_line
 from ..messages import log
 from ..reports.series import write_figures, write_over_time, write_profile, write_runout_plot
-from .answer_files import AnswerRequest, answer_output, write_answer
-from .opened_results import exported_peaks, open_flow, read_peaks
+from .answer_files import answer_output, write_answer
+from .opened_results import open_flow, peaks_of, read_peaks
 from .parallel import frame_pool
+from .requests import AnswerRequest
 
 
 def given_line(path, flowed, grid, terrain):
-    """float64[n, 2] [m]: the line at `path`, from its upper end.
+    """float64[n, 2] [m]: the line in the file `path`, from its upper end.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def given_line(path, flowed, grid, terrain):
         Cells of `grid` that the flow reached; the line must pass within two cells of one.
     grid : Grid
     terrain : Terrain or None
-        Without it the line keeps its direction.
+        Without it the direction is not changed.
 
     Raises
     ------
@@ -47,11 +47,11 @@ def given_line(path, flowed, grid, terrain):
     line = read_line(path, grid)
     distance = distance_to_line(line, flowed, grid)
     if distance > 2 * grid.cell_size:
-        raise InputError(f"{path} passes no nearer than {distance:.0f} m to the flow; give the line that it took")
+        raise InputError(f"{path} is {distance:.0f} m away from the flow; give the path of the flow")
     if terrain is not None:
         begin, end = terrain.sample(*line[[0, -1]].T)
         if begin < end:
-            log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is taken the other way round")
+            log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is reversed")
             return line[::-1]
     return line
 
@@ -60,19 +60,19 @@ PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
 WORD = "runout"
 CENTRE_LINE = "centre line of the flow"
-STRAIGHT_OVER_ALONG = 1.5  # a toe as far beside the line as along it makes 1.41
-_ROOM = 0.08  # of the runout: how far the profile goes on at both ends
+STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
+_MARGIN = 0.08  # of the profile beyond both ends, over the runout
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunoutRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     line: Path | None = None
     threshold: float = 0.1  # [m]
 
 
-def runout(request, progress=lambda done, total: None):
+def runout(request: RunoutRequest, progress=lambda done, total: None) -> RunoutFound:
     """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
 
     Returns
@@ -82,30 +82,31 @@ def runout(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        What cannot be read, or a flow that reached nothing; nothing is written then.
+        Unreadable input, or a flow that reached no cell; nothing is written then.
     """
     output = answer_output(request, WORD, FILES)
     flow = open_flow(request.results, output, peaks_do=True)
-    with ExitStack() as stack:  # frames are exported to a folder that is gone at its end
-        peaks = exported_peaks(request.results, stack, progress)
-        bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
+    peaks = peaks_of(request.results, progress)
+    bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
     found = found_runout(request, flow, bands, grid)
     return replace(found, files=_write(request, output, found))
 
 
 def found_runout(request, flow, bands, grid):
-    """The RunoutFound of a flow whose largest depth and maybe last depth [m] are the `bands` on `grid`; no files."""
+    """The RunoutFound, without files, of largest depth and, if known, last depth [m] in `bands` on `grid`."""
     if "h_max" not in bands:
-        raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), from which a runout is read")
+        raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), which the runout requires")
     depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
     mask = footprint(depth, request.threshold)
     if not mask.any():
         raise InputError(
-            f"{flow.name}: no cell was ever deeper than --threshold {request.threshold:g} m; give a lower one"
+            f"{flow.name}: no cell was ever deeper than `threshold={request.threshold:g}` m; give a lower one"
         )
     elevation = heights_under(mask, grid, flow.terrain)
     if not np.isfinite(elevation).any():
-        raise InputError(f"{flow.terrain.path} has no heights under the flow; give with --dem the DTM of the results")
+        raise InputError(
+            f"{flow.terrain.path} has no elevations under the flow; give the DTM of the results with `dem`"
+        )
     line, source = _line(request, flow, mask, depth, elevation, grid)
     top, toe = ends_along(mask, elevation, grid, line)
     lying = footprint(deposit, request.threshold)
@@ -113,12 +114,12 @@ def found_runout(request, flow, bands, grid):
     reached = energy_line(top, toe, line, flow.terrain, spacing)
     if reached is None:
         raise InputError(
-            f"{flow.name}: the flow does not get beyond its highest place along {source}; give another --line"
+            f"{flow.name}: the flow does not move beyond its highest point along {source}; give another `line`"
         )
     if reached.straight > STRAIGHT_OVER_ALONG * reached.length:
         log.info(
-            f"{source}: the flow's toe lies {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
-            "along the line, which does not follow the flow; give another --line"
+            f"{source}: the flow's toe is {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
+            "along the line, which does not follow the flow; give another `line`"
         )
     states = _states(flow, line)
     return RunoutFound(
@@ -135,13 +136,13 @@ def found_runout(request, flow, bands, grid):
 
 
 def _line(request, flow, mask, depth, elevation, grid):
-    """(vertices, where from) of the line that the runout is read along."""
+    """(vertices, description) of the line along which runout is measured."""
     if request.line is not None:
         return given_line(request.line, mask, grid, flow.terrain), str(request.line)
     line = centre_line([mask], [depth], elevation, grid)
     if line is None:
         raise InputError(
-            f"{flow.name}: the flow is one cell, or has no heights under it; give --line, or smaller --cs-e"
+            f"{flow.name}: the flow is one cell, or has no elevations under it; give `line`, or smaller `cell_size`"
         )
     return line, CENTRE_LINE
 
@@ -159,7 +160,7 @@ def _entry_state(entry, averaging, line):
 
 
 def _farthest_mass(states, line, terrain):
-    """Place on the line where 99 % of the last frame's mass lie at or before; None without frames."""
+    """Point on the line up to which 99 % of the last frame's mass lie; None without frames."""
     if not states:
         return None
     along = float(states[-1].quantiles[-1])
@@ -169,8 +170,8 @@ def _farthest_mass(states, line, terrain):
 
 def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     """The columns of PROFILE_COLUMNS, from a little above the top to a little beyond the toe."""
-    room = _ROOM * reached.length
-    begin, end = reached.top.along - room, reached.toe.along + room
+    margin = _MARGIN * reached.length
+    begin, end = reached.top.along - margin, reached.toe.along + margin
     along, x, y, elevation, ground = line_profile(line, terrain, begin, end, 2 * spacing)
     share = (along - reached.top.along) / reached.length
     falling = np.where((share >= 0) & (share <= 1), reached.top.z - share * reached.drop, np.nan)

@@ -1,4 +1,4 @@
-"""`mpmgis seed`: a DTM and release areas in, a file of columns out."""
+"""`mpmgis seed`: columns from a DTM and release areas."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,15 +15,15 @@ from ..io.reprojection import with_crs_hint
 from ..messages import log
 from ..particles import Particles
 from ..seeding.columns import plan_seed
-from ..seeding.options import Cures, tell_if_implausible
+from ..seeding.options import Fixes, report_implausible
 from ..terrain.release import NORMAL
 
-_CURES = Cures("--density", "--thickness", "give a larger --per-cell or --count, a smaller --spacing, or a finer DTM")
+_FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
 
 
 @dataclass(frozen=True)
 class Seeded:
-    """What came of it: the file, the number of columns, and the record of design notes 1.5."""
+    """The file, the number of columns, and the record of the seeding."""
 
     path: Path
     count: int
@@ -38,6 +38,7 @@ def seed_file(
     crs=None,
     dem_band=None,
     fill_nodata=None,
+    to_crs=None,
     thickness=None,
     thickness_mode=NORMAL,
     surface=None,
@@ -51,7 +52,7 @@ def seed_file(
     dem, release : str or Path
     output : str or Path, optional
         Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
-    crs, dem_band, fill_nodata : as for `read_terrain`
+    crs, dem_band, fill_nodata, to_crs : as for `read_terrain`
     thickness, thickness_mode, surface : as for `read_release`
     overwrite : bool
     **options
@@ -64,23 +65,23 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata))
+    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, to_crs))
     area = read_release(release, terrain, thickness, thickness_mode, surface)
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
-    _refuse_inputs(path, (dem, release, thickness, surface))
+    _refuse_replacing(path, (dem, release, thickness, surface))
     seed = _planned(terrain, area, options)
     frame = replace(seed.empty_frame(), dem=system.slashed(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
 
-def _terrain(dem, crs, band, fill_nodata):
-    """The DTM, or of a very large one the file, of which no more is read than lies under the release.
+def _terrain(dem, crs, band, fill_nodata, to_crs):
+    """The DTM, or for a very large one its file, of which only the part under the release is read.
 
-    Holes are filled in the whole DTM: where a hole ends is not known of a part.
+    To fill holes the whole DTM is read, because a part may not contain a whole hole.
     """
-    file = TerrainFile(dem, crs, band, fill_nodata)
+    file = TerrainFile(dem, crs, band, fill_nodata, to_crs)
     if file.pixels <= READ_WHOLE or fill_nodata is not None:
         return file.whole()
     rows, columns = file.grid.shape
@@ -95,13 +96,16 @@ def seed_frame(
     crs=None,
     dem_band=None,
     fill_nodata=None,
+    to_crs=None,
     thickness=None,
     thickness_mode=NORMAL,
     surface=None,
     **options,
 ):
-    """The same in memory: (Frame of columns, Terrain, name of the release, record of design notes 1.5)."""
-    terrain = with_crs_hint(release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata))
+    """As `seed_file` in memory: (Frame of columns, Terrain, name of the release, record of the seeding)."""
+    terrain = with_crs_hint(
+        release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata, to_crs=to_crs)
+    )
     area = read_release(release, terrain, thickness, thickness_mode, surface)
     seed = _planned(terrain, area, options)
     slabs = [particles.arrays() for particles in seed.slabs()]
@@ -110,16 +114,16 @@ def seed_frame(
 
 
 def _planned(terrain, area, options):
-    """The Seed of a release on a terrain, with words about what is hardly meant."""
+    """The Seed of a release on a terrain; implausible values are logged."""
     seed = plan_seed(terrain, area, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
-    tell_if_implausible(seed.count, seed.record["density"], mean_thickness, _CURES)
+    report_implausible(seed.count, seed.record["density"], mean_thickness, _FIXES)
     return seed
 
 
-def _refuse_inputs(path, inputs):
-    """No seed takes the place of what it is made from, --overwrite or not."""
+def _refuse_replacing(path, inputs):
+    """Refuse to replace an input, even with `overwrite`."""
     for given in inputs:
         named = Path(str(given).partition("|")[0])
         if path.exists() and named.exists() and path.samefile(named):
-            raise OutputError(f"{path} is what the seed is made from and would be replaced; give another -o")
+            raise OutputError(f"{path} is an input and would be replaced; give another `output`")

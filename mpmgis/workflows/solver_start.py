@@ -1,4 +1,4 @@
-"""`mpmgis seed --for` and `convert --for`: columns or points in, a folder from which another 3D solver starts out."""
+"""`mpmgis seed --for` and `convert --for`: start folders for other 3D solvers, from columns or points."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from .. import __version__, system
 from ..conversion.account import account_of_points
 from ..conversion.options import PointOptions
 from ..conversion.points import columns_to_points
-from ..conversion.solver_start import SolverStart, placed_box, release_density, solver_start, with_material
+from ..conversion.solver_start import SolverStart, release_density, solver_start, start_box, with_material
 from ..errors import InputError, OutputError
 from ..interop.declarations import SUFFIX, Declarations, axis_matrix, write_sidecar
 from ..interop.writers.registry import SOLVER_FILES
@@ -25,14 +25,14 @@ from .seed import seed_frame
 
 PLACEHOLDER_END = 10.0  # [s]
 README = "README.txt"
-BYTES_PER_POINT = 2500  # at the most, while files are written and read back
+BYTES_PER_POINT = 2500  # at most, while files are written and read back
 LARGEST_ERROR = 1e-6  # of the sums of mass and volume, read back
 
 
 @dataclass(frozen=True)
 class StartRequest:
-    """Which solver is to start from what: its name, the folder (None: `<name>_<solver>` here), the side of its grid's
-    cubes [m], the window of ground that it gets (west, south, east, north) [m], the file with its [material]."""
+    """A start folder: name of the solver, the folder (None: `<name>_<solver>` in the current folder), cell size of its
+    grid [m], the window of ground (west, south, east, north) [m], the file with its [material]."""
 
     solver: str
     output: Path | None = None
@@ -44,7 +44,7 @@ class StartRequest:
 
 @dataclass(frozen=True)
 class StartWritten:
-    """The folder, and how many points it holds in the first frame, with their mass [kg] and volume [m3]."""
+    """The folder, and the number, mass [kg] and volume [m3] of the points of the first frame."""
 
     path: Path
     count: int
@@ -53,19 +53,19 @@ class StartWritten:
 
 
 def convert_for_solver(request, sources, terrain_request, options=None, of_columns=False):
-    """Write what a solver starts from: the frames at `sources`, columns of them turned into points.
+    """Write a start folder from the frames at `sources`; columns are converted to points.
 
     Parameters
     ----------
     request : StartRequest
     sources : list of Path
-        Several only where the solver takes several times.
+        Several only if the solver reads several times.
     terrain_request : ConvertRequest
-        What it says of the terrain, and about another code's files.
+        Declarations about the terrain and another code's files.
     options : PointOptions, optional
-        How columns become points, where there are columns.
+        For the conversion of columns.
     of_columns : bool
-        The options mean columns: points are refused.
+        The options require columns: points are refused.
 
     Raises
     ------
@@ -73,19 +73,19 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
         Before anything is written.
     """
     files = SOLVER_FILES[request.solver]
-    entries = listed(sources, terrain_request.terms)
-    named = max(len(sources), len(entries))  # a file that is named twice is a mistake as well
+    entries = listed(sources, terrain_request.declared.terms())
+    named = max(len(sources), len(entries))  # a file given twice is also an error
     if terrain_request.at_time is not None:
         entries, named = (entry_at(entries, terrain_request.at_time),), 1
     if named > 1 and files.finish is None:
         others = ", ".join(name for name, other in SOLVER_FILES.items() if other.finish)
         raise InputError(
-            f"{files.title} starts from one frame, got {named}; say which with --at-time. Several go to {others}"
+            f"{files.title} starts from one frame, got {named}; choose one with `at_time`. Several are for {others}"
         )
     first = entries[0]
     folder = _folder(request, first.path.resolve().parent.name if len(entries) > 1 else first.path.stem)
     given = _material(request, files)
-    terrain = run_terrain(terrain_request, [first], folder)
+    terrain = run_terrain(terrain_request.declared, [first], folder)
     for entry in entries:
         refuse_within(folder, entry.path)
     _refuse_idle(request, files, entries, of_columns)
@@ -94,32 +94,32 @@ def convert_for_solver(request, sources, terrain_request, options=None, of_colum
 
 
 def _refuse_idle(request, files, entries, of_columns):
-    """Refuse options that would do nothing for points."""
+    """Refuse options without effect on points."""
     points = next((entry.path for entry in entries if entry.header.dimension == 3), None)
     if points is not None and of_columns:
         raise InputError(
-            f"{points} holds points already; --spacing, --vertical-velocity, --relevel and --paper make them of columns"
+            f"{points} already contains points; `spacing`, `vertical_velocity`, `relevel` and `paper` require columns"
         )
     if points is not None and request.cell is not None and not files.needs_grid:
-        raise InputError(f"{points} holds points already, and {files.title} needs no grid; leave --cell out")
+        raise InputError(f"{points} already contains points, and {files.title} needs no grid; leave `cell` out")
 
 
 def seed_for_solver(request, dem, release, options=None, **seeding):
-    """Seed `release` on `dem`, turn the columns into points and write what a solver starts from.
+    """Seed `release` on `dem`, convert the columns to points and write a start folder.
 
     Parameters
     ----------
     request : StartRequest
     dem, release : str or Path
     options : PointOptions, optional
-        How columns become points; default: so that they fill the request's cells.
+        For the conversion of columns; default: points that fill the request's cells.
     **seeding
         As for `seed_file`.
 
     Returns
     -------
     (StartWritten, int, dict)
-        The number of columns, and the record of design notes 1.5.
+        The number of columns, and the record of the seeding.
     """
     files = SOLVER_FILES[request.solver]
     given = _material(request, files)
@@ -139,37 +139,37 @@ def _folder(request, name):
     folder = Path(request.output) if request.output is not None else Path(f"{name}_{request.solver}")
     refuse_existing(folder, request.overwrite)
     if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder} is a file, wanted a folder; give another -o")
+        raise OutputError(f"{folder} is a file, expected a folder; give another `output`")
     return folder
 
 
 def _material(request, files):
-    """The GivenMaterial for a solver, None where it needs none."""
+    """The GivenMaterial for a solver, None if it needs none."""
     if not files.laws:
         if request.material is not None:
-            raise InputError(f"--material: {files.title} needs no material; leave it out")
+            raise InputError(f"`material`: {files.title} needs no material; leave it out")
         return None
     if request.material is None:
         raise InputError(
-            f"{files.title} needs a material: --material FILE, a scene with [material] or a file with that alone "
+            f"{files.title} needs a material: `material=FILE`, a scene with [material] or a file with only that table "
             f"({EXAMPLE})"
         )
     given = read_material(request.material)
     if given.table.law not in files.laws:
         raise InputError(
-            f"{request.material} [material]: {files.title} has no counterpart of {given.table.law} that is written "
-            f"here, wanted {' or '.join(files.laws)}"
+            f"{request.material} [material]: no counterpart of {given.table.law} is implemented for {files.title}, "
+            f"expected {' or '.join(files.laws)}"
         )
     if files.needs_bed_friction and given.bed_friction is None:
         raise InputError(
-            f"{files.title} wants the friction of its terrain: add [friction] to {request.material}, "
+            f"{files.title} needs the friction of its terrain: add [friction] to {request.material}, "
             'law = "Coulomb" and mu'
         )
     return given
 
 
 def _cell_of(entry, files):
-    """Side of the grid's cubes that points were made for [m], None where none is needed."""
+    """Cell size of the grid for which the points were made [m], None if none is needed."""
     cell = entry.header.header.get("cell_size")
     if entry.header.dimension == 3 and isinstance(cell, (int, float, np.number)) and cell > 0:
         return float(cell)
@@ -179,18 +179,18 @@ def _cell_of(entry, files):
 
 
 def _cell_needed(files):
-    return f"{files.title} needs the side of its grid's cells: --cell M, a third of the flow's thickness or less"
+    return f"{files.title} needs the cell size of its grid: `cell=M`, a third of the flow's thickness or less"
 
 
 def _points_of(entry, terrain, options):
     frame = whole_frame(entry)
     if len(frame.particles) == 0:
-        raise InputError(f"{entry.path} holds no particle")
+        raise InputError(f"{entry.path} contains no particle")
     return frame if frame.dimension == 3 else _turned(frame, terrain, options or PointOptions())
 
 
 class _Frames:
-    """Frames of points, read one by one each time they are gone through; a single one is kept."""
+    """Frames of points, read one by one in each iteration; a single one is kept in memory."""
 
     def __init__(self, entries, terrain, options):
         self._entries, self._terrain, self._options = entries, terrain, options
@@ -213,8 +213,8 @@ def _turned(frame, terrain, options):
 
 
 def _write(request, files, given, frames, terrain, source, folder):
-    """Write the folder; `frames` are gone through several times."""
-    box = placed_box(frames, terrain, request.cell if files.needs_grid else None, request.window)
+    """Write the folder; iterates several times over `frames`."""
+    box = start_box(frames, terrain, request.cell if files.needs_grid else None, request.window)
     end, placeholder = _placeholder(given)
     _require_memory(frames)
     first, times = None, []
@@ -231,22 +231,22 @@ def _write(request, files, given, frames, terrain, source, folder):
             files.finish(part, times)
         ground = write_terrain(part, box, axis_matrix(files.axes), files.terrain_on_grid)
         write_sidecar(part / SUFFIX, _terms(files, first, times, system.slashed(terrain.path, folder)))
-        told = _Told(files, first, times, given, placeholder)
-        (part / README).write_text(_readme(told, source, ground), encoding="utf-8", newline="\n")
-    for line in _account(told):
+        facts = _Facts(files, first, times, given, placeholder)
+        (part / README).write_text(_readme(facts, source, ground), encoding="utf-8", newline="\n")
+    for line in _account(facts):
         log.info(line)
     return StartWritten(folder, len(first.mass), float(first.mass.sum()), float(_volume(files, first).sum()))
 
 
 def _require_memory(frames):
-    """Refuse before the work what this machine cannot hold (H25)."""
+    """Refuse, before the work, more points than the memory of this machine allows."""
     count = max(len(frame.particles) for frame in frames)
     if lack := memory_lack(count * BYTES_PER_POINT):
-        raise InputError(f"files of {count} points need {lack}; take fewer points")
+        raise InputError(f"files of {count} points need {lack}; use fewer points")
 
 
-class _Told(NamedTuple):
-    """What talk and README.txt are about: the solver, its first start, times [s], material, words on a placeholder."""
+class _Facts(NamedTuple):
+    """Contents of messages and README.txt: the solver, its first start, times [s], material, text on a placeholder."""
 
     files: SolverFiles
     first: SolverStart
@@ -254,14 +254,14 @@ class _Told(NamedTuple):
     given: GivenMaterial | None
     placeholder: str
 
-    def fate(self):
-        """(word, what of the points and their material it is true of)."""
+    def transfer(self):
+        """(heading, properties of the points and their material that are kept, lost, or not written)."""
         files, given = self.files, self.given
         stress = self.first.vertical_stress is not None
         kept = ["place", "mass", files.keeps] + (["stress of the weight"] if files.takes_stress and stress else [])
         lost = [files.loses] if files.loses else []
         if not (files.takes_stress and stress):
-            lost.append("stress" if stress else "stress, which this frame does not tell")
+            lost.append("stress" if stress else "stress, which this frame does not contain")
         left = list(given.lost) if given is not None else []
         if files.needs_bed_friction and given.bed_law != "Coulomb":
             left.append(f"all of {given.bed_law} on the bed but mu")
@@ -269,12 +269,15 @@ class _Told(NamedTuple):
 
 
 def _placeholder(given):
-    """(end time [s], words about it where it is none of the user's)."""
+    """(end time [s], text about it if the user did not set it)."""
     if given is None:
         return None, ""
     if given.end_time is not None:
         return given.end_time, ""
-    return PLACEHOLDER_END, f"the end, {PLACEHOLDER_END:g} s, is a placeholder (say [output] end_time in --material)"
+    return (
+        PLACEHOLDER_END,
+        f"the end, {PLACEHOLDER_END:g} s, is a placeholder (set [output] end_time in the material file)",
+    )
 
 
 def _volume(files, start):
@@ -282,56 +285,56 @@ def _volume(files, start):
 
 
 def _require_same(files, folder, number, start):
-    """Hold what the files say against what was to be written."""
+    """Check that the files read back give the points that were to be written."""
     place, volume = files.read_back(folder, number)
-    wanted = _volume(files, start)
+    expected = _volume(files, start)
     error = np.inf
     if place.shape == start.position.shape:
         error = np.abs(place - start.position).max() / max(start.box.size)
-    if not (error <= files.tolerance and abs(volume.sum() / wanted.sum() - 1) <= LARGEST_ERROR):
+    if not (error <= files.tolerance and abs(volume.sum() / expected.sum() - 1) <= LARGEST_ERROR):
         raise OutputError(
-            f"{files.title}: read back, {len(place)} points hold {volume.sum():.9g} m3 and are off by {error:.2g} of "
-            f"the box, wanted {len(wanted)} points and {wanted.sum():.9g} m3; please report it"
+            f"{files.title}: read back, {len(place)} points have {volume.sum():.9g} m3 and an error in position of "
+            f"{error:.2g} of the box, expected {len(expected)} points and {expected.sum():.9g} m3; please report it"
         )
 
 
 def _terms(files, first, times, dem):
-    """What the sidecar says: of all files of the folder, and of the solver's results."""
+    """Contents of the sidecar, for the files of the folder and the solver's results."""
     of_time = {"times": tuple(times)} if files.finish is not None else {}
     return Declarations(
         crs=first.crs, origin=first.box.origin, axes=files.axes, density=first.density, dem=dem, **of_time
     )
 
 
-def _account(told):
-    """Lines of talk: sums, what is lost, what the grid covers."""
-    files, first, box = told.files, told.first, told.first.box
-    frames = f" in the first of {len(told.times)} frames" if len(told.times) > 1 else ""
+def _account(facts):
+    """Messages: sums, lost properties, extent of the grid."""
+    files, first, box = facts.files, facts.first, facts.first.box
+    frames = f" in the first of {len(facts.times)} frames" if len(facts.times) > 1 else ""
     lines = [
         f"{len(first.mass)} points{frames}, {first.mass.sum():.9g} kg and {_volume(files, first).sum():.9g} m3, read "
         f"back from the files; density {first.density:g} kg m-3",
         f"local coordinates begin at E {box.origin[0]:.0f}, N {box.origin[1]:.0f}, H {box.origin[2]:.0f}; "
-        f"{files.title} gets {box.size[0]:g} x {box.size[1]:g} m of ground (--window W,S,E,N says otherwise)",
-        *(f"{word}: {what}" for word, what in told.fate() if what),
+        f"{files.title} gets {box.size[0]:g} x {box.size[1]:g} m of ground (`window=W,S,E,N` changes this)",
+        *(f"{word}: {what}" for word, what in facts.transfer() if what),
     ]
     if box.cell is not None:
         nx, ny, nz = box.cells
         lines.append(f"grid of {nx} x {ny} x {nz} cells of {box.cell:g} m; time step {first.time_step:g} s")
-    return lines + ([told.placeholder] if told.placeholder else [])
+    return lines + ([facts.placeholder] if facts.placeholder else [])
 
 
-def _readme(told, source, ground):
-    """Five lines: what, files, start, what is kept and lost, and how results come back to the map."""
-    files, first, (east, north, up) = told.files, told.first, told.first.box.origin
-    count = f"{len(told.times)} frames from t = {first.time:g} s" if len(told.times) > 1 else f"t = {first.time:g} s"
-    marked = f" PLACEHOLDER: {told.placeholder}." if told.placeholder else ""
-    step = f" Time step {first.time_step:g} s, by the speed of pressure waves." if told.given is not None else ""
+def _readme(facts, source, ground):
+    """Five lines: contents, files, start, kept and lost properties, and the command that reads the results."""
+    files, first, (east, north, up) = facts.files, facts.first, facts.first.box.origin
+    count = f"{len(facts.times)} frames from t = {first.time:g} s" if len(facts.times) > 1 else f"t = {first.time:g} s"
+    marked = f" PLACEHOLDER: {facts.placeholder}." if facts.placeholder else ""
+    step = f" Time step {first.time_step:g} s, by the speed of pressure waves." if facts.given is not None else ""
     lines = (
         f"{len(first.mass)} points, {first.mass.sum():.9g} kg, {_volume(files, first).sum():.9g} m3, {count}, from "
         f"{Path(source.partition('|')[0]).name}, written for {files.title} by mpmgis {__version__}.",
         f"Files: {files.files}; the ground: {', '.join(ground)}.",
         f"Start: {files.start}.{step}{marked}",
-        " ".join(f"{word.capitalize()}: {what}." for word, what in told.fate() if what),
+        " ".join(f"{word.capitalize()}: {what}." for word, what in facts.transfer() if what),
         f"Coordinates are local, x y z = {','.join(files.axes)} from E {east:.0f}, N {north:.0f}, H {up:.0f} "
         f"({SUFFIX}). Back on the map: mpmgis export-raster {files.results} --sidecar {SUFFIX}",
     )

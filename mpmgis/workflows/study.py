@@ -1,4 +1,4 @@
-"""`mpmgis study`: a scene in, what its accuracy costs in time out, as a table, a plot and plain words."""
+"""`mpmgis study`: accuracy of a scene against computing time, as a table, a plot and text."""
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -35,17 +35,17 @@ from .run_setup.cost_prediction import predicted_cost, tried
 from .run_setup.prepare import prepare, prepare_scene
 from .run_setup.scene_files import input_files
 from .run_setup.sequence import Sequence
-from .run_setup.warmup import rehearse
+from .run_setup.warmup import warm_up
 
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
-LOOKS = 4  # times at which flows are compared, the last the end
+LOOKS = 4  # times at which flows are compared, including the end
 ASK_SECONDS = 600.0
-TRIAL_SECONDS = 10.0  # of steps, a tenth of which is a trial of this machine for each solver
+TRIAL_SECONDS = 10.0  # of steps; a trial of this machine takes a tenth for each solver
 
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """What was asked for: the command's options by name. Its help tells more."""
+    """A study; `mpmgis.verbs.study` describes its options."""
 
     scene: Path
     output: Path | None = None
@@ -66,7 +66,7 @@ class StudyRequest:
 
 @dataclass(frozen=True)
 class StudyFound:
-    """What came of it: the Study, the Choice for the error asked for (or None), and the files."""
+    """Results: the Study, the Choice for the target error (or None), and the files."""
 
     study: object
     choice: object
@@ -74,8 +74,8 @@ class StudyFound:
     files: tuple
 
 
-def study(request, *, confirm=lambda question: True, watch=lambda solver, end_time: None):
-    """Run the scene with its knobs turned one at a time, hold all runs against a finer one or an exact answer.
+def study(request: StudyRequest, *, confirm=lambda question: True, watch=lambda solver, end_time: None):
+    """Run the scene with its settings changed one at a time; compare with a finer run or an exact solution.
 
     Returns
     -------
@@ -84,16 +84,20 @@ def study(request, *, confirm=lambda question: True, watch=lambda solver, end_ti
     Raises
     ------
     InputError, SceneError, OutputError
-        Before the first step; nothing is left behind.
+        Before the first step; nothing is written.
     UnphysicalError
-        A setting that the solver stopped at.
+        The solver stopped with one of the settings.
     """
     _require_possible(request)
     output = Path(request.output or Path(request.scene).parent / "study")
     with whole_folder(output, request.overwrite) as part:
         found = _study(request, output, confirm, watch)
         write_records(part / TABLE_FILE, *found.study.records())
-        write_plot(part / PLOT_FILE, found.study, f"What accuracy costs: {Path(request.scene).resolve().parent.name}")
+        write_plot(
+            part / PLOT_FILE,
+            found.study,
+            f"Accuracy against computing time: {Path(request.scene).resolve().parent.name}",
+        )
         write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
         names = [TABLE_FILE, SUMMARY_FILE, PLOT_FILE]
         if found.study.exports:
@@ -104,18 +108,18 @@ def study(request, *, confirm=lambda question: True, watch=lambda solver, end_ti
 
 def _require_possible(request):
     if request.measure not in NAMES:
-        raise InputError(f"--measure {request.measure}: wanted one of {', '.join(NAMES)}")
+        raise InputError(f"`measure={request.measure}`: expected one of {', '.join(NAMES)}")
     if request.exact is not None and request.measure != "thickness":
-        raise InputError(f"--exact tells of thickness only; leave --measure {request.measure} out")
+        raise InputError(f"`exact` contains only thickness; leave `measure={request.measure}` out")
     if request.exact is not None and request.refinement is not None:
-        raise InputError("--exact needs no finer run; leave --refinement out")
+        raise InputError("`exact` needs no finer run; leave `refinement` out")
 
 
 def _study(request, output, confirm, watch):
     base = prepare(request.scene, request.law)
     given = within(output, input_files(request.scene, base.scene, request.law))
     if given is not None:
-        raise OutputError(f"{output} holds {given}, which this is made from, and would be replaced; give another -o")
+        raise OutputError(f"{output} contains the input {given} and would be replaced; give another `output`")
     scene, knobs = base.scene, parameters_of(base.scene, request.knobs, request.cell_sizes)
     settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
     finer = None
@@ -123,21 +127,21 @@ def _study(request, output, confirm, watch):
         finer = reference(scene, settings, request.refinement)
     cells, times = _cells(base), _interval(scene) * np.arange(1, LOOKS + 1)
     exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
-    beside = tuple(_beside(file, request, exact, base.terrain, cells.grid) for file in request.beside)
+    beside = tuple(_other_results(file, request, exact, base.terrain, cells.grid) for file in request.beside)
     threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
     _require_affordable(settings, finer, base, threads, request.repeats, confirm)
 
     @cache
-    def machine():  # tried when the first setting's kernels are compiled
+    def machine():  # a trial, after compilation of the first setting
         with muted():
-            rehearse(base)
+            warm_up(base)
         return tried(base, threads, TRIAL_SECONDS)
 
     def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(
             settings,
             muted()(lambda s: prepare_scene(s.scene)),
-            muted()(rehearse),
+            muted()(warm_up),
             partial(_Flow, interval=times[0], watch=watch),
             cells,
             times,
@@ -169,7 +173,7 @@ def _interval(scene):
 
 
 class _Flow:
-    """The frames of a prepared run, `interval` [s] apart; then its solver, steps, and what mass went astray."""
+    """The frames of a prepared run, `interval` [s] apart, and then its steps and the error of its mass."""
 
     def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
         output = replace(prepared.scene.output, frame_interval=float(interval))
@@ -199,7 +203,7 @@ def _errors(states, truth, exact) -> Errors:
 
 
 def _cells(base):
-    """The cells that runs are compared on: as large as the scene's own, of stages the largest, over all its terrain."""
+    """The cells for comparing runs: the scene's cell size, with stages the largest, over the whole terrain."""
     west, south, east, north = base.terrain.grid.bounds
     size = max(stage.numerics.cell_size for stage in base.stages)
     shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
@@ -213,8 +217,8 @@ def _thickness(path, terrain, grid):
     return nearest(values, own, grid)
 
 
-def _beside(path, request, exact, terrain, grid):
-    """Tuple of OtherResult: what the table at `path` holds, errors of rasters taken as those of the study's own runs.
+def _other_results(path, request, exact, terrain, grid):
+    """Tuple of OtherResult from the table at `path`; errors of rasters are computed as for the study's own runs.
 
     Raises
     ------
@@ -226,8 +230,8 @@ def _beside(path, request, exact, terrain, grid):
         if row.thickness is not None:
             if exact is None:
                 raise InputError(
-                    f"--beside {path}: '{row.setting}' is a raster of the thickness at the end, which only --exact can "
-                    f"tell the error of; give --exact, or its error in a column error_{request.measure}"
+                    f"`beside={path}`: '{row.setting}' is a raster of the thickness at the end, whose error requires "
+                    f"`exact`; give `exact`, or its error in a column error_{request.measure}"
                 )
             errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
         found.append(OtherResult(row.code, row.setting, row.seconds, errors))
@@ -235,12 +239,12 @@ def _beside(path, request, exact, terrain, grid):
 
 
 def _state_of(thickness):
-    """A State of which the thickness is known; no value is no flow."""
+    """A State with only the thickness; NaN is no flow."""
     return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
 
 
 def _require_affordable(settings, finer, base, threads, repeats, confirm):
-    """Tell what the study is predicted to take, and ask `confirm(question)` where it is long."""
+    """Log the predicted time of the study, and ask `confirm(question)` if it is long."""
     runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
     total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
         times * setting.work_over(base.scene) for setting, times in runs
@@ -248,13 +252,13 @@ def _require_affordable(settings, finer, base, threads, repeats, confirm):
     log.info(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
         raise SceneError(
-            f"this study is predicted to take {total / 60:.0f} minutes; give --yes to run it, or fewer --knobs or "
-            "--repeats, or a shorter [output] end_time"
+            f"this study is predicted to take {total / 60:.0f} minutes; give `yes` to run it, or fewer `knobs` or "
+            "`repeats`, or a shorter [output] end_time"
         )
 
 
 def _exports(base):
-    """ExportSettings of the scene as it is."""
+    """ExportSettings of the unchanged scene."""
     interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
     log.info(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
     sweep = ExportSweep(
@@ -262,6 +266,6 @@ def _exports(base):
         base.numerics.density,
     )  # fmt: skip
     for frame in _Flow(muted()(prepare_scene)(base.scene), interval):
-        if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # not those of a switch between stages
+        if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # no frames at switches between stages
             sweep.take(frame)
     return tuple(sweep.settings())

@@ -1,4 +1,4 @@
-"""`mpmgis timeseries`: results and points in, the flow there over time out."""
+"""`mpmgis timeseries`: the flow at points over time."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,8 +10,9 @@ from ..errors import InputError
 from ..io.observed import read_points
 from ..messages import log
 from ..reports.series import write_rows, write_series_plot
-from .answer_files import AnswerRequest, answer_output, write_answer
+from .answer_files import answer_output, write_answer
 from .opened_results import FrameFlow, open_flow, require_on_grid
+from .requests import AnswerRequest
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
 WORD = "timeseries"
@@ -19,14 +20,14 @@ WORD = "timeseries"
 
 @dataclass(frozen=True, kw_only=True)
 class TimeseriesRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     points: Path | None = None
     at: tuple = ()  # (E, N) [m]
 
 
-def timeseries(request, progress=lambda done, total: None):
-    """Depth, thickness, velocities and impact pressure over time, in the cells that points lie in.
+def timeseries(request: TimeseriesRequest, progress=lambda done, total: None) -> SeriesFound:
+    """Depth, thickness, velocities and impact pressure over time, in the cells of points.
 
     Returns
     -------
@@ -35,11 +36,11 @@ def timeseries(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        What cannot be read, no point, a point off the raster; nothing is written then.
+        Unreadable input, no point, a point outside the raster; nothing is written then.
     """
     output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
     flow = open_flow(request.results, output)
-    names, x, y = asked_points(request.points, request.at, flow)
+    names, x, y = given_points(request.points, request.at, flow)
     cells = require_on_grid(flow, x, y, names, "point")
     values = flow.at_cells(cells, _products(flow), range(len(flow.times)), progress)
     found = SeriesFound(flow.name, names, x, y, flow.times, values)
@@ -51,29 +52,29 @@ def timeseries(request, progress=lambda done, total: None):
 
 
 def _products(flow):
-    """What a point's series holds; an export has only what it was asked for."""
+    """Products of a series; for an export those that it contains."""
     if isinstance(flow, FrameFlow):
         return SERIES_PRODUCTS
     there = tuple(name for name in SERIES_PRODUCTS if name in flow.steps.bands)
     if there != SERIES_PRODUCTS:
         missing = ", ".join(name for name in SERIES_PRODUCTS if name not in there)
         log.info(
-            f"{flow.name}: this export's steps have no {missing}; export with --products {missing}, or name the frames"
+            f"{flow.name}: this export's steps have no {missing}; export with `products={missing}`, or give the frames"
         )
     return there
 
 
-def asked_points(path, places, flow):
+def given_points(path, places, flow):
     """(names, x float64[n], y float64[n]) of the points in a file, and of those given as (E, N).
 
     Raises
     ------
     InputError
-        None at all.
+        There is no point.
     """
     names, x, y = ((), np.empty(0), np.empty(0)) if path is None else read_points(path, flow.terrain.grid)
     if len(names) + len(places) == 0:
-        raise InputError("no point is named; give --points FILE or --at E,N")
+        raise InputError("no point is given; give `points=FILE` or `at=E,N`")
     given = np.reshape(np.array(places, float), (-1, 2))
     named = tuple(f"{east:.12g},{north:.12g}" for east, north in given)
     return (*names, *named), np.concatenate([x, given[:, 0]]), np.concatenate([y, given[:, 1]])

@@ -1,4 +1,4 @@
-"""`mpmgis vertical`: 3D frames and points in, profiles over the height above the bed out."""
+"""`mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,11 +9,12 @@ from ..analysis.profiles import MOST_LAYERS, VerticalFound, corners_of, usual_si
 from ..errors import InputError
 from ..messages import log
 from ..reports.series import write_loads, write_profiles, write_vertical_plot
-from .answer_files import AnswerRequest, answer_output, write_answer
+from .answer_files import answer_output, write_answer
 from .opened_results import open_frames, require_on_grid
 from .parallel import frame_pool
 from .profile import chosen_steps
-from .timeseries import asked_points
+from .requests import AnswerRequest
+from .timeseries import given_points
 
 PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
 WORD = "vertical"
@@ -21,7 +22,7 @@ WORD = "vertical"
 
 @dataclass(frozen=True, kw_only=True)
 class VerticalRequest(AnswerRequest):
-    """The command's options by name; its help tells more."""
+    """A question about results; `mpmgis.verbs` describes its options."""
 
     points: Path | None = None
     at: tuple = ()  # (E, N) [m]
@@ -30,7 +31,7 @@ class VerticalRequest(AnswerRequest):
     layer: float | None = None  # [m]
 
 
-def vertical(request, progress=lambda done, total: None):
+def vertical(request: VerticalRequest, progress=lambda done, total: None) -> VerticalFound:
     """Density, velocities and pressure over the height above the bed, in cells around points.
 
     Returns
@@ -40,12 +41,12 @@ def vertical(request, progress=lambda done, total: None):
     Raises
     ------
     MpmgisError
-        Columns, which have no profile; what cannot be read; a point off the raster; nothing is written then.
+        Depth-averaged frames, unreadable input, a point outside the raster; nothing is written then.
     """
     files = (PLOT_FILE, PROFILE_FILE, LOAD_FILE)
     output = answer_output(request, WORD, files)
-    flow = _of_points(open_frames(request.results, output, "it keeps nothing of what is over the depth"))
-    names, x, y = asked_points(request.points, request.at, flow)
+    flow = _of_points(open_frames(request.results, output, "it has no values over the depth"))
+    names, x, y = given_points(request.points, request.at, flow)
     require_on_grid(flow, x, y, names, "point")
     steps = chosen_steps(flow.times, request.at_times)
     first = flow.entries[steps[0]].read(flow.averaging.density)
@@ -53,7 +54,7 @@ def vertical(request, progress=lambda done, total: None):
     width, layer = request.width or usual_width, request.layer or usual_layer
     require_on_grid(flow, *corners_of(x, y, width), np.repeat(names, 4), f"the cell of {width:.3g} m around point")
     if request.layer is None or request.width is None:
-        log.info(f"cells of {width:.3g} m, layers of {layer:.3g} m, by the code's own grid (--width, --layer)")
+        log.info(f"cells of {width:.3g} m, layers of {layer:.3g} m, from the grid of the code (`width`, `layer`)")
     points, profiles = np.stack([x, y], axis=1), []
     with frame_pool() as pool:
         entries = [flow.entries[step] for step in steps]
@@ -61,7 +62,7 @@ def vertical(request, progress=lambda done, total: None):
             profiles.append(found)
             progress(len(profiles), len(entries))
     found = VerticalFound(flow.name, names, x, y, width, tuple(zip(*profiles, strict=True)))
-    _tell_of_nothing(found)
+    _log_empty(found)
     writers = {
         PLOT_FILE: lambda path: write_vertical_plot(path, found),
         PROFILE_FILE: lambda path: write_profiles(path, found),
@@ -71,14 +72,14 @@ def vertical(request, progress=lambda done, total: None):
 
 
 def _of_points(flow):
-    """The flow's frames of points; InputError where there are none."""
+    """The flow's frames of points; InputError without any."""
     entries = tuple(entry for entry in flow.entries if entry.header.dimension == 3)
     if not entries:
         raise InputError(
-            f'{flow.name}: its frames are columns, which have one velocity over depth; run it with solver = "points"'
+            f'{flow.name}: depth-averaged frames have no vertical profile; run the scene with solver = "points"'
         )
     if len(entries) < len(flow.entries):
-        log.info(f"{len(flow.entries) - len(entries)} frames are columns, which have no profile; the others are used")
+        log.info(f"{len(flow.entries) - len(entries)} frames are columns without a profile; the others are used")
     return replace(flow, entries=entries)
 
 
@@ -87,10 +88,12 @@ def _entry_profiles(entry, averaging, points, width, layer):
     try:
         return vertical_profiles(frame, averaging.bed, averaging.density, points, width, layer, averaging.percentile)
     except ValueError as error:
-        raise InputError(f"{entry.path.name}: {error}, wanted at most {MOST_LAYERS}; take a larger --layer") from error
+        raise InputError(
+            f"{entry.path.name}: {error}, expected at most {MOST_LAYERS}; give a larger `layer`"
+        ) from error
 
 
-def _tell_of_nothing(found):
+def _log_empty(found):
     empty = [
         name
         for name, of_point in zip(found.names, found.profiles, strict=True)
@@ -98,4 +101,4 @@ def _tell_of_nothing(found):
     ]
     if empty:
         others = f" and of {len(empty) - 1} others" if len(empty) > 1 else ""
-        log.info(f"nothing lies within {0.5 * found.width:.3g} m of point {empty[0]!r}{others} at these times")
+        log.info(f"no particle is within {0.5 * found.width:.3g} m of point {empty[0]!r}{others} at these times")

@@ -1,7 +1,7 @@
-"""Processes of this machine that work for this one, each over two pipes that nobody else can open.
+"""Worker processes on this machine, connected by pipes.
 
-There is no port: on a machine with several users anyone could hand work to a process that listens on one, and work is
-code. A process that dies is replaced, and what it worked on is run again.
+No port is used: other users of the machine could send code to a listening process. A process that dies is replaced,
+and its work is repeated.
 """
 
 import json
@@ -18,13 +18,13 @@ from .. import system
 from ..errors import InputError, one_line
 
 KEPT_BYTES = 1 << 30  # of freed memory that a worker keeps
-LARGEST_KEPT = 32 << 20  # bytes of one array, above which the system has it back at once
-RETRIES = 2  # of a piece of work whose worker died, before it is given up
-POLL_SECONDS = 0.2  # between two looks at progress and Ctrl+C
-_END_SECONDS = 5.0  # in which a worker that is told to end has done so
+LARGEST_KEPT = 32 << 20  # bytes of one array; larger ones are returned to the system at once
+RETRIES = 2  # of a piece of work whose worker died
+POLL_SECONDS = 0.2  # between checks of progress and Ctrl+C
+_END_SECONDS = 5.0  # for a worker to end after a request
 _LENGTH = struct.Struct("<Q")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from mpmgis.workflows.workers import serve; serve()"
-_ENVIRONMENT = {  # one thread each; glibc keeps freed memory, which would be taken anew page by page
+_ENVIRONMENT = {  # one thread each; glibc keeps freed memory, because page faults are slow
     "OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1,
     "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES, "MALLOC_MMAP_THRESHOLD_": LARGEST_KEPT,
 }  # fmt: skip
@@ -32,7 +32,7 @@ _ENVIRONMENT = {  # one thread each; glibc keeps freed memory, which would be ta
 
 @contextmanager
 def started(count):
-    """`count` Workers for this block; they end with it, and with this process however that ends."""
+    """`count` Workers for this block; they end with the block, or with this process."""
     workers = Workers(count)
     try:
         yield workers
@@ -43,23 +43,20 @@ def started(count):
 class Workers:
     """Processes of one thread each.
 
-    What they are handed goes as a pickle: functions must be importable by name.
+    Work is pickled: functions must be importable by name.
     """
 
     def __init__(self, count):
-        self._done = SimpleQueue()  # of (process, answer), None where the process died
+        self._done = SimpleQueue()  # of (process, answer), or (process, None) if it died
         self._processes = [_Process(self._done) for _ in range(count)]
 
     def end(self):
-        """End all processes, whatever they are doing."""
+        """End all processes, also during work."""
         for process in self._processes:
             process.end()
 
     def warm(self, function, *arguments):
-        """Let every worker call `function(*arguments)`, all at the same time: what it does first takes longer.
-
-        What goes wrong with that is left to the work that follows, which tells it in its own words.
-        """
+        """Call `function(*arguments)` in every worker at the same time; errors are ignored, the work repeats them."""
         for process in self._processes:
             process.send(function, arguments)
         for _ in range(len(self._processes)):
@@ -68,10 +65,10 @@ class Workers:
                 self._replace(process)
 
     def worked(self, function, pieces, look=lambda: None, died=lambda piece, again: None):
-        """Yield (piece, `function(piece)`) as they are done, in whatever order; None for one that no worker survived.
+        """Yield (piece, `function(piece)`) in the order of completion; None for a piece that killed all its workers.
 
-        Every worker has one piece at a time, so that one that dies costs no other piece. `look()` is called a few times
-        a second, `died(piece, again)` when a worker has died over a piece, with whether that is tried again.
+        Every worker has one piece at a time, so that a dying worker loses no other piece. `look()` is called a few
+        times a second, `died(piece, again)` when a worker has died, with whether the piece is repeated.
         """
         waiting, deaths, running, idle = list(reversed(pieces)), {}, {}, list(self._processes)
         while waiting or running:
@@ -95,13 +92,13 @@ class Workers:
                     yield piece, None
 
     def _replace(self, process):
-        """A new process in the place of one that died."""
+        """Replace a process that died; the new one."""
         process.end()
         self._processes[self._processes.index(process)] = new = _Process(self._done)
         return new
 
     def _arrived(self):
-        """All answers that there are, after a short wait for a first one."""
+        """All available answers, after a short wait for a first one."""
         with suppress(Empty):
             yield self._done.get(timeout=POLL_SECONDS)
             while True:
@@ -117,7 +114,7 @@ def _value(fine, value):
 
 
 class _Process:
-    """One process and the thread here that waits for its answers."""
+    """One process, and a thread of this process that receives its answers."""
 
     def __init__(self, done):
         command = [sys.executable, "-P", "-c", _START, json.dumps(sys.path)]
@@ -135,7 +132,7 @@ class _Process:
         done.put((self, None))
 
     def send(self, function, arguments):
-        """Let the process call `function(*arguments)`; one that is dead is found by the thread that listens."""
+        """Call `function(*arguments)` in the process; the listening thread detects a dead process."""
         with suppress(OSError):
             _write(self._process.stdin, pickle.dumps((function, arguments)))
 
@@ -151,10 +148,10 @@ class _Process:
 
 
 def serve():
-    """What a worker does: calls and answers, until the process that started it ends or closes the pipe."""
+    """Main loop of a worker: executes calls until its parent process ends or closes the pipe."""
     system.ignore_interrupts()
     calls, answers = os.fdopen(os.dup(0), "rb", buffering=0), os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # text printed by libraries goes to stderr
     waiting = SimpleQueue()
     threading.Thread(target=_receive, args=(calls, waiting), daemon=True).start()
     while True:
@@ -162,7 +159,7 @@ def serve():
 
 
 def _receive(calls, waiting):
-    """Put calls into the queue `waiting`; end this process with the one that sends them, even amid some work."""
+    """Put calls into the queue `waiting`; end this process when the parent process ends, also during work."""
     try:
         while True:
             waiting.put(_read(calls))
@@ -171,11 +168,11 @@ def _receive(calls, waiting):
 
 
 def _answer(call):
-    """The pickle of (whether it went well, the value or the error) of a pickled `call`."""
+    """The pickle of (success, value or error) of a pickled `call`."""
     try:
         function, arguments = pickle.loads(call)
         answer = True, function(*arguments)
-    except BaseException as error:  # SystemExit too: it is the caller's to decide
+    except BaseException as error:  # SystemExit too: the caller decides
         answer = False, error
     try:
         return pickle.dumps(answer)

@@ -1,4 +1,4 @@
-"""A case of `study.py` in the form of AvaFrame's com1DFA, run in an environment of its own and put on the same cells.
+"""A case of `study.py` for AvaFrame's com1DFA, run in a separate environment and resampled to the same cells.
 
 com1DFA is run with the settings that AvaFrame's authors gave it for this kind of case (`ana1Tests`: simiSolTest and
 damBreak), on three sizes of its kernel and cells; and, besides their random start, with particles that start on

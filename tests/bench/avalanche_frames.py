@@ -133,7 +133,7 @@ def write_frames(folder, times, count):
 
 
 def _paths(starts, frictions):
-    """March mass points down the profile, thrown off the cliff where it falls away faster than they do."""
+    """TimeIntegration mass points down the profile, thrown off the cliff where it falls away faster than they do."""
     x, mu = (grid.copy() for grid in np.meshgrid(starts, frictions, indexing="ij"))
     lifted, u, rise = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
     kept = []

@@ -1,6 +1,6 @@
 """Errors of the depth-averaged solver against exact answers, at three resolutions: the table of validation.md.
 
-The cases are those of the tests (design notes 6), with columns as `run` seeds them. Other codes were measured on the
+The cases are those of the tests, with columns as `run` seeds them. Other codes were measured on the
 same cases with the same exact answers and norms: AvaFrame 2.1's com1DFA with its own test settings (SPH kernel as wide
 as a cell, 20 and 25 particles in it); "prototype" is the design's.
 """

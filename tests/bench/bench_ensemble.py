@@ -1,8 +1,8 @@
-"""Many runs: what a second worker brings, and what memory and time the statistics of many members take.
+"""Many runs: speed-up by a second worker, and memory and time of the statistics of many members.
 
 `python tests/bench/run.py ensemble`. Runs of the shipped site, the same members by one process without Dask and by two
 workers, start-up apart (importing, loading what is compiled, Dask's own processes). Another program on the machine
-makes the two workers look worse than they are: the load is told in the table's head.
+makes the two workers look worse than they are: the load is reported in the table's head.
 """
 
 import os
@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mpmgis.experiments.statistics import MEMBER_BANDS
-from mpmgis.fields import BAND
+from mpmgis.fields import BAND, MEMBER_BANDS
 from mpmgis.io.ensemble_folder import STACK_BYTES
 from mpmgis.io.raster_output import write_geotiff
 from mpmgis.terrain.grid import Grid
@@ -36,7 +35,8 @@ import pyproj
 from mpmgis.terrain.grid import Grid
 from mpmgis.io.ensemble_folder import MemberStack
 from mpmgis.io.raster_output import write_rows
-from mpmgis.experiments.statistics import MEMBER_BANDS, Products, statistics
+from mpmgis.experiments.statistics import Products, statistics
+from mpmgis.fields import MEMBER_BANDS
 folder, count, side = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
 grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 6e5, 5.2e6, 5.0, (side, side))
 files = sorted(folder.glob("*_max.tif"))

@@ -139,7 +139,7 @@ def frame_rows():
 
 
 def command(*words):
-    """(Seconds, peak memory [MB]) of `mpmgis export-raster` with `words`, in a process of its own."""
+    """(Seconds, peak memory [MB]) of `mpmgis export-raster` with `words`, in a separate process."""
     words = [sys.executable, "-m", "mpmgis", "export-raster", *map(str, words), "-q", "--overwrite"]
     began = time.perf_counter()
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL)

@@ -1,9 +1,9 @@
-"""What cells and times of an export cost: its time against cs_e and dt_e, and what coarser frames lose of the maxima.
+"""Cost of cells and times of an export: its time against cs_e and dt_e, and the loss of maxima by coarser frames.
 
 The job is that of `avalanche_frames`: 900 000 points, 150 s. Times are of the whole command, QGIS folder included, on
 frames of the whole event, taken from one frame on to all that dt_e asks for. A dt_e that is coarser than the frames
 costs less to write and loses nothing of the maxima, which are of every frame read: the loss here is that of a run whose
-frames lie dt_e apart, against frames 0.1 s apart, weighted by volume (design notes 5.3).
+frames lie dt_e apart, against frames 0.1 s apart, weighted by volume.
 """
 
 import tempfile

@@ -1,11 +1,11 @@
-"""What cell size, particles a cell, CFL and the clamp do to ISeeSnow IdealizedTopo: a study against its twelve codes.
+"""Effect of cell size, particles per cell, CFL and the clamp on ISeeSnow IdealizedTopo, against its twelve codes.
 
 The case is ISeeSnow 1.0's: mu 0.4, xi 2000 m s-2, 1.5 m normal thickness, 5 m DTM. One number is changed at a time from
 5 m cells, 9 particles a cell, CFL 0.6, no clamp. Each run goes through the commands that a user has: `run` (timed,
 with its seeding and files), `export-raster` and `compare`, which gives the overlap of what was above 0.1 m with the
 ensemble's median, the area above 0.1 m, the runout of what was faster than 1 m/s along the intercomparison's own path,
 and the largest speed. Ratios are to the median of the twelve codes; of the overlap to the best of them, each of which
-was held against the median of the others; of the time to that of the base. With `--markdown` it is the base alone, as
+was compared with the median of the others; of the time to that of the base. With `--markdown` it is the base alone, as
 validation.md has it.
 """
 
@@ -17,7 +17,8 @@ from pathlib import Path
 from statistics import median
 
 from mpmgis.workflows.compare import CompareRequest, compare
-from mpmgis.workflows.export import ExportRequest, export_raster
+from mpmgis.workflows.export_raster import export_raster
+from mpmgis.workflows.requests import CellSampling, ExportFiles, ExportRequest, FrameSource
 from mpmgis.workflows.run import run
 
 DATA = Path(__file__).parents[2] / "../shared/data/iseesnow_idealized"
@@ -130,10 +131,15 @@ def _studied(numerics, folder):
     """((IoU, area [ha], runout [m], largest speed [m s-1]), seconds, cost) of a run, as its export compares."""
     frames, seconds, cost = _simulated(numerics, folder)
     exported = folder / "gis"
-    export_raster(ExportRequest((frames,), exported, naming="iseesnow", time_step=math.inf, qgis=False))
+    export_raster(
+        ExportRequest(
+            source=FrameSource(frames=(frames,)), output=exported, sampling=CellSampling(time_step=math.inf),
+            files=ExportFiles(naming="iseesnow", qgis=False),
+        )
+    )  # fmt: skip
     ensemble = DATA / "ensemble_median"
-    thick = compare(CompareRequest(exported, ensemble, threshold=THICK, band="pft"))
+    thick = compare(CompareRequest(first=exported, second=ensemble, threshold=THICK, band="pft"))
     path = DATA / "LINES/path_aimec.shp"
-    fast = compare(CompareRequest(exported, ensemble, threshold=FAST, band="pfv", line=path))
+    fast = compare(CompareRequest(first=exported, second=ensemble, threshold=FAST, band="pfv", line=path))
     speed = next(band.peak[0] for band in fast.bands if band.names[0] == "pfv")
     return (thick.overlap.iou, thick.sides[0].area / 1e4, fast.sides[0].farthest_along, speed), seconds, cost

@@ -72,7 +72,7 @@ def with_libraries(terrain, release, count):
 def peak_memory(work):
     """(bytes by which resident memory peaks above its start during `work()`, or None; what it returns)."""
     try:
-        Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew (proc(5))
+        Path("/proc/self/clear_refs").write_text("5")  # the peak starts again (proc(5))
         start = _status("VmRSS")
         kept = work()
         return _status("VmHWM") - start, kept

@@ -15,7 +15,7 @@ from mpmgis.effects.friction import Voellmy
 from mpmgis.kernels.block_order import STRIP
 from mpmgis.kernels.jit import set_threads
 
-PROTOTYPE = {1: 40.0, 2: 24.0}  # design notes on kernels, 3: plain friction, no curvature
+PROTOTYPE = {1: 40.0, 2: 24.0}  # plain friction, no curvature
 BYTES = 3 * 12 * 8 + 20  # a row is read twice and written once; key and order
 STEPS, REPEATS = 20, 5
 
@@ -88,7 +88,7 @@ def rows():
             case = f"solver, {per_side**2:,} columns, {used} thread{'s' * (used > 1)}"
             yield case, measured, "ns/particle/step", name, measured / reference
             if per_side == 1000:
-                published = f"prototype, {PROTOTYPE[threads]:.0f} ns (design notes on kernels)"
+                published = f"prototype, {PROTOTYPE[threads]:.0f} ns"
                 yield case, measured, "ns/particle/step", published, measured / PROTOTYPE[threads]
     set_threads(None)
     floor = BYTES / copy_rate() * 1e9

@@ -1,4 +1,4 @@
-"""What the contact of 3D flows with the ground gives, for the page's decision: `python tests/bench/contact.py`.
+"""Contact of 3D flows with the ground, for the page of decisions: `python tests/bench/contact.py`.
 
 Stress in the lowest cells, rest after a fall, and slabs near their friction angle, for ground anywhere between two
 nodes and for beds that lie askew in the grid. Some minutes.
@@ -14,7 +14,7 @@ sys.path += [str(TESTS), *(str(folder) for folder in TESTS.iterdir() if folder.i
 
 import test_points_catalogue as catalogue  # noqa: E402
 from contact_scenes import slab  # noqa: E402
-from point_scenes import block_of, march_to, points_on, sorted_points  # noqa: E402
+from point_scenes import block_of, integrate_to, points_on, sorted_points  # noqa: E402
 
 from mpmgis.effects.contact import CoulombContact  # noqa: E402
 
@@ -33,7 +33,7 @@ def fallen(above, layers):
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = catalogue.drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
     solver = points_on(catalogue.level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")
-    march_to(solver, 4.0)
+    integrate_to(solver, 4.0)
     return sorted_points(solver).position[:, 2].min() - above - 0.25
 
 

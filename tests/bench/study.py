@@ -1,4 +1,4 @@
-"""What accuracy costs on the shipped cases: `python tests/bench/study.py [CASE...] [-o DIR]`, or `make study`.
+"""Accuracy against computing time of the shipped cases: `python tests/bench/study.py [CASE...] [-o DIR]`, `make study`.
 
 Each case is a folder with a terrain, a release, a scene and, where there is one, the exact answer; `mpmgis study` does
 the rest. Prints the table of the page performance.md and leaves each case's own table and plot in its folder.
@@ -234,7 +234,7 @@ def demo(folder):
 
 
 class Case(NamedTuple):
-    """A case of the chapter: who writes it, its cell sizes [m], and what it is held against.
+    """A case of the chapter: who writes it, its cell sizes [m], and what it is compared with.
 
     `finer` are the options of a finer run, None where there is an exact answer; cells fit between walls. `avaframe`
     makes the same for AvaFrame's com1DFA, which runs on one thread, as such a case does.
@@ -294,7 +294,7 @@ def row(case, folder):
 
 def main():
     """Study the cases named on the command line, or all."""
-    parser = argparse.ArgumentParser(description="What accuracy costs on the shipped cases.")
+    parser = argparse.ArgumentParser(description="Accuracy against computing time of the shipped cases.")
     parser.add_argument("names", nargs="*", metavar="CASE", help=f"which: {', '.join(CASES)} (default: all)")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default: study)")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each setting (default 3)")

@@ -1,4 +1,4 @@
-"""The benchmark table: every benchmark can be found and imported, and a row says what it measured against what."""
+"""The benchmark table: every benchmark can be imported, and a row contains value and reference."""
 
 import importlib.util
 import inspect

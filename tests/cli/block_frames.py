@@ -1,4 +1,4 @@
-"""Frames of a block that slides down the slope of `slope_site` and out on level ground: every number is known."""
+"""Frames of a block that slides down the slope of `slope_site` and out on level ground, with known values."""
 
 import csv
 

@@ -1,4 +1,4 @@
-"""Commands of mpmgis that are killed at random moments, and what is looked at afterwards.
+"""Commands of mpmgis that are killed at random moments, and checks of their files.
 
 Children are forked from a process that has everything imported and has run nothing compiled, so that a kill costs a
 second and not ten. Half of the kills come after a random share of the time that the command takes, the others instead
@@ -168,7 +168,7 @@ def _is_there(to, verb):
 
 def prepare(site, verbs):
     """Imports, whole results and costs: (whole, cost) by verb. Everything that is compiled is run in children."""
-    for name in ("seed", "convert", "run", "export", "export_rasters"):
+    for name in ("seed", "convert", "run", "export_raster", "export_rasters"):
         importlib.import_module(f"mpmgis.workflows.{name}")
     for name in ("io.particle_files", "gis.folder", "gis.outlines"):
         importlib.import_module(f"mpmgis.{name}")

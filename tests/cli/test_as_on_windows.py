@@ -1,4 +1,4 @@
-"""Windows and macOS by construction: their rules emulated on Linux, and what may not stand in the sources.
+"""Windows and macOS: their rules emulated on Linux, and constructs that must not be in the sources.
 
 Neither system is here. What these tests cannot show is listed in mpmgis/docs/limits.md.
 """
@@ -41,7 +41,7 @@ from as_on_windows import ABSENT, MODULES, Windows
 PACKAGE = Path(mpmgis.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 ASKS = {"system.py", "qgis_plugin/mpmgis_qgis/calling.py"}  # which system this is; the plugin imports nothing of ours
-READS = ASKS | {"machine.py"}  # a file of Linux, and goes on where it is not there
+READS = ASKS | {"machine.py"}  # a file of Linux, and continues where it is not there
 SHORT = SCENE.replace("end_time = 30", "end_time = 12").replace("frame_interval = 5", "frame_interval = 2")
 
 
@@ -264,8 +264,8 @@ def test_kernels_are_kept_where_each_system_keeps_such_files(tmp_path, monkeypat
     assert code_cache.cache_folder().parents[1] == tmp_path / ("moved" if "WINDOWS" in system_is else folder)
 
 
-def test_folders_of_windows_whose_modes_say_nothing_keep_kernels(tmp_path, windows, monkeypatch):
-    """Every folder there is shown as writable by all: kernels were compiled anew at every start."""
+def test_folders_on_windows_without_modes_keep_kernels(tmp_path, windows, monkeypatch):
+    """Every folder there is shown as writable by all: kernels were compiled again at every start."""
     (tmp_path / "root").mkdir()
     (tmp_path / "root").chmod(0o777)
     monkeypatch.setenv("MPMGIS_CACHE_DIR", str(tmp_path / "root"))
@@ -298,7 +298,7 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
         ("x.tif", ""), (r"\\?\C:\x.tif", ""), (r"\\?\UNC\host\share\x.tif", r"host\share"), ("../x.tif", ""),
     ],
 )  # fmt: skip
-def test_the_share_of_a_path_is_known(name, share):
+def test_the_share_of_a_path_is_found(name, share):
     assert gdal_input.share(name) == share
 
 
@@ -340,7 +340,7 @@ def test_ctrl_break_ends_a_program_as_ctrl_c(monkeypatch):
     assert system.stop_signals() == (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 
 
-def test_processes_are_known_without_a_proc(windows):
+def test_processes_are_found_without_a_proc(windows):
     """As on Windows and macOS, by psutil: no signal is sent."""
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     start = writer.started(child.pid)
@@ -354,7 +354,7 @@ def test_processes_are_known_without_a_proc(windows):
     assert not writer.this_process().is_over()
 
 
-def test_memory_is_known_without_a_proc(monkeypatch, tmp_path):
+def test_memory_is_found_without_a_proc(monkeypatch, tmp_path):
     from mpmgis import machine
 
     known = machine.available_memory()
@@ -375,21 +375,21 @@ def test_facts_as_json_are_ascii_where_the_stream_is_not_utf_8(tmp_path, monkeyp
         assert told.getvalue().isascii() == (encoding != "utf-8")
 
 
-def test_names_in_other_letters_are_the_same_folder_where_the_disk_says_so(monkeypatch, tmp_path):
+def test_names_in_other_case_are_the_same_folder_on_such_disks(monkeypatch, tmp_path):
     """On macOS and Windows `-o RESULTS` is the folder `results`: neither inputs nor where one stands are replaced."""
     same = os.path.samefile
     monkeypatch.setattr(os.path, "samefile", lambda a, b: str(a).lower() == str(b).lower() or same(a, b))
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "frame_000000.h5").touch()
-    with pytest.raises(OutputError, match="which this is made from"):
+    with pytest.raises(OutputError, match="contains the input"):
         export_inputs.refuse_within(tmp_path / "RESULTS", tmp_path / "results" / "frame_000000.h5")
     export_inputs.refuse_within(tmp_path / "OTHER", tmp_path / "results" / "frame_000000.h5")
-    with pytest.raises(OutputError, match="which is asked about"):
+    with pytest.raises(OutputError, match="contains the input"):
         answer_files.checked_output(tmp_path / "RESULTS", ("a.csv",), False, [tmp_path / "results" / "frame_000000.h5"])
 
 
 def test_a_closed_pipe_is_no_error(monkeypatch):
-    """`mpmgis info x | more`, left early: Windows has another number for it; other errors of it are told."""
+    """`mpmgis info x | more`, left early: Windows has another number for it; other errors of it are reported."""
 
     class Unread:
         def flush(self):
@@ -449,7 +449,7 @@ def test_a_file_that_is_open_elsewhere_is_refused_before_the_work(windows, tmp_p
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["before", "during"])
-def test_a_folder_of_which_a_file_is_open_elsewhere_stays_whole(windows, tmp_path, late):
+def test_a_folder_of_which_a_file_is_open_elsewhere_remains_complete(windows, tmp_path, late):
     """Opened before the work, or while it was done: nothing is half replaced, and the line names the file."""
     gis = tmp_path / "gis"
     with atomic.whole_folder(gis) as part:
@@ -473,7 +473,7 @@ def test_a_folder_of_which_a_file_is_open_elsewhere_stays_whole(windows, tmp_pat
     assert sorted(everything(tmp_path)) == [Path("gis/.mpmgis"), Path("gis/new")]
 
 
-def test_a_folder_in_which_a_terminal_stands_is_named(windows, tmp_path, monkeypatch):
+def test_a_folder_that_is_open_in_a_terminal_is_named(windows, tmp_path, monkeypatch):
     """Windows moves no folder that is some process' current one; no file in it is open."""
     with atomic.whole_folder(tmp_path / "gis") as part:
         (part / "old").touch()
@@ -542,7 +542,7 @@ def test_a_folder_has_one_writer_on_windows(windows, tmp_path):
         pass
 
 
-def test_a_lock_that_somebody_looks_at_stays_and_holds_nobody_up(windows, tmp_path):
+def test_a_lock_that_another_program_looks_at_stays_and_blocks_nothing(windows, tmp_path):
     with sole_writer(tmp_path):
         looker = open(tmp_path / LOCK_FILE, "rb")  # noqa: SIM115
     assert (tmp_path / LOCK_FILE).read_bytes() == b""
@@ -612,7 +612,7 @@ def test_a_run_goes_through(windows, site, capsys):
     assert not [path for path in site.rglob(".*") if path.name != ".mpmgis"]
 
 
-def test_a_run_that_is_opened_while_it_is_replaced_stays_whole(windows, site, capsys, monkeypatch):
+def test_a_run_that_is_opened_while_it_is_replaced_remains_complete(windows, site, capsys, monkeypatch):
     scene, results = site / "scene.toml", site / "results"
     assert main(["run", str(scene), "-q"]) == 0
     before, opened = everything(results), []
@@ -630,7 +630,7 @@ def test_a_run_that_is_opened_while_it_is_replaced_stays_whole(windows, site, ca
     opened[0].close()
 
 
-def test_a_frame_that_is_read_while_the_run_goes_on_stops_nothing(windows, site, monkeypatch):
+def test_a_frame_that_is_read_while_the_run_continues_stops_nothing(windows, site, monkeypatch):
     scene, results, opened = site / "scene.toml", site / "results", []
     write = RunFolder.write_frame
 
@@ -650,8 +650,8 @@ def test_a_frame_that_is_read_while_the_run_goes_on_stops_nothing(windows, site,
     assert main(["run", str(scene), "-q", "--resume"]) == 0
 
 
-def test_a_run_goes_on_after_a_kill(windows, site, monkeypatch):
-    """What the process left, its lock too, holds nobody up: its number is asked for by psutil."""
+def test_a_run_continues_after_a_kill(windows, site, monkeypatch):
+    """What the process left, its lock too, blocks nothing: its number is asked for by psutil."""
     run, cut = ["run", str(site / "scene.toml"), "-q", "-o"], site / "cut"
     assert main([*run, str(site / "whole")]) == 0
     advance = ColumnSolver.advance

@@ -1,4 +1,4 @@
-"""`mpmgis compare` through the command line: numbers that are known, files that it writes, inputs that it refuses."""
+"""`mpmgis compare` through the command line: known numbers, written files, refused inputs."""
 
 import csv
 import json
@@ -60,7 +60,7 @@ def dtm(path, grid=None, crs=CRS):
 
 
 def compared(capsys, *arguments):
-    """Facts that the command prints with --json, and what it says."""
+    """Facts that the command prints with --json, and its messages."""
     code = main(["compare", *map(str, arguments), "--json"])
     out, said = capsys.readouterr()
     assert code == 0, said
@@ -104,7 +104,7 @@ def test_what_the_screen_shows(discs, capsys):
     assert rows["area [ha]"][2:5] == ["1.131", "1.131", "0"]
     assert float(rows["overlap (IoU)"][-1]) == pytest.approx(0.3204, abs=0.002)
     assert rows["h_max peak [m]"][-1].startswith("-2")
-    assert "runout wants --line" in said
+    assert "runout needs --line" in said
 
 
 def test_a_line_decides_what_runout_is(discs, capsys, tmp_path):
@@ -130,7 +130,7 @@ def test_a_line_drawn_uphill_is_taken_the_other_way(discs, capsys, tmp_path):
 
 
 @pytest.mark.parametrize("start", [40, 80, 95])
-def test_runout_and_compare_tell_the_same_runout(discs, capsys, tmp_path, start):
+def test_runout_and_compare_report_the_same_runout(discs, capsys, tmp_path, start):
     """Wherever the line begins above the flow, it counts from the flow's highest place, of a deposit too."""
     line = write_shapes(tmp_path / "line.gpkg", shapely.LineString([(start, 190), (330, 215)]))
     terrain = dtm(tmp_path / "dtm.tif")
@@ -183,7 +183,7 @@ def test_a_difference_of_dems_is_compared_with_the_deposit(export, capsys, tmp_p
         ours, theirs = ("b", "a") if swap else ("a", "b")
         assert found[ours]["band"] == "h_deposit" and found[theirs]["kind"] == "difference of DEMs"
         assert found[theirs]["area_m2"] == pytest.approx(math.pi * 900, rel=0.02)
-        assert "taken for a difference of DEMs" in said and "vertical" in said
+        assert "taken as a difference of DEMs" in said and "vertical" in said
         assert 0.7 < found["iou"] < 0.95
         (band,) = [band for band in found["bands"] if None not in (band["a"], band["b"])]
         assert abs(band["mean_difference"]) < 0.2
@@ -211,7 +211,7 @@ def test_elevations_are_refused_and_a_thickness_without_a_name_is_taken(export, 
     x, _ = grid.xy(*np.indices(grid.shape))
     ground = write_plain(tmp_path / "ground.tif", 1000 - 0.5 * (x - WEST), grid)
     assert main(["compare", str(export), str(ground)]) == 2
-    assert "holds elevations (800." in capsys.readouterr().err
+    assert "contains elevations (800." in capsys.readouterr().err
     plain = write_plain(tmp_path / "plain.tif", disc(grid, 150, 200), grid)
     found, _ = compared(capsys, export, plain)
     assert found["iou"] == 1.0 and found["a"]["band"] == "h_max" and found["b"]["band"] == "value"
@@ -245,7 +245,7 @@ def test_an_outline_beyond_the_raster_counts_whole(discs, capsys, tmp_path):
     half = write_shapes(tmp_path / "half.shp", shapely.box(-100, 140, 100, 260))
     found, said = compared(capsys, discs[0], half)
     assert found["only_b_m2"] + found["both_m2"] == pytest.approx(200 * 120, rel=0.02)
-    assert "12000 m2 of half lie beyond the raster of first" in said
+    assert "12000 m2 of half are outside the raster of first" in said
 
 
 def test_two_places_of_one_crs_share_nothing(discs, capsys, tmp_path):
@@ -253,7 +253,7 @@ def test_two_places_of_one_crs_share_nothing(discs, capsys, tmp_path):
     away = write_peak(tmp_path / "away.tif", disc(far, 5200, 200), far)
     found, said = compared(capsys, discs[0], away, "-o", tmp_path / "run_1.5")  # a folder with a dot in its name
     assert found["iou"] == found["both_m2"] == 0 and found["only_b_m2"] == pytest.approx(math.pi * 3600, rel=0.01)
-    assert "do not meet" in said and (tmp_path / "run_1.5" / "map.png").is_file()
+    assert "do not overlap" in said and (tmp_path / "run_1.5" / "map.png").is_file()
 
 
 def test_coarser_and_shifted_cells_and_a_missing_crs(discs, capsys, tmp_path):
@@ -261,7 +261,7 @@ def test_coarser_and_shifted_cells_and_a_missing_crs(discs, capsys, tmp_path):
     rough = write_peak(tmp_path / "rough.tif", disc(coarse, 150, 200), coarse)
     found, said = compared(capsys, discs[0], rough)
     assert found["cell_size_m"] == 2.0 and found["iou"] > 0.93
-    assert "rough carries no CRS; EPSG:32632 is assumed" in said
+    assert "rough has no CRS; EPSG:32632 of the other side is assumed" in said
     assert compared(capsys, rough, discs[0])[0]["iou"] == found["iou"]
 
 
@@ -335,7 +335,7 @@ def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
     main(["export-raster", str(tmp_path / "slow"), "--no-qgis", "-q"])
     capsys.readouterr()
     same, said = compared(capsys, tmp_path / "slow", tmp_path / "slow_gis")
-    assert same["iou"] == 1.0 and same["a"]["kind"] == "run" and "its frames are exported" in said
+    assert same["iou"] == 1.0 and same["a"]["kind"] == "run" and "its frames are averaged" in said
     assert all(band["rms_difference"] == 0 for band in same["bands"])
     assert same["a"]["runout_m"] == same["b"]["runout_m"] > 0
     other, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis" / "rasters")
@@ -397,10 +397,10 @@ def test_nothing_is_replaced_unasked(discs, capsys, tmp_path):
     folder = tmp_path / "folder"  # carries the mark of what mpmgis may replace
     arguments = ["compare", str(folder / "classes.tif"), str(discs[0]), "--overwrite", "-o"]
     assert main([*arguments, str(folder)]) == 2 and (folder / "classes.tif").is_file()
-    assert "which is asked about, and would be replaced" in capsys.readouterr().err
+    assert "and would be replaced; give another" in capsys.readouterr().err
     (folder / "way.csv").write_text("a line of the user's, kept beside the comparison")
     assert main(["compare", *map(str, discs), "--line", str(folder / "way.csv"), "--overwrite", "-o", str(folder)]) == 2
-    assert "way.csv, which is asked about" in capsys.readouterr().err and (folder / "way.csv").is_file()
+    assert "way.csv and would be replaced" in capsys.readouterr().err and (folder / "way.csv").is_file()
     assert {band.name for band in folder.iterdir()} >= {"map.png", "table.csv", "classes.tif"}
     with rasterio.open(tmp_path / "who.tif") as one, rasterio.open(folder / "classes.tif") as other:
         assert np.array_equal(one.read(), other.read(), equal_nan=True)
@@ -442,23 +442,23 @@ def bad_cases(tmp_path, first, second):
         "two outlines": ((area, area), "both outlines"),
         "lines as outline": ((first, path), "expected polygons"),
         "an outline as line": ((first, second, "--line", area), "expected lines"),
-        "a line elsewhere": ((first, second, "--line", path), "passes no nearer than 141 m to the flow"),
+        "a line elsewhere": ((first, second, "--line", path), "is 141 m away from the flow"),
         "two lines": ((first, second, "--line", two), "2 lines that do not join"),
-        "an outline smaller than a cell": ((first, sliver), "holds no centre of a cell of 2 m"),
+        "an outline smaller than a cell": ((first, sliver), "contains no cell centre at a cell size of 2 m"),
         "another CRS": ((first, other_crs), "is in EPSG:32633, the other rasters in EPSG:32632; reproject"),
         "degrees": ((degrees, first), "mpmgis needs metres"),
-        "another place": ((first, away), "do not meet, and not both carry a CRS"),
+        "another place": ((first, away), "do not overlap, and not both have a CRS"),
         "another unit": ((first, feet), "h_max is in m in first, h_max in ft in feet"),
         "bands without names": ((first, nameless), "2 bands without names"),
         "a raster cut short": ((cut, first), "truncated"),
         "no flow at all": ((dry, dry), "no cell of either is above --threshold 0.1"),
         "a band that is not there": ((first, second, "--band", "pft"), "use --band with one of h_max"),
         "one frame": ((first, tmp_path / "frame.h5"), "is one frame; give the folder of the run"),
-        "a DTM in another CRS": ((first, second, "--dem", other_crs), "the results in EPSG:32632; reproject it"),
+        "a DTM in another CRS": ((first, second, "--dem", other_crs), "--to-crs auto"),
         "a DTM that is not there": ((first, second, "--dem", tmp_path / "no.tif"), "no such file"),
-        "an output of unknown kind": ((first, second, "-o", tmp_path / "out.xlsx"), "wanted .png"),
-        "a negative threshold": ((first, second, "--threshold", "-1"), "wanted 0 or more"),
-        "a threshold that is no number": ((first, second, "--threshold", "thick"), "wanted a number"),
+        "an output of unknown kind": ((first, second, "-o", tmp_path / "out.xlsx"), "expected .png"),
+        "a negative threshold": ((first, second, "--threshold", "-1"), "a number of at least 0"),
+        "a threshold that is no number": ((first, second, "--threshold", "thick"), "expected a number"),
     }
 
 
@@ -523,7 +523,7 @@ maxima = true
 @pytest.mark.slow
 @needs_iseesnow
 def test_our_own_export_lies_within_the_ensemble(capsys, tmp_path):
-    """Run, export under ISeeSnow's names, compare: the whole chain as a user would type it."""
+    """Run, export under ISeeSnow's names, compare: the whole workflow as a user would type it."""
     (tmp_path / "scene.toml").write_text(SCENE.format(data=ISEESNOW.resolve()))
     assert main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run"), "--yes", "-q"]) == 0
     frames = sorted(map(str, (tmp_path / "run").glob("frame_*.h5")))
@@ -541,7 +541,7 @@ def test_our_own_export_lies_within_the_ensemble(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("swap", [False, True])
-def test_an_observed_outline_tells_what_is_over_and_underestimated_and_how_far_apart(tmp_path, capsys, swap):
+def test_an_observed_outline_reports_what_is_over_and_underestimated_and_how_far_apart(tmp_path, capsys, swap):
     grid = grid_of()
     result = write_peak(tmp_path / "deposit.tif", disc(grid, 150, 200), grid)
     circles = [shapely.Point(x, 200).buffer(60, 256) for x in (150, 190)]

@@ -1,4 +1,4 @@
-"""`mpmgis convert` as a user types it: files, talk, refusals, and what export-raster makes of the result."""
+"""`mpmgis convert` through the command line: files, messages, refusals, and the export of its results."""
 
 import json
 import shutil
@@ -136,23 +136,23 @@ def one_line(capsys):
     ("arguments", "message"),
     [
         (["missing.h5"], "no such file"),
-        (["frame.h5", "--spacing", "0"], "wanted a number above 0"),
-        (["frame.h5", "--spacing", "nan"], "wanted a finite number"),
+        (["frame.h5", "--spacing", "0"], "expected a number above 0"),
+        (["frame.h5", "--spacing", "nan"], "expected a finite number"),
         (["frame.h5", "--spacing", "1e-9"], "wider --spacing"),
-        (["frame.h5", "--relevel"], "relevel needs"),
+        (["frame.h5", "--relevel"], "relevel requires"),
         (["frame.h5", "--paper", "--cell", "1"], "--cell contradicts --paper"),
         (["frame.h5", "--paper", "--vertical-velocity", "tangent"], "--vertical-velocity contradicts"),
         (["frame.h5", "--vertical-velocity", "up"], "invalid choice"),
-        (["frame.h5", "--by", "parent"], "--by belongs to --to columns"),
-        (["frame.h5", "--to", "columns"], "holds columns already"),
-        (["frame.h5", "--to", "columns", "--paper"], "--paper belongs to --to points"),
-        (["points.h5", "--to", "points"], "holds points already"),
-        (["points.h5", "--spacing", "1"], "--spacing belongs to --to points"),
+        (["frame.h5", "--by", "parent"], "--by requires --to columns"),
+        (["frame.h5", "--to", "columns"], "already contains columns"),
+        (["frame.h5", "--to", "columns", "--paper"], "--paper requires --to points"),
+        (["points.h5", "--to", "points"], "already contains points"),
+        (["points.h5", "--spacing", "1"], "--spacing requires --to points"),
         (["frame.h5", "-o", "points.csv"], "points are written as frames"),
         (["points.h5", "-o", "columns.xyz"], "format .xyz is unknown"),
         (["frame.h5", "-o", "."], "exists already"),
         (["frame.h5", "-o", "frame.h5"], "exists already"),
-        (["frame.h5", "-o", "frame.h5", "--overwrite"], "is what the frame is made from"),
+        (["frame.h5", "-o", "frame.h5", "--overwrite"], "is an input and would be replaced"),
         (["frame.h5", "-o", "dtm.tif.h5", "--dem", "gone.tif"], "no such file"),
         (["frame.h5", "--dem", "other.tif"], "give the DTM that the run used"),
         (["junk.h5"], "neither a frame of mpmgis"),
@@ -184,7 +184,7 @@ def test_refusals(tmp_path, monkeypatch, capsys, arguments, message):
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
-def test_a_foreign_frame_without_mass_or_parents(tmp_path, monkeypatch, capsys):
+def test_a_third_party_frame_without_mass_or_parents(tmp_path, monkeypatch, capsys):
     """Points of another code: volume only, no parents; density is said, cells of the DTM are the columns."""
     source = write_scene(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -196,7 +196,7 @@ def test_a_foreign_frame_without_mass_or_parents(tmp_path, monkeypatch, capsys):
             del file["particles"][name]
         del file["particles"].attrs["density"]
     assert run("p.h5", "-o", "c.h5") == 0
-    assert "the density is taken as 1000 kg m-3" in capsys.readouterr().err
+    assert "a density of 1000 kg m-3 is assumed" in capsys.readouterr().err
     columns = read_frame("c.h5").particles
     assert (columns.area == 4.0).all() and columns.thickness.max() == pytest.approx(2.0, rel=1e-3)
 

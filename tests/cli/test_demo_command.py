@@ -1,4 +1,4 @@
-"""`mpmgis demo` that is asked to stop while it exports: the exit code that shells expect, and nothing half-written."""
+"""`mpmgis demo` that is stopped during the export: exit code for shells, and no incomplete files."""
 
 import signal
 import subprocess
@@ -12,7 +12,7 @@ from mpmgis.cli.progress import Interrupted, interruptible
 # the demo itself, told to stop by its own signal when the first frame of the export is done
 STOPPED_WHILE_EXPORTING = """
 import os, sys
-from mpmgis.cli import demo as verb
+from mpmgis.cli import simulate as verb
 from mpmgis.cli.main import main
 from mpmgis.workflows import demo as workflow
 
@@ -34,7 +34,7 @@ raise SystemExit(main(["demo", "-o", sys.argv[1]]))
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_asked_to_stop_while_it_exports(tmp_path, number, code):
+def test_stopped_while_it_exports(tmp_path, number, code):
     command = [sys.executable, "-c", STOPPED_WHILE_EXPORTING, str(tmp_path / "demo"), str(int(number))]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert ended.returncode == code, ended.stderr

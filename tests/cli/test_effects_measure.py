@@ -24,4 +24,4 @@ def test_the_command_measures_a_scene(tmp_path, capsys):
     assert main(["effects", str(site / "scene.toml"), "-q"]) == 0
     assert " cost " not in capsys.readouterr().out
     assert main(["effects", "--measure"]) == 2
-    assert "wants a scene" in capsys.readouterr().err
+    assert "requires a scene" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""`mpmgis ensemble` as a user meets it: members, maps against NumPy, second starts, dead workers, refusals."""
+"""`mpmgis ensemble` through the command line: members, maps against NumPy, second starts, dead workers, refusals."""
 
 import contextlib
 import csv
@@ -134,7 +134,7 @@ def test_a_member_is_what_run_and_export_make_of_its_scene(done, site, tmp_path)
         np.testing.assert_array_equal(values, exported[name], name)
 
 
-def test_rasters_lie_on_the_dtm_and_say_what_they_are(done, site):
+def test_rasters_lie_on_the_dtm_and_describe_what_they_are(done, site):
     with rasterio.open(site / "dtm.tif") as terrain:
         transform, shape, crs = terrain.transform, terrain.shape, terrain.crs
     for path in (done / "maps").rglob("*.tif"):
@@ -152,9 +152,9 @@ def test_rasters_lie_on_the_dtm_and_say_what_they_are(done, site):
 
 def test_a_second_start_runs_nothing_and_other_thresholds_make_other_maps(done, site, capsys, monkeypatch):
     before, written = digests(done), {path: path.stat().st_mtime_ns for path in (done / "members").iterdir()}
-    monkeypatch.setattr(ensemble_member, "_run", lambda *_: pytest.fail("a member that is done was run again"))
+    monkeypatch.setattr(ensemble_member, "run_task", lambda *_: pytest.fail("a member that is done was run again"))
     assert command(site, done, "--exceed", "Ut=5", "--percentiles", "50") == 0
-    assert "5 of 5 members are done already" in capsys.readouterr().err
+    assert "5 of 5 members are already finished" in capsys.readouterr().err
     assert set(bands(done / "maps/rasters/ensemble_probability.tif")) == {"P_arrival", "P_Ut_5"}
     assert command(site, done, "-q") == 0
     assert digests(done) == before
@@ -166,7 +166,7 @@ def test_the_plan_that_was_kept_makes_the_same_members(done, site, tmp_path):
     assert [row["digest"] for row in table(tmp_path / "again")] == [row["digest"] for row in table(done)]
 
 
-def test_info_tells_what_varies_and_how_far_it_is(done, capsys):
+def test_info_reports_what_varies_and_how_far_it_is(done, capsys):
     assert main(["info", "--json", str(done)]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["kind"], facts["state"], facts["members"]) == ("ensemble", "finished", {"finished": 5})
@@ -182,7 +182,7 @@ def test_another_plan_is_refused_and_with_overwrite_keeps_what_both_have(site, t
     assert command(site, out, *sobol, samples=4) == 2
     assert "another plan" in capsys.readouterr().err
     assert command(site, out, *sobol, "--overwrite", samples=4) == 0
-    assert "2 of 4 members are done already" in capsys.readouterr().err
+    assert "2 of 4 members are already finished" in capsys.readouterr().err
     assert command(site, out, *sobol, "--overwrite", "-q", samples=1) == 0
     assert len(list((out / "members").glob("*.json"))) == 1
 
@@ -227,7 +227,7 @@ def worker_processes():
 
 @pytest.mark.thorough
 def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_there_are(done, site, tmp_path):
-    """Two processes, one killed amid its work: all members are there, to the bytes of one process."""
+    """Two processes, one killed during its work: all members are there, to the bytes of one process."""
     killed, seen = [], []
 
     def kill(count, total, left):
@@ -262,7 +262,7 @@ def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done
     assert died == [True, True, False]
 
 
-def test_ctrl_c_leaves_what_a_second_start_goes_on_from(site, tmp_path, capsys):
+def test_ctrl_c_leaves_what_a_second_start_continues_from(site, tmp_path, capsys):
     class Enough(KeyboardInterrupt):
         pass
 
@@ -277,32 +277,32 @@ def test_ctrl_c_leaves_what_a_second_start_goes_on_from(site, tmp_path, capsys):
     assert not (tmp_path / "e" / "maps").exists()
     assert not list(tmp_path.rglob(".*part*"))
     assert command(site, tmp_path / "e") == 0
-    assert "2 of 5 members are done already" in capsys.readouterr().err
+    assert "2 of 5 members are already finished" in capsys.readouterr().err
 
 
 def broken(monkeypatch, kind, above):
     """Members whose friction is above a number end with an error of a kind."""
-    usual = ensemble_member._run
+    usual = ensemble_member.run_task
 
     def run(task, look):
         if task.tables["friction"]["mu"] > above:
             raise kind("step 3, t = 1 s, E 0 N 0: made up")
         return usual(task, look)
 
-    monkeypatch.setattr(ensemble_member, "_run", run)
+    monkeypatch.setattr(ensemble_member, "run_task", run)
 
 
-def test_unphysical_members_are_left_out_and_said_and_not_tried_again(site, tmp_path, capsys, monkeypatch):
+def test_unphysical_members_are_left_out_and_reported_and_not_tried_again(site, tmp_path, capsys, monkeypatch):
     broken(monkeypatch, UnphysicalError, 0.33)
     assert command(site, tmp_path / "e", "--tolerate", "0.3") == 0
     said = capsys.readouterr().err
-    assert "go without 1 of 5 members (1 unphysical)" in said
+    assert "omit 1 of 5 members (1 unphysical)" in said
     rows = table(tmp_path / "e")
     assert sorted(row["status"] for row in rows) == ["finished"] * 4 + ["unphysical"]
     with rasterio.open(tmp_path / "e/maps/rasters/e_h.tif") as source:
         assert (source.tags(ns="mpmgis")["members"], source.tags(ns="mpmgis")["left_out"]) == ("4", "1")
     assert command(site, tmp_path / "e", "--tolerate", "0.3") == 0
-    assert "5 of 5 members are done already" in capsys.readouterr().err
+    assert "5 of 5 members are already finished" in capsys.readouterr().err
 
 
 def test_too_many_unphysical_members_are_refused(site, tmp_path, capsys, monkeypatch):
@@ -322,7 +322,7 @@ REFUSED = [
     ((), ("nothing varies",)),
     (("--vary", "friction.mu=0.1:0.3", "--exceed", "depth=1"), ("depth", "h, Ut, p")),
     (("--vary", "friction.mu=0.1:0.3", "--percentiles", "5,150"), ("150", "0 to 100")),
-    (("--vary", "friction.mu=0.1:0.3", "--sampling", "mc"), ("lhs, sobol, grid, random",)),
+    (("--vary", "friction.mu=0.1:0.3", "--sampling", "mc"), ("choose from 'lhs', 'sobol', 'random', 'grid'",)),
     (("--vary", "release.source=release.geojson,gone.shp"), ("gone.shp",)),
     (("--plan", "gone.toml"), ("gone.toml",)),
     (("--vary", "friction.mu=0.1:0.3", "--dask", "tcp://127.0.0.1:9"), ("no scheduler answers",)),
@@ -347,7 +347,7 @@ def test_refusals_are_one_line_and_leave_nothing(site, tmp_path, capsys, options
         ("[vry]\n", "did you mean 'vary'"), ('samples = "x"\n', "samples"), ("samples = 0\n", "samples"),
         ("vary = 3\n", "vary"), ('[vary]\nfriction.mu = "0.3:0.1"\n', "LOW below HIGH"), ("exceed = 3\n", "exceed"),
         ("[vary]\n[exceed]\nh = ['a']\n", "nothing varies"),
-        ("[vary]\nterrain.window = [[0, 0, 9e6, 9e6], [1, 1, 9e6, 9e6]]\n", "no cells in common"),
+        ("[vary]\nterrain.window = [[0, 0, 9e6, 9e6], [1, 1, 9e6, 9e6]]\n", "no common grid"),
     ],
 )  # fmt: skip
 def test_plans_that_are_none_are_refused(site, tmp_path, capsys, text, words):

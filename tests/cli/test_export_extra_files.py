@@ -18,7 +18,8 @@ def run(tmp_path):
 def test_all_of_them(tmp_path, run, capsys):
     pytest.importorskip("imageio_ffmpeg", reason="no imageio-ffmpeg (pip install mpmgis[animation])")
     film = tmp_path / "flow.mp4"
-    assert main(["export-raster", str(run), "--no-qgis", "--kml", "--stac", "--animation", str(film)]) == 0
+    words = ["--no-qgis", "--kml", "--stac", "--animation", str(film), "--list-files"]
+    assert main(["export-raster", str(run), *words]) == 0
     told = capsys.readouterr().out.splitlines()
     folder = tmp_path / "run_gis"
     assert {str(folder / "run.kmz"), str(folder / "run.stac.json"), str(film)} <= set(told)
@@ -39,7 +40,7 @@ def test_a_film_in_the_folder_of_the_export_is_refused(tmp_path, run, capsys):
     pytest.importorskip("imageio_ffmpeg", reason="no imageio-ffmpeg (pip install mpmgis[animation])")
     film = tmp_path / "run_gis" / "flow.mp4"
     assert main(["export-raster", str(run), "--no-qgis", "--animation", str(film)]) == 2
-    assert "give it another place" in capsys.readouterr().err and not film.parent.exists()
+    assert "which is replaced; give another folder" in capsys.readouterr().err and not film.parent.exists()
 
 
 def test_a_missing_encoder_is_named_with_its_extra(tmp_path, run, capsys, monkeypatch):

@@ -1,4 +1,4 @@
-"""`mpmgis hydrograph` on a block that crosses a section at a known speed."""
+"""`mpmgis hydrograph` for a block that crosses a section at a known speed."""
 
 import math
 
@@ -50,10 +50,10 @@ def test_all_mass_goes_through_once_and_the_balance_closes(tmp_path, capsys, dim
     assert (mass[time < 5] == 0).all()
     assert by_cells[-1] == pytest.approx(MASS, rel=0.06)  # fronts between frames, and cells as long as a frame's way
     assert "90 degrees from north; 16 of 16" in shown[0]
-    assert any("0 round its ends, 0 begun there; error 0.0e+00 kg" in line for line in shown)
+    assert any("0 around its ends, 0 new there; error 0.0e+00 kg" in line for line in shown)
 
 
-def test_a_section_drawn_the_other_way_tells_the_same(tmp_path, capsys):
+def test_a_section_drawn_the_other_way_reports_the_same(tmp_path, capsys):
     run = moving(tmp_path, 2.0)
     tables = []
     for ends in ((20, 380), (380, 20)):
@@ -63,11 +63,11 @@ def test_a_section_drawn_the_other_way_tells_the_same(tmp_path, capsys):
     assert tables[0] == pytest.approx(tables[1])
 
 
-def test_half_a_section_counts_half_and_tells_what_went_round(tmp_path, capsys):
+def test_half_a_section_counts_half_and_reports_what_passed_around(tmp_path, capsys):
     run = moving(tmp_path, 2.0)
     section = write_line(tmp_path / "section.gpkg", (SECTION, MIDDLE), (SECTION, 390))
     shown, _ = hydrograph(capsys, run, "--section", section)
-    assert f"{MASS / 2:.6g} through it, {MASS / 2:.6g} round its ends" in "\n".join(shown)
+    assert f"{MASS / 2:.6g} through it, {MASS / 2:.6g} around its ends" in "\n".join(shown)
 
 
 def test_the_cells_flux_comes_nearer_with_the_frames(tmp_path, capsys):
@@ -84,7 +84,7 @@ def test_the_cells_flux_comes_nearer_with_the_frames(tmp_path, capsys):
     assert errors[1] < 0.02 < errors[0]
 
 
-def test_particles_without_ids_are_counted_by_cells_and_that_is_said(tmp_path, capsys):
+def test_particles_without_ids_are_counted_by_cells_and_that_is_reported(tmp_path, capsys):
     run = moving(tmp_path, 2.0)
     for path in run.glob("frame_*.h5"):
         with h5py.File(path, "a") as file:
@@ -121,7 +121,7 @@ def test_an_export_has_the_flux_of_the_frames_cells(tmp_path, capsys):
         found[source] = np.array([[float(row["volume_m3"]), float(row["mass_kg"])] for row in rows])
     assert found["run"][-1, 1] == pytest.approx(MASS, rel=0.1)
     assert found["run_gis"] == pytest.approx(found["run"], rel=1e-5)
-    assert "rasters know no particles" in said
+    assert "rasters have no particles" in said
 
 
 def test_sections_that_are_none_are_refused(tmp_path, capsys):
@@ -133,11 +133,11 @@ def test_sections_that_are_none_are_refused(tmp_path, capsys):
             (run, "--section", write_line(tmp_path / "x.gpkg", (100, 20), (200, 380), (200, 20), (100, 380))),
             "crosses itself",
         ),
-        ((run, "--section", write_line(tmp_path / "off.gpkg", (900, 20), (900, 380))), "lies off the raster"),
+        ((run, "--section", write_line(tmp_path / "off.gpkg", (900, 20), (900, 380))), "is outside the raster"),
         ((run / "frame_000000.h5", "--section", across), "one frame"),
         ((tmp_path / "run_gis", "--section", across), "export with --products mass,Ut_E,Ut_N"),
-        ((tmp_path / "run_gis", "--section", across, "--method", "particles"), "is an export, which keeps none"),
-        ((tmp_path / "run_gis", "--section", across, "--cs-e", 5), "the option for cell size is for frames"),
+        ((tmp_path / "run_gis", "--section", across, "--method", "particles"), "is an export without particles"),
+        ((tmp_path / "run_gis", "--section", across, "--cs-e", 5), "--cs-e requires frames"),
         ((run, "--section", tmp_path / "no.gpkg"), "no such file"),
     ):
         capsys.readouterr()

@@ -1,4 +1,4 @@
-"""`mpmgis info`: one screen for people, one JSON object a line for programs."""
+"""`mpmgis info`: one screen of text, or one JSON object per line."""
 
 import json
 from dataclasses import replace
@@ -54,7 +54,7 @@ def told(path, capsys):
     return {"": lines[0], **{label: text.strip() for label, _, text in rows}}
 
 
-def test_a_frame_tells_its_own_speed_from_that_of_every_step(seed, capsys):
+def test_speeds_of_a_frame_and_of_all_steps_are_distinguished(seed, capsys):
     frame = read_frame(seed)
     peaks = {name: np.full((2, 3), value) for name, value in (("thickness", 4.0), ("speed", 31.5), ("pressure", 9.0))}
     peaks |= {"arrival_time": np.zeros((2, 3)), "transform": np.array([5.0, 0, 0, 0, 5.0, 0])}
@@ -65,7 +65,7 @@ def test_a_frame_tells_its_own_speed_from_that_of_every_step(seed, capsys):
         assert said["largest thickness so far, vertical"] == "4 m"
 
 
-def test_places_are_told_in_the_maps_own_unit(tmp_path, capsys):
+def test_places_are_reported_in_the_maps_own_unit(tmp_path, capsys):
     values = np.ones((1, 4, 5), np.float32)
     shapes = {"EPSG:4326": "degrees", "EPSG:2226": "US survey foot", "EPSG:32632": "m"}
     for crs, unit in shapes.items():
@@ -87,21 +87,21 @@ def test_angles_of_a_scene_are_degrees_and_times_seconds():
     assert any(line.endswith("end_time 9 s, maxima yes") for line in lines)
 
 
-def test_an_export_tells_its_extremes_with_units():
+def test_an_export_reports_its_extremes_with_units():
     facts = {"file": "a_gis", "kind": "export", "maxima": {"Ut_max": [1.5, 31.25], "t_arrival": [None, None]}}
     assert [line.split(None, 1) for line in screen(facts)[2:]] == [
         ["Ut_max", "1.5 to 31.25 m s-1"], ["t_arrival", "no value"],
     ]  # fmt: skip
 
 
-def test_a_style_is_told_as_one(tmp_path, capsys):
+def test_a_style_is_reported_as_one(tmp_path, capsys):
     run = tmp_path / "slide"
     write_frame_on_a_terrain(run)
     assert main(["export-raster", str(run), "-q"]) == 0
     capsys.readouterr()
     said = told(tmp_path / "slide_gis" / "rasters" / "slide_max.qml", capsys)
     assert ": QGIS style (" in said[""] and said["layer"] == "raster"
-    assert said["renderer"] == "singlebandpseudocolor" and "> 1 m" in said["classes"]
+    assert said["renderer"] == "singlebandpseudocolor" and "> 0.8 m" in said["classes"]
     assert told(tmp_path / "slide_gis" / "dtm.qml", capsys)["renderer"] == "hillshade"
 
 
@@ -137,7 +137,7 @@ def test_one_screen_is_one_screen(files, seed, capsys):
     assert not any("{" in line or "[" in line or "'" in line for line in lines)
 
 
-def test_a_bad_file_costs_one_line_and_the_others_are_told(seed, tmp_path, capsys):
+def test_a_bad_file_gives_one_line_and_the_others_are_reported(seed, tmp_path, capsys):
     (tmp_path / "junk.h5").write_text("junk")
     assert main(["info", str(tmp_path / "none.tif"), str(seed), str(tmp_path / "junk.h5")]) == 2
     out, err = capsys.readouterr()
@@ -178,11 +178,11 @@ def test_an_answer_in_a_file_is_what_would_be_printed(seed, tmp_path, capsys, fo
     assert "exists already" in capsys.readouterr().err and told.read_text() == printed
 
 
-def test_an_answer_in_a_file_is_whole_and_never_in_place_of_what_is_asked_about(seed, tmp_path, capsys):
+def test_an_output_file_is_complete_and_never_replaces_an_input(seed, tmp_path, capsys):
     told, before = tmp_path / "told.txt", seed.read_bytes()
     assert main(["info", str(seed), str(tmp_path / "nosuch"), "-o", str(told)]) == 2 and not told.exists()
     assert main(["info", str(seed), "-o", str(seed), "--overwrite"]) == 2 and seed.read_bytes() == before
-    assert capsys.readouterr().err.endswith("is what is asked about; give another -o\n")
+    assert capsys.readouterr().err.endswith("is also an input; give another -o\n")
 
 
 def test_the_catalogue_of_effects_in_a_file(tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""`mpmgis intensity` on a block whose depth and speed are known."""
+"""`mpmgis intensity` for a block of known depth and speed."""
 
 import sqlite3
 from contextlib import closing
@@ -8,11 +8,12 @@ import geopandas
 import numpy as np
 import pytest
 import rasterio
+from affine import Affine
 from block_frames import CRS, SIDE, table, write_block_run
 
 from mpmgis.cli.main import main
 
-FILES = ["intensity.csv", "intensity.gpkg", "intensity.qml", "intensity.tif"]
+FILES = ["intensity.csv", "intensity.gpkg", "intensity.png", "intensity.qml", "intensity.tif"]
 PLACES = (150.0, 450.0, 600.0)  # on the slope at rest, on the flat fast, on the flat at rest: apart from each other
 
 
@@ -25,7 +26,7 @@ def areas(folder):
     return {row["name"]: float(row["area_m2"]) for row in table(folder / "intensity.csv")}
 
 
-def test_fast_and_deep_is_strong_and_all_files_say_the_same(tmp_path, run, capsys):
+def test_fast_and_deep_is_strong_and_all_files_are_consistent(tmp_path, run, capsys):
     assert main(["intensity", str(run), "--guideline", "swiss-debris-flow"]) == 0
     shown = capsys.readouterr().out.splitlines()
     folder = tmp_path / "run_intensity"
@@ -63,7 +64,7 @@ def test_an_export_and_its_frames_have_the_same_classes(tmp_path, run):
         assert found[0] == found[1] and sum(found[0].values()) == 3 * SIDE**2
 
 
-def test_what_counts_as_reached_may_be_said_of_an_export_too(tmp_path, run):
+def test_what_counts_as_reached_may_be_given_for_an_export_too(tmp_path, run):
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
     for source in (run, tmp_path / "run_gis"):  # 1.79 m normal to the slope, 2 m on the flat
         options = ["--guideline", "swiss-avalanche", "--min-depth", "1.9", "-o", str(tmp_path / "c"), "--overwrite"]
@@ -71,13 +72,27 @@ def test_what_counts_as_reached_may_be_said_of_an_export_too(tmp_path, run):
         assert sum(areas(tmp_path / "c").values()) == 2 * SIDE**2
 
 
-def test_a_guideline_of_ones_own_in_one_file(tmp_path, run):
+def test_a_user_guideline_in_one_file(tmp_path, run):
     own = tmp_path / "own.toml"
     own.write_text('[deep]\nsource = "s"\n[[deep.class]]\nname = "deep"\ncolour = "#0000ff"\nwhen = [{ h = 1.9 }]\n')
     options = ["--guidelines", str(own), "--guideline", "deep", "-o", str(tmp_path / "d.tif")]
     assert main(["intensity", str(run), *options]) == 0
     with rasterio.open(tmp_path / "d.tif") as source:  # 2 m upright are 1.79 m normal to the slope
         assert np.count_nonzero(source.read(1)) * 100 == 2 * SIDE**2
+
+
+def test_rotated_rasters_keep_their_cells(tmp_path, capsys):
+    place = Affine.translation(6e5, 5.2e6) * Affine.rotation(30) * Affine(10, 3, 0, 0, -8, 0)
+    depth = np.zeros((20, 30), np.float32)
+    depth[4:9, 6:16] = 2.0
+    profile = {"driver": "GTiff", "width": 30, "height": 20, "count": 1, "dtype": "float32", "crs": CRS.to_wkt()}
+    with rasterio.open(tmp_path / "flow_pft.tif", "w", transform=place, **profile) as target:
+        target.write(depth, 1)
+    options = ["--guideline", "swiss-hillslope-debris-flow", "-o", str(tmp_path / "c.tif")]
+    assert main(["intensity", str(tmp_path / "flow"), *options]) == 0
+    with rasterio.open(tmp_path / "c.tif") as source:
+        assert source.transform.almost_equals(place)
+        assert np.array_equal(source.read(1) == 2, depth > 0)
 
 
 def test_refusals_are_one_line(tmp_path, run, capsys):
@@ -88,7 +103,7 @@ def test_refusals_are_one_line(tmp_path, run, capsys):
         (("--guideline", "mine", "--guidelines", broken), "not a readable TOML"),
         (("--guideline", "mine", "--guidelines", tmp_path / "none.toml"), "no such file"),
         (("--guideline", "swiss-flood", "--min-depth", 9), "smaller --min-depth"),
-        (("--guideline", "swiss-flood", "-o", tmp_path / "x.shp"), "wanted .tif"),
+        (("--guideline", "swiss-flood", "-o", tmp_path / "x.shp"), "expected .tif"),
     ):
         capsys.readouterr()
         assert main(["intensity", str(run), *map(str, arguments)]) == 2

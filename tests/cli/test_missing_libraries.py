@@ -1,4 +1,4 @@
-"""The main verbs work without Arrow and Dask, and what asks for one of them says how to install it."""
+"""The main verbs work without Arrow and Dask; options that need one of them report how to install it."""
 
 import json
 import os
@@ -95,7 +95,7 @@ def test_a_run_and_its_export_and_an_ensemble_need_none_of_them(site):
         (("ensemble", "scene.toml", "--vary", "friction.mu=0.1:0.3", "--dask", "tcp://127.0.0.1:9"), "cluster"),
     ],
 )
-def test_what_needs_one_says_how_to_install_it(site, words, extra):
+def test_what_needs_one_reports_how_to_install_it(site, words, extra):
     if "area.parquet" in words:
         import geopandas
 

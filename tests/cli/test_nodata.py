@@ -1,4 +1,4 @@
-"""A DTM with nodata as a user meets it: told before and after the run, filled on request; 3D needs ground in reach."""
+"""A DTM with nodata: reported before and after the run, filled on request; 3D needs ground in reach."""
 
 import json
 
@@ -65,7 +65,7 @@ def run(folder, capsys, fill="", cell=PIXEL):
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0, 3.0])
-def test_a_hole_in_the_path_is_told_before_the_run_and_what_it_took_after_it(tmp_path, capsys, share):
+def test_a_hole_in_the_path_is_reported_before_the_run_and_what_it_took_after_it(tmp_path, capsys, share):
     write_site(tmp_path, [IN_THE_PATH])
     code, err, record = run(tmp_path, capsys, cell=share * PIXEL)
     assert code == 0
@@ -105,13 +105,13 @@ def test_a_filled_hole_is_flowed_over_and_kept_in_the_terrain_of_the_run(tmp_pat
     assert inside.any() or (x - WEST > 215.0).mean() > 0.5
 
 
-def test_a_run_and_its_filled_run_are_not_gone_on_with_each_other(tmp_path, capsys):
+def test_a_run_cannot_resume_its_filled_run(tmp_path, capsys):
     write_site(tmp_path, [BESIDE])
     digests = {run(tmp_path, capsys, fill)[2]["digest"] for fill in ("", FILL)}
     assert len(digests) == 2
 
 
-def test_a_collar_is_told_as_the_end_of_the_dtm(tmp_path, capsys):
+def test_a_collar_is_reported_as_the_end_of_the_dtm(tmp_path, capsys):
     write_site(tmp_path, collar=150.0)
     _, err, record = run(tmp_path, capsys)
     assert "the flow can reach the nodata around the DTM: " in err and "larger DTM" in err
@@ -121,7 +121,7 @@ def test_a_collar_is_told_as_the_end_of_the_dtm(tmp_path, capsys):
     assert "flowed into the nodata around the DTM at E 600" in err
 
 
-def test_the_report_tells_where_mass_left(tmp_path, capsys):
+def test_the_report_reports_where_mass_left(tmp_path, capsys):
     write_site(tmp_path, [IN_THE_PATH])
     run(tmp_path, capsys)
     assert main(["report", str(tmp_path / "results"), "-o", str(tmp_path / "report")]) == 0
@@ -166,7 +166,7 @@ def test_walls_at_the_edges_need_ground_where_the_flow_can_get(tmp_path):
     assert prepare(walled).stages[0].nodata.collar is None
 
 
-def test_the_key_takes_what_it_knows_and_effects_tells_of_it(tmp_path, capsys):
+def test_the_key_takes_its_choices_and_effects_reports_it(tmp_path, capsys):
     write_site(tmp_path, [IN_THE_PATH])
     (tmp_path / "scene.toml").write_text(SCENE.format(fill='\nfill_nodata = "guess"', cell=5))
     assert main(["effects", str(tmp_path / "scene.toml")]) == 2
@@ -176,7 +176,7 @@ def test_the_key_takes_what_it_knows_and_effects_tells_of_it(tmp_path, capsys):
     assert "nodata amid" not in capsys.readouterr().out
     (tmp_path / "scene.toml").write_text(SCENE.format(fill="", cell=5))
     assert main(["effects", str(tmp_path / "scene.toml")]) == 0
-    assert "72 cells of nodata amid the DTM are in reach, around E 600" in capsys.readouterr().out
+    assert "72 cells of nodata inside the DTM are in reach, around E 600" in capsys.readouterr().out
     assert main(["run", "--template"]) == 0
     assert 'fill_nodata = "interpolate"' in capsys.readouterr().out
 
@@ -197,7 +197,7 @@ def test_a_seed_over_a_hole_is_refused_and_made_on_filled_ground(tmp_path, capsy
 @given(
     east=st.floats(100.0, 380.0), north=st.floats(10.0, 110.0), share=st.floats(0.5, 3.0), mu=st.floats(0.05, 0.5),
 )  # fmt: skip
-def test_whatever_a_hole_takes_was_told_before(tmp_path_factory, east, north, share, mu):
+def test_whatever_a_hole_takes_was_reported_before(tmp_path_factory, east, north, share, mu):
     """Small holes anywhere below the release, on cells of half to three times the DTM's."""
     folder = tmp_path_factory.mktemp("hole")
     write_site(folder, [(east, north)])

@@ -1,4 +1,4 @@
-"""A law of the user's own through `mpmgis run --law`: the flow of the shipped law that it says, restarts, refusals."""
+"""A user's own friction law with `mpmgis run --law`: the flow of the same shipped law, restarts, refusals."""
 
 import subprocess
 import sys
@@ -24,14 +24,14 @@ TEXT = SCENE.replace('"Voellmy"', '"my_law.py:Mine"').replace("end_time = 30", "
 
 
 def own(site, *options):
-    """A run with the law, in a process of its own: kernels with such a law have a cache of their own."""
+    """A run with the law, in a separate process: kernels with such a law have a cache of their own."""
     command = [sys.executable, "-m", "mpmgis", "run", "own.toml", "-q", "--law", "my_law.py", *options]
     return subprocess.run(command, cwd=site, capture_output=True, text=True, timeout=900)
 
 
 @pytest.mark.slow
-def test_a_law_of_ones_own_moves_the_flow_as_it_says(tmp_path):
-    """Voellmy written anew, whose parts the solver finds by chord: Voellmy's flow (0.05 m off after 15 s)."""
+def test_a_user_law_moves_the_flow_as_defined(tmp_path):
+    """Voellmy written again, whose parts the solver finds by chord: Voellmy's flow (0.05 m off after 15 s)."""
     site = write_site(tmp_path)
     (site / "my_law.py").write_text(LAW)
     (site / "own.toml").write_text(TEXT)

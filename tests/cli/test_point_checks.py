@@ -1,4 +1,4 @@
-"""Runs of points as a user meets them that are too coarse, or lose volume: reported, recorded, in the report."""
+"""Runs of points through the command line that are too coarse, or lose volume: reported, recorded, in the report."""
 
 import json
 import re
@@ -86,7 +86,7 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     assert "runout of a free collapse depends on the cell size" in report
 
 
-def test_effects_say_that_runout_of_drucker_prager_depends_on_the_cells(site, capsys):
+def test_effects_report_that_runout_of_drucker_prager_depends_on_the_cells(site, capsys):
     """The figures are those of tests/scenes/granular_column; other materials have no such line."""
     (site / "scene.toml").write_text(slide(4.0, 1, 1))
     assert main(["effects", str(site / "scene.toml"), "--json", "-q"]) == 0
@@ -195,11 +195,11 @@ def check_mach_number(site, seed):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
-def test_the_mach_number_is_foreseen_where_the_release_has_speed(seed, tmp_path):
+def test_the_mach_number_is_predicted_where_the_release_has_speed(seed, tmp_path):
     check_mach_number(write_block_site(tmp_path), seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6, 60))
-def test_the_mach_number_is_foreseen_in_many_scenes(seed, tmp_path):
+def test_the_mach_number_is_predicted_in_many_scenes(seed, tmp_path):
     check_mach_number(write_block_site(tmp_path), seed)

@@ -1,4 +1,4 @@
-"""Maxima of every step of points as a user meets them: run, stages, export, reading back, what is said."""
+"""Maxima of all steps of points through the commands: run, stages, export, reading back, messages."""
 
 import json
 
@@ -74,7 +74,7 @@ def test_two_frames_with_solver_maxima_show_what_seventy_frames_show(site, capsy
     dense, _, _ = exported(site, "dense", capsys, "--cs-e", cell_size)
     assert tags["maxima"] == "solver, every step" and tags["maxima_solver"].split(", ") == list(BANDS)
     assert off_tags["maxima"] == "frames"
-    assert any("of points, h_max and t_max take in the thickness from mass" in line for line in said)
+    assert any("of points, h_max and t_max include the thickness from mass" in line for line in said)
     for name, most in (("Ut_max", 0.05), ("p_max", 0.04), ("h_max", 0.15)):
         assert missed(few, dense, name) < most < missed(off, dense, name), name
     core = np.nan_to_num(dense["h_max"]) > 3.0
@@ -130,7 +130,7 @@ def test_stages_of_other_cells_keep_a_lattice_each_and_export_as_one(site, capsy
     assert upper is None  # nothing has moved yet
 
 
-def test_the_record_the_report_and_info_tell_of_them(site, capsys):
+def test_the_record_the_report_and_info_report_them(site, capsys):
     told = json.loads((site / "finer" / "run.json").read_text())["maxima"]
     kept = last(site / "finer").maxima
     assert told["thickness"] == max(float(kept[name].max()) for name in ("thickness", "other1_thickness"))
@@ -162,8 +162,8 @@ def test_points_in_a_window_and_columns_beside_it_have_peaks_together(site):
 
 def test_members_of_an_ensemble_of_points_keep_them(site):
     from mpmgis.scene import read_scene
-    from mpmgis.workflows.ensemble import _with_peaks
+    from mpmgis.workflows.ensemble_plan import with_peaks
 
     (site / "scene.toml").write_text(scene(END, "false"))
-    output = _with_peaks(read_scene(site / "scene.toml"), 0.1)["output"]
+    output = with_peaks(read_scene(site / "scene.toml"), 0.1)["output"]
     assert output["maxima"] is True and output["arrival_thickness"] == 0.1

@@ -1,4 +1,4 @@
-"""`mpmgis profile` and `mpmgis timeseries` on a block of known thickness and speed, from frames and from an export."""
+"""`mpmgis profile` and `mpmgis timeseries` for a block of known thickness and speed, from frames and from an export."""
 
 import math
 
@@ -58,14 +58,14 @@ def test_a_percentile_is_taken_as_depth(tmp_path, percentile, height):
 def test_a_percentile_of_columns_is_reported_as_without_effect(tmp_path, run, capsys):
     line = write_line(tmp_path / "line.gpkg")
     assert main(["profile", str(run), "--line", str(line), "--percentile", "50"]) == 0
-    assert "--percentile and --standoff change nothing" in capsys.readouterr().err
+    assert "--percentile and --standoff have no effect" in capsys.readouterr().err
 
 
 def test_a_percentile_of_an_export_is_refused(tmp_path, run, capsys):
     assert main(["export-raster", str(run), "-o", str(tmp_path / "gis"), "--cs-e", "10"]) == 0
     line = write_line(tmp_path / "line.gpkg")
     said = refusal(capsys, "profile", tmp_path / "gis", "--line", line, "--percentile", "50")
-    assert "percentile is for frames" in said
+    assert "--percentile requires frames" in said
 
 
 def test_a_uniform_block_has_its_thickness_speed_and_surface_exactly(tmp_path, run):
@@ -97,7 +97,7 @@ def test_of_points_h_is_the_highest_and_t_what_lies_between(tmp_path):
     assert t[inside] == pytest.approx(THICKNESS * 6 / 8 * UPRIGHT, rel=1e-6)
 
 
-def test_an_export_tells_the_same_along_a_line_and_at_points(tmp_path, run, capsys):
+def test_an_export_reports_the_same_along_a_line_and_at_points(tmp_path, run, capsys):
     for layout in ("steps", "stacks"):
         gis = tmp_path / layout
         arguments = ["export-raster", run, "--no-qgis", "--layout", layout, "--products", "p", "-o", gis]
@@ -132,31 +132,31 @@ def test_points_have_the_cells_values_over_time_with_pressure(tmp_path, run, cap
     assert p[[1, 8]] == pytest.approx(DENSITY * np.array([SPEED / UPRIGHT, SPEED]) ** 2, rel=1e-6)
 
 
-def test_times_are_those_of_the_nearest_frames_and_that_is_said(tmp_path, run, capsys):
+def test_times_are_those_of_the_nearest_frames_and_that_is_reported(tmp_path, run, capsys):
     line = write_line(tmp_path / "line.gpkg")
     assert main(["profile", str(run), "--line", str(line), "--at-times", "9,11,20", "-o", str(tmp_path / "p.csv")]) == 0
     assert "no frame at 9, 11 s" in capsys.readouterr().err
     assert sorted({row["time_s"] for row in table(tmp_path / "p.csv")}) == ["10", "20"]
 
 
-def test_what_lies_off_the_raster_is_said_or_refused(tmp_path, run, capsys):
+def test_what_is_outside_the_raster_is_reported_or_refused(tmp_path, run, capsys):
     line = write_line(tmp_path / "off.gpkg", (-100, MIDDLE), (300, MIDDLE))
     assert main(["profile", str(run), "--line", str(line), "-o", str(tmp_path / "p.csv")]) == 0
-    assert "100 m of it lie off the raster" in capsys.readouterr().err
+    assert "100 m of it are outside the raster" in capsys.readouterr().err
     assert table(tmp_path / "p.csv")[0]["h_m"] == ""
     line = write_line(tmp_path / "gone.gpkg", (-100, MIDDLE), (-20, MIDDLE))
     points = write_points(tmp_path / "points.gpkg", (250, MIDDLE), (900, MIDDLE))
     for arguments, words in (
-        (("profile", run, "--line", line), "lies off the raster"),
+        (("profile", run, "--line", line), "is outside the raster"),
         (("profile", run, "--line", points), "expected lines"),
         (("profile", run, "--line", write_line(tmp_path / "l.gpkg"), "--at-times", "50"), "from 0 to 20 s"),
         (("profile", run), "--line"),
         (("profile", run, "--line", write_line(tmp_path / "l2.gpkg"), "--spacing", "1e-4"), "a larger --spacing"),
-        (("timeseries", run, "--points", points), "'feature 2' (E 400900.0, N 5100200.0) lies off"),
+        (("timeseries", run, "--points", points), "'feature 2' (E 400900.0, N 5100200.0) is outside"),
         (("timeseries", run, "--points", line), "expected points"),
         (("timeseries", run), "--points FILE or --at E,N"),
-        (("timeseries", run, "--at", "3"), "wanted two numbers"),
-        (("timeseries", run, "--at", "1,2", "--standoff", "no"), "wanted a number"),
+        (("timeseries", run, "--at", "3"), "expected two numbers"),
+        (("timeseries", run, "--at", "1,2", "--standoff", "no"), "expected a number"),
     ):
         assert words in refusal(capsys, *arguments), arguments
     assert not (tmp_path / "run_profile").exists() and not (tmp_path / "run_timeseries").exists()

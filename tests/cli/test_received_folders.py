@@ -1,4 +1,4 @@
-"""Folders that come from somebody else: no link in them is followed, no input is replaced, each refusal is a line."""
+"""Folders from other people: no link in them is followed, no input is replaced, each refusal is one line."""
 
 import os
 import shutil
@@ -112,14 +112,14 @@ def test_a_lock_that_is_another_name_of_a_file_is_refused(site, tmp_path, capsys
     assert refused(["run", site / "scene.toml", "--resume"], tmp_path, capsys, ".lock", "another name")
 
 
-def test_a_lock_that_is_somebody_elses_file_is_refused(site, tmp_path, capsys):
+def test_a_foreign_file_in_place_of_the_lock_is_refused(site, tmp_path, capsys):
     (site / "results" / ".lock").write_text("notes of mine")
     assert refused(["run", site / "scene.toml", "--overwrite"], tmp_path, capsys, ".lock was not written by mpmgis")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
 @pytest.mark.parametrize("name", TAKEN)
-def test_a_pipe_in_a_runs_folder_holds_nobody_up(site, tmp_path, capsys, name):
+def test_a_pipe_in_a_runs_folder_blocks_nothing(site, tmp_path, capsys, name):
     (site / "results" / name).unlink(missing_ok=True)
     os.mkfifo(site / "results" / name)
     assert refused(["run", site / "scene.toml", "--resume"], tmp_path, capsys, f"{name} is a pipe")
@@ -244,7 +244,7 @@ def test_the_new_run_is_as_if_there_had_been_none(site, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("same", [True, False])
 @pytest.mark.parametrize("at", range(8))
-def test_a_change_of_runs_that_is_cut_short_is_gone_on_from(site, tmp_path, monkeypatch, at, same):
+def test_a_change_of_runs_that_is_cut_short_is_continued(site, tmp_path, monkeypatch, at, same):
     """Killed at any file that goes or takes its name: `--resume` or, while the record is the old one, once more."""
     if not same:
         (site / "scene.toml").write_text(SHORT.replace("mu = 0.2", "mu = 0.3"))
@@ -386,7 +386,7 @@ def test_a_studys_inputs_are_never_replaced(site, tmp_path, capsys):
     (site / "scene.toml").write_text(SHORT.replace("dtm.tif", "study/dtm.tif"))
     before = everything(tmp_path)
     assert main(["study", str(site / "scene.toml"), "--overwrite", "-q", "--yes"]) == 2
-    assert "which this is made from" in capsys.readouterr().err
+    assert "contains the input" in capsys.readouterr().err
     assert everything(tmp_path) == before
 
 

@@ -1,4 +1,4 @@
-"""What files of somebody else make GDAL read: no network, no list of files behind another suffix, no pipe."""
+"""Rasters from other people read by GDAL: no network, no list of files with another suffix, no pipe."""
 
 import os
 import shutil

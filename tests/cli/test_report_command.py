@@ -1,4 +1,4 @@
-"""`mpmgis report`: one file that needs nothing else, with what the run and its frames tell."""
+"""`mpmgis report`: one self-contained file with the results of the run and its frames."""
 
 import base64
 import json
@@ -52,7 +52,7 @@ def report(*arguments):
     assert main(["report", *map(str, arguments)]) == 0
 
 
-def test_a_run_is_told_whole(tmp_path, capsys):
+def test_the_report_of_a_run_is_complete(tmp_path, capsys):
     site = write_site(tmp_path)
     assert run(site, SCENE.replace("end_time = 30", "end_time = 10")) == 0
     at_its_end = capsys.readouterr().err
@@ -60,9 +60,9 @@ def test_a_run_is_told_whole(tmp_path, capsys):
     assert capsys.readouterr().out == f"{site / 'results_report' / 'report.html'}\n"
     page = Reader((site / "results_report" / "report.html").read_text(encoding="utf-8"))
     assert page.titles == [
-        "Result", "Maps", "Runout", "Balances", "Warnings", "Effects, and why", "Parameters", "Origin",
+        "Result", "Maps", "Places", "Runout", "Balances", "Warnings", "Effects, and why", "Parameters", "Origin",
     ]  # fmt: skip
-    assert len(page.pictures) == 5 and all(png.startswith(b"\x89PNG") for png in page.pictures)
+    assert len(page.pictures) == 6 and all(png.startswith(b"\x89PNG") for png in page.pictures)
     assert "Scenario <300> & more" in page.text
     mass = next(line for line in at_its_end.splitlines() if line.startswith("mass: "))
     assert mass in page.text  # in the same words as the run's
@@ -108,9 +108,9 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
     other = write_block_run(broken)
     (other / "run.json").write_text("{ not json")
     for arguments, words in (
-        ((tmp_path / "run_gis", "--cs-e", 5), "the option for cell size is for frames"),
+        ((tmp_path / "run_gis", "--cs-e", 5), "--cs-e requires frames"),
         ((other,), "run.json cannot be read"),
-        ((folder, "-o", tmp_path / "r.pdf"), "wanted .html"),
+        ((folder, "-o", tmp_path / "r.pdf"), "expected .html"),
         ((folder, "--line", tmp_path / "none.gpkg"), "no such file"),
     ):
         capsys.readouterr()
@@ -142,7 +142,7 @@ def test_a_record_and_a_scene_that_are_damaged_within_have_a_report(tmp_path):
     assert "solver = '\ufffd'" in Reader((tmp_path / "r.html").read_text(encoding="utf-8")).text
 
 
-def test_balances_of_another_version_are_shown_as_they_stand(tmp_path):
+def test_balances_of_another_version_are_shown_unchanged(tmp_path):
     folder = write_block_run(tmp_path)
     (folder / "run.json").write_text(json.dumps({"balances": {"mass_start": 5.0, "momentum_error_relative": 0.0}}))
     report(folder, "-o", tmp_path / "r.html")

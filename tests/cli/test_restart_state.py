@@ -43,7 +43,7 @@ def runs(tmp_path_factory):
 
 
 def interrupted(site, name, folder):
-    """A copy of a run as a kill amid its last interval leaves it; the path of its newest frame."""
+    """A copy of a run as a kill during its last interval leaves it; the path of its newest frame."""
     shutil.copytree(site / name, folder)
     newest = sorted(folder.glob("frame_*.h5"))[-1]
     newest.unlink()
@@ -74,14 +74,14 @@ def change(values, random):
 
 
 def rewrite(path, name, values):
-    """The array `state/name` in the file at `path` anew."""
+    """The array `state/name` in the file at `path` again."""
     with h5py.File(path, "r+") as file:
         del file["state"][name]
         file["state"].create_dataset(name, data=values)
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_run_goes_on_from_what_was_not_changed(runs, tmp_path, capsys, name):
+def test_a_run_continues_from_what_was_not_changed(runs, tmp_path, capsys, name):
     newest = interrupted(runs, name, tmp_path / "cut")
     assert require_restartable(newest, Path(newest.parent / "none")) is True
     assert resumed(runs, name, tmp_path / "cut", capsys) == (0, "")
@@ -126,7 +126,7 @@ def test_a_digest_that_was_changed_or_taken_away_is_refused(runs, tmp_path, attr
         file.attrs[attribute] = "0" * 64
     with pytest.raises(FormatError, match=r"was changed|does not follow"):
         require_restartable(newest, before)
-    if attribute != RESULT:  # versions without it are gone on with, their result has no digest
+    if attribute != RESULT:  # versions without it are continued, their result has no digest
         with h5py.File(newest, "r+") as file:
             del file.attrs[attribute]
         with pytest.raises(FormatError, match="has no digest"):

@@ -1,4 +1,4 @@
-"""The digest of a result: printed, stored, the same for any number of threads and after a restart, and held by info."""
+"""The digest of a result: printed, stored, the same for any number of threads and after a restart, checked by info."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ def results(run_site, tmp_path):
 
 
 def facts(path, capsys):
-    """What `mpmgis info --json` tells."""
+    """Output of `mpmgis info --json`."""
     capsys.readouterr()
     assert main(["info", "--json", str(path)]) == 0
     return json.loads(capsys.readouterr().out)
@@ -69,7 +69,7 @@ def test_another_scene_has_another_digest(run_site, tmp_path):
 
 
 @pytest.mark.parametrize("array", ["particles/velocity", "particles/id", "maxima/speed"])
-def test_info_tells_of_a_frame_that_was_changed(results, array, capsys):
+def test_info_reports_a_frame_that_was_changed(results, array, capsys):
     with h5py.File(results / "frame_000002.h5", "r+") as file:
         values = file[array][()]
         values.flat[-1] += 1
@@ -79,13 +79,13 @@ def test_info_tells_of_a_frame_that_was_changed(results, array, capsys):
     assert facts(results / "frame_000001.h5", capsys)["contents"] == AS_WRITTEN
 
 
-def test_info_tells_of_a_time_that_was_changed(results, capsys):
+def test_info_reports_a_time_that_was_changed(results, capsys):
     with h5py.File(results / "frame_000002.h5", "r+") as file:
         file.attrs["time"] = np.nextafter(file.attrs["time"], 100.0)
     assert "frame_000002.h5 was changed" in facts(results, capsys)["frames_are"]
 
 
-def test_info_tells_of_frames_that_are_missing_or_swapped(results, capsys):
+def test_info_reports_frames_that_are_missing_or_swapped(results, capsys):
     (results / "frame_000006.h5").rename(results / "kept")
     assert facts(results, capsys)["frames_are"] == "frames after frame_000005.h5 are missing"
     (results / "kept").rename(results / "frame_000006.h5")
@@ -95,7 +95,7 @@ def test_info_tells_of_frames_that_are_missing_or_swapped(results, capsys):
     assert facts(results, capsys)["frames_are"] == "frame_000001.h5 was changed, or belongs to another run"
 
 
-def test_frames_of_a_version_without_digests_are_read_and_not_gone_on_with(run_site, results, capsys):
+def test_frames_of_a_version_without_digests_are_read_and_not_continued(run_site, results, capsys):
     for path in results.glob("frame_*.h5"):
         with h5py.File(path, "r+") as file:
             del file.attrs["content_sha256"], file.attrs["result_sha256"]

@@ -1,4 +1,4 @@
-"""`mpmgis run`, `mpmgis effects` and `mpmgis demo` as a user meets them, with what is wrong told in one line."""
+"""`mpmgis run`, `mpmgis effects` and `mpmgis demo` through the command line, with errors in one line."""
 
 import json
 import os
@@ -101,7 +101,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(site):
     assert digests(site / "whole") == digests(site / "cut")
 
 
-def test_resume_of_a_finished_run_says_so_and_changes_nothing(site, capsys):
+def test_resume_of_a_finished_run_reports_it_and_changes_nothing(site, capsys):
     assert main(["run", str(site / "scene.toml"), "-q"]) == 0
     before = {p: p.stat().st_mtime_ns for p in (site / "results").iterdir()}
     capsys.readouterr()
@@ -131,7 +131,7 @@ def test_overwrite_replaces_a_run_and_nothing_else(site, capsys):
     assert (site / "results" / "notes.txt").read_text() == "mine"
 
 
-def test_a_run_from_a_seed_goes_on_from_its_columns(site):
+def test_a_run_from_a_seed_continues_from_its_columns(site):
     seed = site / "seed.h5"
     dem, release = str(site / "lava_falls_dem_utm12n_10m.tif"), str(site / "lava_falls_release_small.shp")
     assert main(["seed", "--dem", dem, "--release", release, "--density", "1500", "-o", str(seed), "-q"]) == 0
@@ -143,7 +143,7 @@ def test_a_run_from_a_seed_goes_on_from_its_columns(site):
     np.testing.assert_allclose(first.particles.thickness, seeded.particles.thickness, rtol=1e-12)
 
 
-def test_effects_says_what_is_on_and_why(site, capsys):
+def test_effects_reports_what_is_on_and_why(site, capsys):
     assert main(["effects"]) == 0
     assert "Voellmy" in capsys.readouterr().out
     assert main(["effects", str(site / "scene.toml"), "--json"]) == 0
@@ -174,7 +174,7 @@ def test_the_template_is_a_scene_and_names_every_key(capsys):
 
 
 def test_demo_ends_in_a_project_and_a_picture(tmp_path, capsys, monkeypatch):
-    """The whole chain on the shipped site, shortened to its first seconds."""
+    """The whole workflow on the shipped site, shortened to its first seconds."""
     short = tmp_path / "short"
     shutil.copytree(sample_folder(), short)
     text = (short / "scene.toml").read_text()
@@ -236,7 +236,10 @@ BAD_SCENES = {
     "no source": (swap('source = "lava_falls_release_small.shp"', ""), "either source or particles"),
     "particles missing": (swap(RELEASE, 'particles = "a.h5"'), "no such file"),
     "particles are no frame": (swap(RELEASE, 'particles = "README.md"'), "HDF5"),
-    "particles with a density": (swap('source = "lava_falls_release_small.shp"', 'particles = "a.h5"'), "own density"),
+    "particles with a density": (
+        swap('source = "lava_falls_release_small.shp"', 'particles = "a.h5"'),
+        "particles have a density",
+    ),
     "comma for a point": (swap("mu = 0.25", "mu = 0,25"), "a point, not a comma"),
     "backslashes": (swap('"lava', '"C:\\U\\lava'), "single quotes"),
     "thickness column missing": (swap("density = 2000", 'thickness = "height"'), "height"),
@@ -281,22 +284,22 @@ def test_a_bad_scene_is_refused_before_anything_is_written(name, site, capsys):
 
 def test_bad_arguments_are_refused(site, capsys, tmp_path):
     scene = str(site / "scene.toml")
-    assert refused(["run", "-q"], capsys, "which scene")
+    assert refused(["run", "-q"], capsys, "no scene is given")
     assert refused(["run", str(tmp_path / "none.toml"), "-q"], capsys, "no such file")
     assert refused(["run", str(site), "-q"], capsys, "is a folder, expected a text file")
-    assert refused(["run", scene, "--threads", "0", "-q"], capsys, "1 or more")
     assert refused(["run", scene, "--resume", "--overwrite", "-q"], capsys, "contradict")
     assert refused(["run", scene, "-o", str(site / "README.md"), "-q"], capsys, "is a file")
     (site / "binary.toml").write_bytes(bytes(range(256)))
     assert refused(["run", str(site / "binary.toml"), "-q"], capsys, "text")
-    with pytest.raises(SystemExit) as stop:
-        main(["run", scene, "--thread", "x"])
-    assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+    for wrong in (["--thread", "x"], ["--threads", "0"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["run", scene, *wrong])
+        assert stop.value.code == 2 and capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.thorough
 def test_ctrl_c_ends_a_run_that_resumes(site):
-    """SIGINT in the middle: exit code 130, whole frames, and the run goes on to the bytes of one never stopped."""
+    """SIGINT in the middle: exit code 130, whole frames, and the run continues to the bytes of one never stopped."""
     assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "whole")]) == 0
     command = [sys.executable, "-m", "mpmgis", "run", str(site / "scene.toml"), "-q", "-o", str(site / "cut")]
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -345,20 +348,20 @@ def test_a_very_large_run_is_not_started_unasked(site, capsys):
 
 
 @pytest.mark.skipif(os.name != "posix" or os.getuid() == 0, reason="root may write everywhere")
-def test_a_read_only_place_is_told(site, capsys):
+def test_a_read_only_place_is_reported(site, capsys):
     (site / "locked").mkdir()
     (site / "locked").chmod(0o500)
     assert refused(["run", str(site / "scene.toml"), "-o", str(site / "locked" / "r"), "-q"], capsys, "permission")
 
 
-def test_scenes_compare_and_digest_by_what_they_say(site):
+def test_scenes_compare_and_digest_by_their_contents(site):
     a = read_scene(site / "scene.toml")
     (site / "scene.toml").write_text(SCENE.replace("mu = 0.25", "mu    =    0.25  # the same"))
     b = read_scene(site / "scene.toml")
     assert a == b and a.digest("x") == b.digest("x") != a.digest("y")
 
 
-def test_a_run_says_before_what_it_will_take_and_after_what_it_took(site, capsys):
+def test_a_run_reports_predicted_and_actual_time(site, capsys):
     assert main(["run", str(site / "scene.toml")]) == 0
     err = capsys.readouterr().err
     assert re.search(r"predicted: [\d.]+ s and [\d.]+ GB\n", err)

@@ -44,7 +44,7 @@ def cut_short(site, output, number, what, where):
 
 
 def resumed(site, output):
-    """Exit code of the same run gone on with."""
+    """Exit code of the same run continued."""
     return main(["run", str(site / "all.toml"), "-q", "-o", str(output), "--resume"])
 
 
@@ -59,7 +59,7 @@ def only_line(capsys):
 
 
 def test_what_comes_in_is_the_volume_of_the_hydrograph(site):
-    """Nothing is there at the start; the table goes on after the end, of which nothing comes."""
+    """Nothing is there at the start; the table continues after the end, of which nothing comes."""
     (site / "inflow.csv").write_text("time;discharge\n2,5;100\n10;200\n40;200\n")
     try:
         assert run(site, NO_RELEASE + INFLOW, "-q") == 0
@@ -72,8 +72,8 @@ def test_what_comes_in_is_the_volume_of_the_hydrograph(site):
     assert abs(balances["mass_error_relative"]) <= 1e-12
 
 
-def test_slabs_come_whole_and_as_thick_as_the_table_says(site):
-    """On a plane of slope 1/2; thickness normal to it unless it is said to be vertical."""
+def test_slabs_are_complete_and_as_thick_as_the_table(site):
+    """On a plane of slope 1/2; thickness normal to it unless it is reported to be vertical."""
     (site / "slabs.csv").write_text("# snow\ntime,thickness\n0,1.5\n4,0\n12,0.75\n29,0.25\n")
     slabs = NO_RELEASE + INFLOW.replace("inflow.csv", "slabs.csv")
     for line, stretched in (("", np.sqrt(1.25)), ('thickness_mode = "vertical"\n', 1.0)):
@@ -83,7 +83,7 @@ def test_slabs_come_whole_and_as_thick_as_the_table_says(site):
         assert record(site)["events"] == {"batches": 3, "secondary_releases": []}
 
 
-def test_the_record_says_what_flows_in_and_what_is_released(site, capsys):
+def test_the_record_reports_what_flows_in_and_what_is_released(site, capsys):
     told = record(site, "whole")
     assert told["events"]["secondary_releases"] == ["near", "far"] and told["events"]["batches"] > 20
     released = 1000 * (2 * 100 * 100 * np.sqrt(1.25) + VOLUME + 2 * 0.5 * 40 * 80)
@@ -133,7 +133,7 @@ KILLS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS)
-def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
+def test_a_run_that_was_killed_continues_to_the_same_bytes(site, tmp_path, when):
     number, what, where = KILLS[when]
     code, err = cut_short(site, tmp_path / "cut", number, what, where)
     cut = record(tmp_path, "cut")
@@ -152,7 +152,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
     assert sorted(path.name for path in (tmp_path / "cut").iterdir()) == names
 
 
-def test_the_kills_are_where_their_names_say(site):
+def test_the_kills_are_where_their_names_indicate(site):
     """The areas go between the times of the kills: 5 s and 10 s, and 15 s and 25 s."""
     count = {k: before for (name, what), before in contents(site / "whole").items() if what == "particles/id"
              for k in [int(name[6:12])]}  # fmt: skip
@@ -262,7 +262,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", [*TABLES, *SCENES, "not text", "nothing at all"])
-def test_what_is_wrong_is_told_in_one_line_and_leaves_nothing_behind(name, tmp_path, site, capsys):
+def test_errors_are_one_line_and_leave_no_files(name, tmp_path, site, capsys):
     folder = tmp_path / "site"
     shutil.copytree(site, folder, ignore=shutil.ignore_patterns("whole", "results"))
     text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "is not readable text"))[1]))

@@ -1,4 +1,4 @@
-"""`mpmgis run --resume` with a larger end_time: the run goes on, to what a run with that end_time gives."""
+"""`mpmgis run --resume` with a larger end_time: the result equals a run with that end_time."""
 
 import json
 
@@ -56,7 +56,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("kind", RUNS)
-def test_a_finished_run_goes_on_to_the_bytes_of_a_longer_one(site, tmp_path, kind):
+def test_a_finished_run_continues_to_the_bytes_of_a_longer_one(site, tmp_path, kind):
     scene, early, late, interval = RUNS[kind]
     name = f"short_{list(RUNS).index(kind)}"
     assert ran(site, lasting(scene, late, interval), f"{name}_whole") == 0
@@ -94,12 +94,12 @@ def test_a_run_that_came_to_rest_stays_as_it_is(site, capsys):
     (site / "rest.toml").write_text(lasting(held, 20, 2))
     assert main(["run", str(site / "rest.toml"), "-o", str(site / "rest"), "--resume"]) == 0
     said = capsys.readouterr().err
-    assert "is finished: " in said and "the later end_time = 20 s changes nothing" in said
+    assert "is finished: " in said and "the later end_time = 20 s has no effect" in said
     assert contents(site / "rest") == before
 
 
-def test_a_run_that_stopped_on_its_way_goes_on_to_a_later_end(site):
-    """Stopped amid the way, and again right after the first frames of the longer run: the same bytes in the end."""
+def test_a_run_that_stopped_on_its_way_continues_to_a_later_end(site):
+    """Stopped during the way, and again right after the first frames of the longer run: the same bytes in the end."""
     assert ran(site, lasting(SCENE, 7, 1), "way_whole") == 0
     assert ran(site, lasting(SCENE, 3, 1), "way") == 0
     (site / "way" / "frame_000003.h5").unlink()  # as a kill before the last frame leaves it

@@ -1,4 +1,4 @@
-"""`mpmgis run` with solver = "points" as a user meets it: a slide in 3D, killed, resumed, exported, refused."""
+"""`mpmgis run` with solver = "points" through the command line: a slide in 3D, killed, resumed, exported, refused."""
 
 import json
 import signal
@@ -154,7 +154,7 @@ def test_what_is_beyond_words_of_a_table_is_refused(site, capsys):
     far = SCENE.replace(f"window = [{WEST}", "window = [0").replace(
         f"{WEST + 400}, {SOUTH + 300}", f"900, {SOUTH + 300}"
     )
-    assert "does not meet the DTM" in refused(site, capsys, far)
+    assert "does not overlap the DTM" in refused(site, capsys, far)
     narrow = SCENE.replace(f"{WEST + 400}", f"{WEST + 120}")
     assert "release" in refused(site, capsys, narrow) or "terrain" in refused(site, capsys, narrow)
     assert "3 x 3 at least" in refused(site, capsys, SCENE.replace("cell_size = 4.0", "cell_size = 90"))
@@ -192,7 +192,7 @@ def prepare_text(site, text):
 
 
 def test_a_run_starts_from_a_seed_or_from_points(site, capsys):
-    """Columns of `seed` become points; points of `convert` keep their stress; who has none says so."""
+    """Columns of `seed` become points; points of `convert` keep their stress; who has none reports it."""
     seed, points = str(site / "seed.h5"), str(site / "points.h5")
     release = ["--release", str(site / "block.geojson"), "--thickness", "12", "--density", "1500"]
     assert main(["seed", "--dem", str(site / "dtm.tif"), *release, "--spacing", "4", "-o", seed, "-q"]) == 0
@@ -217,7 +217,7 @@ def test_a_run_starts_from_a_seed_or_from_points(site, capsys):
 
 
 def test_a_window_takes_a_part_of_a_run_of_columns(site, capsys):
-    """Depth-averaged first, then 3D in a window: mass and momentum inside are kept, what is left out is told."""
+    """Depth-averaged first, then 3D in a window: mass and momentum inside are kept, what is left out is reported."""
     slow = SCENE.replace('solver = "points"\n', "").replace("end_time = 3", "end_time = 1").split("[material]")[0]
     columns = slow + "[friction]" + SCENE.split("[friction]")[1].replace("end_time = 3", "end_time = 1")
     assert run(site, columns, "-q") == 0
@@ -250,7 +250,7 @@ def refused_text(site, capsys, text, box):
     return capsys.readouterr().err
 
 
-def test_a_flow_too_fast_for_its_stiffness_is_told_once(site, capsys):
+def test_a_flow_too_fast_for_its_stiffness_is_reported_once(site, capsys):
     soft = SCENE.replace("bulk_modulus = 4e6", "bulk_modulus = 2e5").replace(
         "shear_modulus = 2e6", "shear_modulus = 1e5"
     )
@@ -266,7 +266,7 @@ def test_measure_is_for_columns(site, capsys):
 
 
 @pytest.mark.slow
-def test_a_run_with_everything_by_place(site):
+def test_a_run_with_all_spatial_features(site):
     """Zones, a dam and softening: the dam takes up what stops before it, in a table with forces and moments."""
     assert run(site, SCENE.replace("end_time = 3", "end_time = 8") + ZONES + DAM + SOFTENING, "-q") == 0
     table = (site / "results" / "barriers.csv").read_text().splitlines()
@@ -278,7 +278,7 @@ def test_a_run_with_everything_by_place(site):
     assert json.loads((site / "results" / "run.json").read_text())["balances"]["momentum_error_relative"] <= 1e-10
 
 
-def test_where_the_ground_is_felt_is_the_scenes_to_say(site):
+def test_the_clearance_is_a_key_of_the_scene(site):
     for text, clearance in ((SCENE, 0.5), (SCENE.replace("[numerics]", "[numerics]\nclearance = 0"), 0.0)):
         (site / "scene.toml").write_text(text)
         assert prepare(site / "scene.toml").solver().numerics.clearance == clearance

@@ -1,4 +1,4 @@
-"""`mpmgis run` in 3D with Voellmy's law on the bed, by place: one [friction] table as of columns."""
+"""`mpmgis run` in 3D with Voellmy's law on the bed, with zones: the same [friction] table as for columns."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def speed(site):
 
 
 @pytest.mark.slow
-def test_drag_by_place_slows_a_slide_in_3d(tmp_path, capsys):
+def test_drag_in_zones_slows_a_slide_in_3d(tmp_path, capsys):
     """Smooth ground, then the same with a rough zone under the release: xi 50 in place of 2000."""
     site = write_block_site(tmp_path)
     write_shapes(site / "rough.geojson", [shapely.box(0, 100, 200, 300)])

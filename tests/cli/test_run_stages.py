@@ -1,4 +1,4 @@
-"""Scenes with [[stage]] as a user meets them: columns, points, columns in one run; killed, exported, refused."""
+"""Scenes with [[stage]] through the command line: columns, points, columns in one run; killed, exported, refused."""
 
 import csv
 import json
@@ -72,7 +72,7 @@ def momentum(frame):
 
 
 @pytest.mark.thorough
-def test_frames_go_on_through_the_stages(site):
+def test_frames_continue_through_the_stages(site):
     """One frame at each switch, the first of the stage that begins, whenever it begins."""
     shown, told = frames(site), record(site, "whole")
     first, second = (stage["time"] for stage in told["stages"][:2])
@@ -89,7 +89,7 @@ def test_frames_go_on_through_the_stages(site):
 
 @pytest.mark.thorough
 def test_mass_and_momentum_are_kept_across_each_switch(site):
-    """What was before is what goes on and what is booked, to rounding; vertical momentum and energy are told."""
+    """What was before is what continues and what is booked, to rounding; vertical momentum and energy are reported."""
     told = record(site, "whole")
     for stage, after in zip(told["stages"][:2], told["stages"][1:], strict=True):
         kept = stage["switch"]
@@ -122,7 +122,7 @@ def test_the_ledger_of_all_stages_closes(site):
 
 
 @pytest.mark.thorough
-def test_the_first_frame_of_a_stage_is_what_the_switch_says(site):
+def test_the_first_frame_of_a_stage_is_what_the_switch_reports(site):
     """A frame of points is rounded to float32; one of columns is not."""
     shown, told = frames(site), record(site, "whole")
     for stage, tolerance in ((told["stages"][0], 1e-5), (told["stages"][1], 1e-12)):
@@ -196,14 +196,14 @@ def test_the_resolved_scene_runs_again_to_the_same_bytes(site, tmp_path):
 
 @pytest.fixture(scope="module")
 def beside(site):
-    """The same run with columns that go on outside the window, and inflow upstream of it."""
+    """The same run with columns that continue outside the window, and inflow upstream of it."""
     (site / "beside.toml").write_text(COUPLED)
     assert main(["run", str(site / "beside.toml"), "-q", "-o", str(site / "beside")]) == 0
     return site
 
 
 @pytest.mark.thorough
-def test_columns_outside_go_on_and_become_points_in_the_window(beside):
+def test_columns_outside_continue_and_become_points_in_the_window(beside):
     told, shown = record(beside, "beside"), frames(beside, "beside")
     over = told["stages"][1]["balances"]
     outside = over["outside_columns"]
@@ -293,7 +293,7 @@ def kill(scene, output, what, where):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS)
-def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
+def test_a_run_that_was_killed_continues_to_the_same_bytes(site, tmp_path, when):
     kill(site / "all.toml", tmp_path / "cut", *KILLS[when])
     assert record(tmp_path, "cut")["state"] == "running"
     before = contents(tmp_path / "cut")
@@ -312,7 +312,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_bytes(site, tmp_path, when):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("when", KILLS_BESIDE)
-def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, when):
+def test_a_run_with_columns_outside_continues_to_the_same_bytes(beside, tmp_path, when):
     kill(beside / "beside.toml", tmp_path / "cut", *KILLS_BESIDE[when])
     assert main(["run", str(beside / "beside.toml"), "-q", "-o", str(tmp_path / "cut"), "--resume"]) == 0
     assert contents(tmp_path / "cut") == contents(beside / "beside")
@@ -322,7 +322,7 @@ def test_a_run_with_columns_outside_goes_on_to_the_same_bytes(beside, tmp_path, 
 
 
 @pytest.mark.thorough
-def test_a_finished_run_says_so_and_another_scene_is_refused(site, tmp_path, capsys):
+def test_a_finished_run_reports_it_and_another_scene_is_refused(site, tmp_path, capsys):
     given = ["-o", str(site / "whole"), "--resume"]
     assert main(["run", str(site / "all.toml"), *given]) == 0
     err = capsys.readouterr().err
@@ -338,10 +338,10 @@ def test_a_finished_run_says_so_and_another_scene_is_refused(site, tmp_path, cap
         write_shapes(site / "box.geojson", [shapely.box(145, 100, 390, 300)])
 
 
-# ------------------------------------------------------------------------------------------------- what else is told
+# ------------------------------------------------------------------------------------------------ what else is reported
 
 
-def test_effects_are_told_for_each_stage(files, capsys):
+def test_effects_are_listed_for_each_stage(files, capsys):
     capsys.readouterr()
     assert main(["effects", str(files / "all.toml")]) == 0
     out = capsys.readouterr().out
@@ -358,7 +358,7 @@ def test_effects_are_told_for_each_stage(files, capsys):
 
 
 def test_a_deposit_becomes_columns_when_it_is_calm(files, tmp_path):
-    """A block on level ground slumps in 3D; a second after the last of it moves off the bed it goes on as columns."""
+    """A block on level ground slumps in 3D; a second after the last of it moves off the bed it continues as columns."""
     for path in files.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     write_shapes(tmp_path / "block.geojson", [shapely.box(500, 180, 540, 220)])
@@ -418,7 +418,7 @@ def test_inflow_may_come_before_a_stage_of_points(files, tmp_path):
 
 
 @pytest.mark.thorough
-def test_nothing_in_the_window_is_told_at_the_switch(site, tmp_path, capsys):
+def test_nothing_in_the_window_is_reported_at_the_switch(site, tmp_path, capsys):
     for path in site.glob("*.*"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     write_shapes(tmp_path / "box.geojson", [shapely.box(300, 100, 390, 300)])

@@ -1,4 +1,4 @@
-"""`mpmgis runout` on a block whose way is known, from frames of columns and points and from their export."""
+"""`mpmgis runout` for a block with a known path, from frames of columns and points and from their export."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from mpmgis.cli.main import main
 
 
 def runout(capsys, *arguments):
-    """Facts that the command prints with --json, and what it says."""
+    """Facts that the command prints with --json, and its messages."""
     capsys.readouterr()
     code = main(["runout", *map(str, arguments), "--json"])
     out, said = capsys.readouterr()
@@ -80,12 +80,12 @@ def test_a_given_line_is_reprojected_and_turned_downhill(tmp_path, capsys):
     run = write_block_run(tmp_path)
     line = write_line(tmp_path / "line.gpkg", (780, 200), (20, 200), crs="EPSG:4326")
     facts, said = runout(capsys, run, "--line", line)
-    assert "reprojected" in said and "other way round" in said
+    assert "reprojected" in said and "it is reversed" in said
     assert facts["line"]["source"] == str(line)
     assert facts["runout_m"] == pytest.approx(REST - START + SIDE - 10, abs=0.01)
 
 
-def test_a_line_across_the_flow_is_told(tmp_path, capsys):
+def test_a_line_across_the_flow_is_reported(tmp_path, capsys):
     run = write_block_run(tmp_path)
     across = write_line(tmp_path / "across.gpkg", (300, 100), (310, 300))
     _, said = runout(capsys, run, "--line", across)
@@ -107,15 +107,15 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
     nowhere = write_line(tmp_path / "nowhere.gpkg", (100, 200), (100, 200))
     for arguments, words in (
         ((run, "--threshold", 50), "lower one"),
-        ((run, "--line", elsewhere), "passes no nearer than"),
+        ((run, "--line", elsewhere), "m away from the flow"),
         ((run, "--line", tmp_path / "none.gpkg"), "no such file"),
         ((tmp_path / "nothing",), "nothing"),
-        ((export, "--cs-e", 5), "cell size is for frames"),
-        ((run, "-o", tmp_path / "x.pdf"), "wanted .png, .csv"),
+        ((export, "--cs-e", 5), "--cs-e requires frames"),
+        ((run, "-o", tmp_path / "x.pdf"), "expected .png, .csv"),
         ((run, "-o", tmp_path / "taken"), "exists already"),
         ((run, "-o", tmp_path / "taken", "--overwrite"), "not written by mpmgis"),
         ((run, "-o", run, "--overwrite"), "would be replaced"),
-        ((run, "-o", written, "--overwrite", "--line", written / "line.gpkg"), "holds"),
+        ((run, "-o", written, "--overwrite", "--line", written / "line.gpkg"), "contains the input"),
         ((run, "--line", nowhere), "has no length"),
     ):
         capsys.readouterr()

@@ -84,7 +84,7 @@ def test_a_seed_becomes_a_case_and_its_results_find_their_place(site, capsys):
     assert main([*SEED, "--velocity", "1,-2", "--for", "houdini", "--cell", "4"]) == 0
     out, err = capsys.readouterr()
     assert out.strip() == "block_houdini"
-    assert "read back from the files" in err and "lost: stress" in err and "density is 1000 kg m-3" in err
+    assert "read back from the files" in err and "lost: stress" in err and "density: 1000 kg m-3" in err
     assert main([*SEED, "--velocity", "1,-2", "-o", "seed.h5", "-q"]) == 0
     seed = read_frame(site / "seed.h5").particles
     lines = (site / "block_houdini/README.txt").read_text().splitlines()
@@ -140,7 +140,7 @@ def test_a_run_becomes_one_series(site, capsys):
     assert np.diff(east) == pytest.approx([10, 10], abs=1e-3)
 
 
-def test_what_a_frame_does_not_tell_and_a_scene_has_besides_is_said(site, capsys):
+def test_properties_missing_in_a_frame_or_not_transferred_are_reported(site, capsys):
     assert main([*SEED, "-o", "seed.h5", "-q"]) == 0
     assert main(["convert", "seed.h5", "--cell", "4", "-o", "points.h5", "-q"]) == 0
     frame = read_frame(site / "points.h5")
@@ -153,14 +153,14 @@ def test_what_a_frame_does_not_tell_and_a_scene_has_besides_is_said(site, capsys
         lines = capsys.readouterr().err.splitlines()
         assert f"not handed over: {left}" in lines
         (lost,) = [line for line in lines if line.startswith("lost: ")]
-        assert lost.endswith("stress, which this frame does not tell")
+        assert lost.endswith("stress, which this frame does not contain")
         assert f"Not handed over: {left}." in (site / f"later_{solver}/README.txt").read_text()
 
 
 REFUSED = {
     ("--for", "kratoz"): "invalid choice: 'kratoz'",
     ("--for", "kratos"): "needs a material: --material FILE, a scene with [material]",
-    ("--for", "kratos", "--material", "soil.toml"): "seed.h5: Kratos MPM needs the side of its grid's cells: --cell M",
+    ("--for", "kratos", "--material", "soil.toml"): "seed.h5: Kratos MPM needs the cell size of its grid: --cell M",
     ("--for", "kratos", "--cell", "4", "--material", "dtm.tif"): "dtm.tif is not a readable text file",
     ("--for", "kratos", "--cell", "4", "--material", "none.toml"): "none.toml: no such file",
     ("--for", "kratos", "--cell", "4", "--material", "bed.toml"): "bed.toml has no table [material]; write one: law",
@@ -171,15 +171,15 @@ REFUSED = {
     ("--for", "mpm-geomechanics", "--cell", "4", "--material", "soil.toml"): "add [friction] to soil.toml",
     ("--for", "paraview", "--material", "soil.toml"): "ParaView needs no material; leave it out",
     ("--for", "paraview", "--to", "columns"): "--to columns: paraview starts from points",
-    ("--for", "paraview", "--by", "cell"): "--by belongs to --to columns",
-    ("--for", "paraview", "--window", "3,4"): "wanted four numbers W,S,E,N",
+    ("--for", "paraview", "--by", "cell"): "--by requires --to columns",
+    ("--for", "paraview", "--window", "3,4"): "expected four numbers W,S,E,N",
     ("--for", "paraview", "--window", "400000,5100000,400050,5100050"): "not all within the window 400000,5100000,",
     ("--for", "paraview", "-o", "dtm.tif"): "dtm.tif exists already",
-    ("--for", "paraview", "-o", "dtm.tif", "--overwrite"): "dtm.tif is a file, wanted a folder",
-    ("--for", "paraview", "-o", ".", "--overwrite"): "holds ",
-    ("--material", "soil.toml"): "--material belongs to --for",
-    ("--window", "0,0,1,1"): "--window belongs to --for",
-    ("seed.h5",): "2 frames, wanted one; --for paraview and --for houdini take several",
+    ("--for", "paraview", "-o", "dtm.tif", "--overwrite"): "dtm.tif is a file, expected a folder",
+    ("--for", "paraview", "-o", ".", "--overwrite"): "contains the input",
+    ("--material", "soil.toml"): "--material requires --for",
+    ("--window", "0,0,1,1"): "--window requires --for",
+    ("seed.h5",): "2 frames, expected one; --for paraview and --for houdini take several",
     ("seed.h5", "--for", "cbgeo", "--cell", "4", "--material", "soil.toml"): "starts from one frame, got 2",
     ("points.h5", "--for", "paraview"): "have the same time, 0 s",
 }
@@ -214,11 +214,11 @@ def test_wrong_input_is_one_line_and_leaves_nothing(with_files, capsys):
     for options, words in REFUSED.items():
         assert words in refusal(capsys, ["convert", "seed.h5", *options]), options
     spaced = ["convert", "points.h5", "--for", "houdini", "--spacing", "1"]
-    assert "points.h5 holds points already" in refusal(capsys, spaced)
+    assert "points.h5 already contains points" in refusal(capsys, spaced)
     assert "needs no grid; leave --cell out" in refusal(
         capsys, ["convert", "points.h5", "--for", "houdini", "--cell", "1"]
     )
-    assert "--cell belongs to --for" in refusal(capsys, [*SEED, "--cell", "4"])
+    assert "--cell requires --for" in refusal(capsys, [*SEED, "--cell", "4"])
     large = [*SEED, "--cell", "4000", "--for", "cbgeo", "--material", "soil.toml"]
     assert "cells of 4000 m do not fit into the ground" in refusal(capsys, large)
     (with_files / "theirs.ply").write_text(

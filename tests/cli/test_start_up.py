@@ -23,7 +23,7 @@ HEAVY = {
 }
 SEED = {
     *("cli", "errors", "fields", "io", "kernels", "machine", "messages", "particles", "peaks", "seeding", "system"),
-    *("terrain", "workflows"),
+    *("terrain", "verbs", "workflows"),
 }
 EXPORT = SEED - {"seeding"} | {"analysis", "gis", "interop"}
 

@@ -1,4 +1,4 @@
-"""`mpmgis study` as a user meets it: table, plot, words, settings for an error; refusals."""
+"""`mpmgis study` through the command line: table, plot, text, settings for an error; refusals."""
 
 import csv
 
@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from slope_site import SCENE, slide, write_block_site, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.cli.study import target
+from mpmgis.cli.simulate import target_lines
 from mpmgis.experiments.report import RECORD_NAMES, Choice
 
 
@@ -166,7 +166,7 @@ def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site
         ("setting,seconds,error_thickness\na,,0.1\n", "seconds is empty"),
         ("setting,seconds,error_thickness\n,1,0.1\n", "setting is empty"),
         ("setting,seconds,seconds_max,error_thickness\na,2,1,0.1\n", "is not between"),
-        ("setting,seconds,thickness\na,1,dtm.tif\n", "which only --exact can tell"),
+        ("setting,seconds,thickness\na,1,dtm.tif\n", "whose error requires --exact"),
         ("setting,seconds,error_thickness\n\xff", "is not readable text"),
     ],
 )
@@ -199,9 +199,9 @@ def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
     assert steps == {0.5, 1.0, 2.0, 4.0}
 
 
-def test_settings_for_an_error_say_which_table_they_belong_to():
+def test_settings_for_an_error_name_their_table():
     choice = Choice({"stage1.cell_size": 8.0, "stage2.cell_size": 2.0, "precision": "float32"}, 3.0, 0.05, False)
-    assert target(0.1, choice)[1:] == [
+    assert target_lines(0.1, choice)[1:] == [
         "[[stage]] number 1", "cell_size = 8.0", "[[stage]] number 2", "cell_size = 2.0", "[numerics]",
         'precision = "float32"',
     ]  # fmt: skip
@@ -212,11 +212,11 @@ def test_settings_for_an_error_say_which_table_they_belong_to():
     [
         (["--knobs", "cell"], "unknown parameter"),
         (["--beside", "none.csv"], "none.csv: no such file"),
-        (["--measure", "depth"], "wanted one of thickness, momentum, area, reach"),
+        (["--measure", "depth"], "choose from"),
         (["--exact", "none.tif"], "none.tif: no such file"),
-        (["--exact", "dtm.tif", "--measure", "area"], "tells of thickness only"),
+        (["--exact", "dtm.tif", "--measure", "area"], "contains only thickness"),
         (["--refinement", "1"], "use a larger --refinement"),
-        (["--repeats", "0"], "wanted a whole number above 0"),
+        (["--repeats", "0"], "expected a whole number above 0"),
         (["--target-error", "-1"], "above 0"),
     ],
 )

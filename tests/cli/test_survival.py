@@ -133,7 +133,7 @@ def halted(site):
 
 
 def finished(child):
-    """(exit code, stderr) of a child that goes on."""
+    """(exit code, stderr) of a child that continues."""
     child.send_signal(signal.SIGCONT)
     _, err = child.communicate(timeout=300)
     return child.returncode, err
@@ -143,7 +143,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no
 
 
 @needs_proc
-def test_a_second_run_into_the_same_folder_is_refused_and_the_first_goes_on(site, sound, halted, capsys):
+def test_a_second_run_into_the_same_folder_is_refused_and_the_first_continues(site, sound, halted, capsys):
     before = sorted(path.name for path in (site / "cut").iterdir())
     for options in ([], ["--resume"], ["--overwrite"]):
         assert main(["run", str(site / "columns.toml"), "-q", "-o", str(site / "cut"), *options]) == 2
@@ -158,7 +158,7 @@ def test_a_second_run_into_the_same_folder_is_refused_and_the_first_goes_on(site
 
 @pytest.mark.thorough
 @needs_proc
-def test_the_lock_of_a_killed_run_holds_nobody_up(site, sound, halted):
+def test_the_lock_of_a_killed_run_blocks_nothing(site, sound, halted):
     halted.kill()
     halted.wait()
     assert (site / "cut" / ".lock").is_file()
@@ -203,7 +203,7 @@ def test_a_frame_that_vanishes_is_missed_by_info_alone(site, halted, capsys):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A function `disk(options)` that gives a mounted folder, mounted anew when it is called again."""
+    """A function `disk(options)` that gives a mounted folder, mounted again when it is called again."""
     place = tmp_path / "disk"
     place.mkdir()
 
@@ -216,7 +216,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "-l", str(place)], check=False)
 
 
-def test_a_full_disk_is_told_in_a_line_and_a_run_goes_on_when_there_is_room(site, sound, small_disk, capsys):
+def test_a_full_disk_is_reported_in_a_line_and_a_run_continues_when_there_is_room(site, sound, small_disk, capsys):
     place, remount = small_disk
     for size in (8, 200, 400):
         assert remount(f"size={size}k")
@@ -243,9 +243,7 @@ def test_a_full_disk_leaves_no_half_of_any_file(verb, site, small_disk, capsys, 
     assert list(place.iterdir()) == []
 
 
-def test_wherever_the_disk_is_full_an_export_says_so_in_one_line_and_libraries_say_nothing(
-    sound, small_disk, capfd, tmp_path
-):
+def test_an_export_on_a_full_disk_gives_one_line(sound, small_disk, capfd, tmp_path):
     """Read from the descriptors, which is where C libraries write."""
     place, remount = small_disk
     words = ["export-raster", str(sound / "columns"), "-q", "--workers", "2"]
@@ -261,7 +259,7 @@ def test_wherever_the_disk_is_full_an_export_says_so_in_one_line_and_libraries_s
 
 
 @pytest.mark.parametrize("verb", WRITERS)
-def test_a_disk_that_cannot_be_written_is_told_in_a_line(verb, site, small_disk, capsys, monkeypatch):
+def test_a_disk_that_cannot_be_written_is_reported_in_a_line(verb, site, small_disk, capsys, monkeypatch):
     place, remount = small_disk
     assert remount("size=50m") and remount("ro")
     monkeypatch.chdir(site)
@@ -269,7 +267,7 @@ def test_a_disk_that_cannot_be_written_is_told_in_a_line(verb, site, small_disk,
     assert "no permission" in only_line(capsys.readouterr().err)
 
 
-def test_a_run_on_a_disk_that_cannot_be_written_is_told_in_a_line(site, small_disk, capsys):
+def test_a_run_on_a_disk_that_cannot_be_written_is_reported_in_a_line(site, small_disk, capsys):
     place, remount = small_disk
     assert remount("size=50m") and remount("ro")
     for options in ([], ["--resume"]):
@@ -279,7 +277,7 @@ def test_a_run_on_a_disk_that_cannot_be_written_is_told_in_a_line(site, small_di
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="address space is limited on Linux")
 @pytest.mark.parametrize("words", ["run columns.toml -o few", "export-raster columns -o few", "info columns"])
-def test_too_little_address_space_is_told_in_a_line_before_a_library_aborts(words, site):
+def test_too_little_address_space_is_reported_in_a_line_before_a_library_aborts(words, site):
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (600_000_000, 600_000_000))
 
@@ -292,7 +290,7 @@ def test_too_little_address_space_is_told_in_a_line_before_a_library_aborts(word
 
 @needs_fork
 @pytest.mark.parametrize("verb", ["columns", *WRITERS])
-def test_files_that_may_not_grow_are_told_in_a_line(verb, site):
+def test_files_that_may_not_grow_are_reported_in_a_line(verb, site):
     """As a quota does: a limit to the size of files, which needs no small disk."""
     words = [*VERBS[verb].replace("{to}", "limited").split(), "-q"]
     done = subprocess.run(

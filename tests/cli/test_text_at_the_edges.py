@@ -1,4 +1,4 @@
-"""Names, encodings and numbers at the edge of what a system allows: one line, whatever they are."""
+"""Unusual names, encodings and numbers: one line of error, whatever they are."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from mpmgis.cli import talk
+from mpmgis.cli import terminal
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, OutputError, SceneError
 from mpmgis.io.atomic import whole_folder
@@ -36,14 +36,16 @@ def test_a_verb_that_resembles_none_is_only_unknown(capsys):
 
 @pytest.mark.parametrize("code", [*range(1, 9), *range(11, 32), 0x7F, 0x9B])
 def test_control_characters_of_names_do_not_reach_the_terminal(code, capsys):
-    talk.complain(f"a{chr(code)}b")
+    terminal.print_error(f"a{chr(code)}b")
     assert capsys.readouterr().err == f"a\\x{code:02x}b\n"
-    assert talk.harmless("näme\tof\na file") == "näme\tof\na file"
+    assert terminal.escaped("näme\tof\na file") == "näme\tof\na file"
 
 
 def test_a_terminal_of_ascii_ends_no_program(tmp_path):
     """The path that is printed has a letter that ASCII lacks."""
-    code = "from mpmgis.cli import talk; talk.use_any_terminal(); print('erg\u00f6bnis'); talk.say('\u00f6')"
+    code = (
+        "from mpmgis.cli import terminal as t; t.escape_missing_characters(); print('erg\u00f6bnis'); t.note('\u00f6')"
+    )
     environment = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment, cwd=tmp_path)
     assert (done.returncode, done.stdout.strip(), done.stderr.strip()) == (0, rb"erg\xf6bnis", rb"\xf6")

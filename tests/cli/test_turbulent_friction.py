@@ -60,7 +60,7 @@ def test_a_number_k_is_xi_and_stays_k_in_the_resolved_scene(site, tmp_path):
     ids=["number", "column", "raster", "raster in polygons"],
 )
 @pytest.mark.parametrize("friction", [SCENE, SCENE.replace("xi = 1000\n", "")], ids=["over a number", "alone"])
-def test_k_by_place_is_xi_by_place(site, zones, friction):
+def test_k_in_zones_equals_xi_in_zones(site, zones, friction):
     by_xi = prepared(site, friction + zones.format("xi", 400.0)).places.zone_values
     by_k = prepared(site, friction + zones.format("k", GRAVITY / 400.0)).places.zone_values
     assert by_xi is not None

@@ -32,10 +32,10 @@ def test_a_block_has_the_force_of_its_momentum(tmp_path, capsys):
     assert sum(int(row["particles"]) for row in rows) == 8 * 8 * 4
 
 
-def test_where_nothing_is_that_is_said(tmp_path, capsys):
+def test_no_flow_is_reported(tmp_path, capsys):
     run = write_block_run(tmp_path, (150.0,), (0.0,), dimension=3)
     assert main(["vertical", str(run), "--at", AT, "-o", str(tmp_path / "loads.csv")]) == 0
-    assert "nothing lies within" in capsys.readouterr().err
+    assert "no particle is within" in capsys.readouterr().err
 
 
 @pytest.mark.thorough
@@ -58,15 +58,15 @@ def test_columns_and_places_off_the_raster_are_refused(tmp_path, capsys):
     columns = write_block_run(other, (150.0,), (0.0,))
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
     for arguments, words in (
-        ((columns, "--at", AT), 'run it with solver = "points"'),
+        ((columns, "--at", AT), 'run the scene with solver = "points"'),
         ((tmp_path / "run_gis", "--at", AT), "is an export"),
-        ((run,), "no point is named"),
-        ((run, "--at", f"{WEST - 5},{SOUTH + MIDDLE}"), "lies off"),
+        ((run,), "no point is given"),
+        ((run, "--at", f"{WEST - 5},{SOUTH + MIDDLE}"), "is outside"),
         (
             (run, "--at", f"{WEST + 5},{SOUTH + MIDDLE}", "--width", 20),
             "the cell of 20 m around point '400005,5100200'",
         ),
-        ((run, "--at", f"{WEST + 150},{SOUTH + MIDDLE}", "--layer", 1e-4), "take a larger --layer"),
+        ((run, "--at", f"{WEST + 150},{SOUTH + MIDDLE}", "--layer", 1e-4), "give a larger --layer"),
     ):
         capsys.readouterr()
         assert main(["vertical", *map(str, arguments)]) == 2

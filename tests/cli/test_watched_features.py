@@ -254,7 +254,7 @@ def fast_slide(folder):
     return scene
 
 
-def test_what_is_turned_on_is_told_and_recorded(tmp_path, blind, checked, capsys):
+def test_what_is_turned_on_is_reported_and_recorded(tmp_path, blind, checked, capsys):
     """A line with time and place; run.json; the table of barriers from then on. It was off, and then on."""
     scene = fast_slide(tmp_path)
     masks, seen = checked
@@ -277,7 +277,7 @@ def main_with_words(scene):
 
 
 @pytest.mark.parametrize("kept", [1, 2, 3])
-def test_a_run_that_goes_on_knows_what_was_turned_on(kept, tmp_path, blind):
+def test_a_resumed_run_has_the_effects_that_were_turned_on(kept, tmp_path, blind):
     """Killed before and after the flow came to the dam: bitwise the frames of the run that was never stopped."""
     scene = fast_slide(tmp_path)
     assert scene.run() == 0

@@ -76,7 +76,7 @@ def test_errors_of_workers_are_those_of_the_work(work, kind, words):
         list(workers.worked(work, pieces(1)))
 
 
-def test_work_that_a_worker_does_not_have_is_told_in_a_line():
+def test_work_that_a_worker_does_not_have_is_reported_in_a_line():
     """A module that is there only here."""
     module = type(sys)("only_here")
     exec("def work(piece):\n    return 1", vars(module))

@@ -1,4 +1,4 @@
-"""What `auto` leaves out: nothing in the compiled step, and less than 5 % of the result (design notes 8)."""
+"""What `auto` leaves out: nothing in the compiled step, and less than 5 % of the result."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Contact of points with the ground: what each law leaves of a speed, plain and compiled (design notes 3.5, 4.7)."""
+"""Contact of points with the ground: what each law leaves of a speed, plain and compiled."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ VALUES = np.array([[[0.1, 50.0], [0.2, 60.0]]])
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_say_the_same_compiled(name):
+def test_laws_agree_with_compiled(name):
     law = LAWS[name]
     for method, arguments in (
         ("kept_slip", (3.0, 2.0)), ("kept_by_drag", (3.0, 40.0)), ("sticks", ()), ("drag_active", ()),
@@ -38,6 +38,6 @@ def test_drag_solves_its_quadratic_exactly():
 
 
 def test_parameters_of_a_place():
-    assert LAWS["Coulomb"].placed(VALUES, 0, 1) == CoulombContact(0.2)
-    assert LAWS["Voellmy"].placed(VALUES, 0, 1) == VoellmyContact(0.2, 60.0)
-    assert LAWS["Sticking"].placed(VALUES, 0, 1) == StickingContact()
+    assert LAWS["Coulomb"].at_node(VALUES, 0, 1) == CoulombContact(0.2)
+    assert LAWS["Voellmy"].at_node(VALUES, 0, 1) == VoellmyContact(0.2, 60.0)
+    assert LAWS["Sticking"].at_node(VALUES, 0, 1) == StickingContact()

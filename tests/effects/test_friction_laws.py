@@ -40,7 +40,7 @@ INPUTS = [
 
 
 @pytest.mark.parametrize("law", EVERY, ids=str)
-def test_plain_and_compiled_say_the_same(law):
+def test_plain_and_compiled_agree(law):
     for density, gravity, load, depth, speed in INPUTS:
         for method in ("dry_stress", "viscous_coefficient"):
             plain = getattr(law, method)(density, gravity, load, depth, speed)
@@ -58,8 +58,8 @@ def test_a_place_gives_parameters_in_the_order_of_the_scene(name):
     values = np.zeros((2, 3, len(parameters)))
     values[1, 2] = 0.1 + np.arange(len(parameters))
     here = law(*np.ones(len(parameters)))
-    assert here.placed(values, 1, 2) == law(*values[1, 2])
-    assert compiled("placed", 3)(here, values, 1, 2) == law(*values[1, 2])
+    assert here.at_node(values, 1, 2) == law(*values[1, 2])
+    assert compiled("at_node", 3)(here, values, 1, 2) == law(*values[1, 2])
 
 
 def test_voellmy_is_as_printed():

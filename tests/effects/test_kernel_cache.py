@@ -42,7 +42,7 @@ def threads_of_a_child(first="numba", then="mpmgis.kernels.jit", **environment):
     return child.stdout.strip()
 
 
-def test_threads_are_openmps_whatever_else_is_installed_unless_the_user_says_so():
+def test_openmp_threads_are_the_default_and_the_user_can_choose_others():
     if importlib.util.find_spec("numba.np.ufunc.omppool") is None or sys.platform == "darwin":
         pytest.skip("numba has no OpenMP here")
     own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_THREADING_LAYER")}

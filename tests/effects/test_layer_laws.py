@@ -31,7 +31,7 @@ def test_links_of_layers_bear_the_steady_stress_at_any_two_heights():
     assert np.isfinite(layers.turbulent_link(1.0, 0.5, 0.5))
 
 
-def test_contact_laws_say_of_layers_the_same_compiled():
+def test_contact_laws_of_layers_agree_with_compiled():
     for law in (CoulombContact(0.4), VoellmyContact(0.4, 500.0), VoellmyContact(0.4, 1e15), StickingContact()):
         assert compiled("layer_friction", 0)(law) == law.layer_friction()
         assert compiled("layer_roughness", 1)(law, 9.81) == pytest.approx(law.layer_roughness(9.81), rel=1e-12)

@@ -64,7 +64,7 @@ def test_softened_steady_shear_keeps_its_rate_term(rate):
 
 
 @pytest.mark.parametrize("rate", [0.1, 1e3])
-def test_cohesion_alone_knows_no_rate(rate):
+def test_cohesion_alone_is_rate_independent(rate):
     """Without friction and pressure q is q_c at any rate; under pressure without friction the growth is added."""
     law = cohesive_mu_i(0.0, 2e3, **GRAINS, **MODULI)
     state = FRESH

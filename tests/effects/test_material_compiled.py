@@ -67,7 +67,7 @@ def in_single(law):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_loop_over_points_gives_the_plain_answers(name):
+def test_a_loop_over_points_gives_the_plain_results(name):
     law, soft = CASES[name]
     given, found = given_points(name), np.empty((ANSWERED, POINTS))
     loop(law, soft, 1e-3, given, found, POINTS)

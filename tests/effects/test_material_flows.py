@@ -104,7 +104,7 @@ def cohesive_speed(stress, degrees=20.0, time=1.0):
 
 
 @pytest.mark.thorough
-def test_cohesion_holds_up_to_its_stress_and_slows_beyond():
+def test_cohesion_stops_flow_below_its_stress_and_slows_it_above():
     driving = 1000.0 * G * np.sin(np.radians(20.0))
     assert cohesive_speed(1.001 * driving)[0] == 0.0
     assert cohesive_speed(0.5 * driving)[1] == pytest.approx(0.5 * driving / 1000.0, rel=1e-3)

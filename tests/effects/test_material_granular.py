@@ -231,7 +231,7 @@ def test_a_cone_has_the_slopes_of_the_text_books():
     plane = drucker_prager(BULK, SHEAR, 30.0, 1e3, match="plane_strain")
     assert (plane.slope, plane.strength) == pytest.approx((math.sqrt(3) / 2, 1.5e3))
     assert drucker_prager(BULK, SHEAR, 30.0, 1e3).slope == pytest.approx(1.2)
-    with pytest.raises(InputError, match="'plain_strain', wanted one of triaxial, plane_strain"):
+    with pytest.raises(InputError, match="'plain_strain', expected one of triaxial, plane_strain"):
         drucker_prager(BULK, SHEAR, 30.0, 1e3, match="plain_strain")
 
 

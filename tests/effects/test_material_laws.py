@@ -11,7 +11,7 @@ from mpmgis.effects.viscosity import InPlaneViscosity, NoViscosity
 
 
 @pytest.mark.parametrize("law", [EarthPressure(0.5, 3.0), NoEarthPressure()])
-def test_earth_pressure_plain_and_compiled_say_the_same(law):
+def test_earth_pressure_plain_and_compiled_agree(law):
     for rate in (-10.0, -0.3, -1e-9, 0.0, 1e-9, 0.3):
         plain = law.pressure_factor(rate, 0.03)
         assert compiled("pressure_factor", 2)(law, rate, 0.03) == pytest.approx(plain, rel=1e-15)
@@ -21,7 +21,7 @@ VISCOUS = [InPlaneViscosity(30.0, 200.0), InPlaneViscosity(30.0, 0.0), InPlaneVi
 
 
 @pytest.mark.parametrize("law", VISCOUS)
-def test_viscosity_plain_and_compiled_say_the_same(law):
+def test_viscosity_plain_and_compiled_agree(law):
     for state in ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1.0, 3.0, -4.0, 0.1, 0.2, -0.3), (1e-4, 40.0, 0.0, 2.0, 0.0, 0.0)):
         plain = law.apparent_viscosity(*state)
         assert math.isfinite(plain) and plain >= 0.0

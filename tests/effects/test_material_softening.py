@@ -82,9 +82,9 @@ def test_no_softening_leaves_the_cone():
 
 
 def test_what_is_no_softening_is_refused():
-    with pytest.raises(InputError, match="no form 'cubic', wanted exponential, tangent or linear"):
+    with pytest.raises(InputError, match="no form 'cubic', expected exponential, tangent or linear"):
         softening(PEAK, RESIDUAL, 10.0, form="cubic")
-    with pytest.raises(InputError, match="coefficient 0, wanted above 0"):
+    with pytest.raises(InputError, match="coefficient 0, expected above 0"):
         softening(PEAK, RESIDUAL, 0.0, form="linear")
-    with pytest.raises(InputError, match="match is 'plane', wanted one of triaxial, plane_strain"):
+    with pytest.raises(InputError, match="match is 'plane', expected one of triaxial, plane_strain"):
         softening(PEAK, RESIDUAL, 10.0, match="plane")

@@ -144,7 +144,7 @@ def test_a_scene_runs_no_file_that_was_not_named(tmp_path):
     scene = scene_from_tables({**TABLES, "friction": friction}, own_laws=own)
     assert scene.friction.parameters == {"mu": 0.5, "mu_fast": 0.2, "scale": 10.0}
     for wrong, words in [
-        ({"law": "my_law.py:Other", "mu": 0.5}, "holds my_law.py:Weakening"),
+        ({"law": "my_law.py:Other", "mu": 0.5}, "contains my_law.py:Weakening"),
         ({"law": "Coulomb", "mu": 0.5}, "leave --law out"),
         ({**friction, "mue": 1.0}, "no parameter 'mue'"),
         ({"law": "my_law.py:Weakening", "mu": 0.5}, "needs mu_fast"),

@@ -1,4 +1,4 @@
-"""Laws through the solver on a plane: terminal speeds (design note V19), and no motion at all."""
+"""Laws through the solver on a plane: terminal speeds, and no motion at all."""
 
 import numpy as np
 import pytest

@@ -7,7 +7,8 @@ from scipy import stats
 from mpmgis.effects.own_law import NO_OWN_LAWS
 from mpmgis.errors import InputError, SceneError
 from mpmgis.experiments.sampling_plan import Plan, variation
-from mpmgis.experiments.statistics import ARRIVAL, MEMBER_BANDS, Products, exceedances, statistics
+from mpmgis.experiments.statistics import ARRIVAL, Products, exceedances, statistics
+from mpmgis.fields import MEMBER_BANDS
 
 TABLES = {
     "terrain": {"dem": "dtm.tif"},

@@ -155,7 +155,7 @@ class Case:
 
 
 def case_of(number, seed, kinds=SHARES):
-    """(Case, the generator that goes on with its damage), always the same for a number and a seed."""
+    """(Case, the generator that continues with its damage), always the same for a number and a seed."""
     random = Random(f"{seed} {number}")
     kind = random.choices(list(kinds), [SHARES[name] for name in kinds])[0]
     files, commands = random.choices(KINDS[kind], [len(row[0]) for row in KINDS[kind]])[0]
@@ -365,7 +365,7 @@ def whole_case_of(number, seed):
 
 
 def run_whole(number, seed, sound, work, baseline):
-    """Run one case as a user does, in a process of its own that may take `baseline` bytes and MEMORY; its result.
+    """Run one case as a user does, in a separate process that may take `baseline` bytes and MEMORY; its result.
 
     Compiled kernels stay where they are, outside of the case's home, in which nothing may be written.
     """
@@ -392,7 +392,7 @@ def run_whole(number, seed, sound, work, baseline):
     told = {"code": code, "stderr": text, "seconds": seconds, "wall": time.perf_counter() - began}
     result = {"number": number, "kind": case.kind, "file": case.file, "words": case.words, "damage": done,
               **told, **_left_behind(folder, before)}  # fmt: skip
-    if "--resume" in case.words:  # the run that is gone on with is the output
+    if "--resume" in case.words:  # the run that is continued is the output
         result["astray"] = [name for name in result["astray"] if not name.startswith("results")]
     result["complaints"] = complaints(result, MOST_WHOLE_SECONDS)
     shutil.rmtree(folder, ignore_errors=True)
@@ -474,17 +474,18 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical")
-    for name in ("seed", "convert", "run", "export", "compare", "export_rasters", *answers):
+    answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical", "compare", "export_raster")
+    for name in ("seed", "convert", "run", *answers):
         importlib.import_module(f"mpmgis.workflows.{name}")
+        importlib.import_module(f"mpmgis.verbs.{name}")
     for name in ("reports.inspect", "io.particle_files", "gis.folder", "gis.outlines"):
         importlib.import_module(f"mpmgis.{name}")
-    for name in ("seed", "convert", "run", "export_raster", "compare", "effects", "info", *answers):
+    for name in ("files", "simulate", "effects", "info", "answers"):
         importlib.import_module(f"mpmgis.cli.{name}")
 
 
 def _needed_whole(sound, work):
-    """Address space [bytes] at most of a sound run in a process of its own; what is resident is a sixth of it."""
+    """Address space [bytes] at most of a sound run in a separate process; what is resident is a sixth of it."""
     code = (
         "import re, sys; from mpmgis.cli.main import main; code = main(sys.argv[1:])\n"
         "print(re.search(r'VmPeak:\\s+(\\d+)', open('/proc/self/status').read())[1]); sys.exit(code)"

@@ -100,7 +100,7 @@ REFUSED = {
     "zones without friction": ({"friction": None, "zones": [{"source": "z.shp", "mu": 0.3}]}, "needs [friction]"),
     "xi by place": ({"zones": [{"source": "z.shp", "xi": 300}]}, "Coulomb has no parameter 'xi'"),
     "inflow": ({"hydrograph": {"source": "i.shp", "file": "h.csv"}}, "the 3D solver has no [hydrograph]"),
-    "earth pressure": ({"earth_pressure": {"friction_angle": 30}}, "[material] friction_angle says it"),
+    "earth pressure": ({"earth_pressure": {"friction_angle": 30}}, "use [material] friction_angle"),
     "cohesion of columns": ({"cohesion": {"yield_stress": 50}}, "give [material] cohesion"),
     "curvature": ({"curvature": {}}, "follows the ground by itself"),
     "form": ({"numerics": {"cell_size": 2, "form": "slope"}}, "form requires solver = 'columns'"),
@@ -115,7 +115,7 @@ REFUSED = {
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
         {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness requires solver"),
-    "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "a source has its own outline"),
+    "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "not to a source with an outline"),
     "window of columns": (
         {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "requires"),
     "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
@@ -194,7 +194,7 @@ def test_softening_is_on_where_it_takes_something_away():
         assert isinstance(off.softening, NoSoftening) and decisions["softening"].state == "off"
 
 
-def test_mach_number_says_when_the_stiffness_is_felt():
+def test_mach_number_shows_when_the_stiffness_matters():
     """NHESS's ice: waves of 119 m/s. 40 m/s of the line and the head of a front 5 m thick are 42 m/s, Mach 0.36."""
     _, decisions = decided(scene())
     assert decisions["stiffness"].indicator == pytest.approx(np.hypot(40.0, 2 * np.sqrt(9.81 * 5)) / 119.0, abs=1e-3)

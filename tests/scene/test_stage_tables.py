@@ -95,7 +95,7 @@ REFUSED = {
     "outside unknown": (
         {"stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "gone"})}, "outside = 'gone'"),
     "columns outside of the first": (
-        {"stage": [{**POINTS, "window": "b.gpkg", "outside": "columns"}], "curvature": None}, "of a stage before"),
+        {"stage": [{**POINTS, "window": "b.gpkg", "outside": "columns"}], "curvature": None}, "of a previous stage"),
     "the same solver twice": ({"stage": stages(COLUMNS, COLUMNS, POINTS)}, "has the solver of the one before"),
     "unknown solver": ({"stage": stages({"solver": "colums"}, POINTS)}, "did you mean 'columns'"),
     "no solver": ({"stage": [{"until": {"time": 3}}, POINTS]}, "solver is missing"),
@@ -112,16 +112,16 @@ REFUSED = {
     "inflow after points": (
         {"hydrograph": {"source": "i.shp", "file": "h.csv"}, "stage": stages(POINTS, COLUMNS)}, "first [[stage]]"),
     "window of the release": (
-        {"release": {"particles": "a.h5", "window": "b.gpkg"}}, "a [[stage]] has a window of its own"),
+        {"release": {"particles": "a.h5", "window": "b.gpkg"}}, "use the window of a [[stage]]"),
     "a lowered bed": (
         {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3,
-                         "lower_bed": True}}, "take lower_bed out"),
+                         "lower_bed": True}}, "remove lower_bed"),
     "erosion before and after": (
         {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
-         "stage": stages(COLUMNS, POINTS, COLUMNS)}, "is not handed on"),
+         "stage": stages(COLUMNS, POINTS, COLUMNS)}, "is not kept through"),
     "erosion before and beside": (
         {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
-         "stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "columns"})}, "is not handed on"),
+         "stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "columns"})}, "is not kept through"),
 }  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from chain import scene_module
 flume = scene_module("sand_flume")
 
 
-def test_at_rest_friction_holds_back_what_it_can():
+def test_static_friction_takes_its_full_share():
     """On a floor without friction all the weight is borne, m g tan; friction of the slope's own tangent leaves none."""
     weight = flume.MASS * flume.GRAVITY
     assert flume.at_rest(50.0, 0.0) == pytest.approx(weight * np.tan(np.radians(50.0)))
@@ -16,9 +16,9 @@ def test_at_rest_friction_holds_back_what_it_can():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("cell", "peak"), [(0.04, 4540.0), pytest.param(0.03, 4540.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("cell", "peak"), [(0.04, 3640.0), pytest.param(0.03, 3790.0, marks=pytest.mark.slow)])
 def test_sand_strikes_the_wall_and_rests_on_it(tmp_path, cell, peak):
-    """65 degrees: the largest force is the same on both cells; at the end it lies between that of a floor whose
+    """65 degrees: the largest force differs by 4 % between the cells; at the end it lies between that of a floor whose
     friction is used up and that of a smooth one."""
     size = flume.Size(65.0, cell)
     record = flume.make(tmp_path / "flume", size, end_time=2.0)

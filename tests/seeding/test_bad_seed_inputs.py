@@ -410,7 +410,7 @@ def thickness_raster_elsewhere_without_crs(k):
 # -------------------------------------------------------------------------------------------------------- the numbers
 
 NUMBERS = {
-    "count_zero": ("1 or more", ["--count", "0"]),
+    "count_zero": ("above 0", ["--count", "0"]),
     "count_negative": ("whole number", ["--count=-5"]),
     "count_a_fraction": ("whole number", ["--count", "10.5"]),
     "count_a_word": ("--count", ["--count", "many"]),
@@ -418,17 +418,17 @@ NUMBERS = {
     "spacing_zero": ("above 0", ["--spacing", "0"]),
     "spacing_nan": ("finite", ["--spacing", "nan"]),
     "spacing_far_too_small": ("at most", ["--spacing", "1e-6"]),
-    "per_cell_zero": ("1 or more", ["--per-cell", "0"]),
+    "per_cell_zero": ("above 0", ["--per-cell", "0"]),
     "per_cell_and_count": ("not allowed with", ["--per-cell", "4", "--count", "9"]),
     "density_negative": ("above 0", ["--density=-1"]),
     "density_infinite": ("finite", ["--density", "inf"]),
-    "velocity_one_number": ("wanted two numbers", ["--velocity", "3"]),
+    "velocity_one_number": ("expected two numbers", ["--velocity", "3"]),
     "velocity_of_words": ("--velocity", ["--velocity", "a,b"]),
     "velocity_nan": ("finite", ["--velocity", "nan,0"]),
     "refinement_too_strong": ("0 to 3", ["--refine-slope", "9"]),
     "refinement_negative": ("0 to 3", ["--refine-slope=-1"]),
     "refinement_of_equal_masses": ("refine slope", ["--refine-slope", "1", "--mass", "equal"]),
-    "seed_negative": ("0 or more", ["--seed=-1"]),
+    "seed_negative": ("at least 0", ["--seed=-1"]),
     "points_unknown": ("invalid choice", ["--points", "sobol"]),
     "mass_unknown": ("invalid choice", ["--mass", "heavy"]),
     "mode_unknown": ("invalid choice", ["--thickness-mode", "sideways"]),
@@ -437,7 +437,7 @@ NUMBERS = {
     "output_unknown": ("unknown, expected .h5", ["-o", "out.xyz"]),
     "output_without_suffix": ("unknown, expected .h5", ["-o", "out"]),
     "output_exists": ("exists already", ["-o", "area.gpkg"]),
-    "band_zero": ("1 or more", ["--dem-band", "0"]),
+    "band_zero": ("above 0", ["--dem-band", "0"]),
 }
 
 

@@ -1,4 +1,4 @@
-"""Mass modes and point sets on the paper's own test: eq (9) on 100 x 100 pixels (design note D1, 1.3, 1.4)."""
+"""Mass modes and point sets on the paper's own test: eq (9) on 100 x 100 pixels."""
 
 import numpy as np
 import pytest

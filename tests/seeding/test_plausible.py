@@ -7,11 +7,11 @@ import pytest
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
 from mpmgis.messages import collected
-from mpmgis.seeding.options import Cures, tell_if_implausible
+from mpmgis.seeding.options import Fixes, report_implausible
 from mpmgis.workflows.demo import sample_folder
 from mpmgis.workflows.run_setup.prepare import prepare
 
-CURES = Cures("--density", "--thickness", "give more")
+CURES = Fixes("--density", "--thickness", "give more")
 SCENE = """
 [terrain]
 dem = "lava_falls_dem_utm12n_10m.tif"
@@ -46,7 +46,7 @@ frame_interval = 1
 )
 def test_what_is_reported(count, density, thickness, words):
     with collected() as said:
-        tell_if_implausible(count, density, thickness, CURES)
+        report_implausible(count, density, thickness, CURES)
     assert len(said) == len(words)
     assert all(line.startswith(word) and "\n" not in line for line, word in zip(said, words, strict=True))
 

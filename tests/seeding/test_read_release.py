@@ -1,4 +1,4 @@
-"""Releases in: every vector format, rasters, repair, overlap, CRS, thickness (design note D2, D9, D10, H16 to H19)."""
+"""Releases in: every vector format, rasters, repair, overlap, CRS, thickness."""
 
 import geopandas
 import numpy as np
@@ -151,7 +151,7 @@ def test_points_and_lines_are_refused(tmp_path, terrain):
             read_release(tmp_path / f"{name}.gpkg", terrain)
 
 
-def test_a_release_beyond_the_terrain_says_how_far_and_where(tmp_path, terrain):
+def test_a_release_outside_the_terrain_reports_distance_and_place(tmp_path, terrain):
     features(shapely.box(EAST + 250, NORTH + 100, EAST + 640, NORTH + 140), name=["A2"], d0=[1.0]).to_file(
         tmp_path / "a.gpkg"
     )

@@ -1,4 +1,4 @@
-"""DTMs in: georeference, units, nodata, bands (design note D4 to D8, D12)."""
+"""DTMs in: georeference, units, nodata, bands."""
 
 import shlex
 

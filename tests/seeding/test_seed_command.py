@@ -42,7 +42,7 @@ def test_default_name_and_talk(site, tmp_path, monkeypatch, capsys):
     assert seed("--dem", dem, "--release", release) == 0
     out, err = capsys.readouterr()
     assert out.strip() == f"{release.stem}_particles.h5"
-    assert "density is 1000" in err and "column 'thickness'" in err.replace("'d0'", "'thickness'")
+    assert "density: 1000" in err and "column 'thickness'" in err.replace("'d0'", "'thickness'")
     assert "closure factor k" in err
     frame = read_frame(tmp_path / out.strip())
     assert frame.particles.area.sum() == pytest.approx(area, rel=1e-9)

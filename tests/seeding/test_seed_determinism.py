@@ -1,4 +1,4 @@
-"""The seed is a pure function of inputs, options and seed number: any threads, any slabs (design note D16)."""
+"""The seed is a pure function of inputs, options and seed number: any threads, any slabs."""
 
 import numba
 import numpy as np

@@ -1,4 +1,4 @@
-"""Seeded volumes, areas and masses against exact integrals (design notes 1.3, 1.4; issue 2: 2e-4 on planes)."""
+"""Seeded volumes, areas and masses against exact integrals (issue 2: 2e-4 on planes)."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Scenes that are hard on the solvers, and what must hold in each while it runs (design notes 7).
+"""Scenes that are hard on the solvers, and what must hold in each while it runs.
 
 Few kinds of laws, so that few variants of the solvers are compiled: columns with Voellmy's friction on curved ground,
 points of Drucker-Prager's material and of a fluid, each on ground with Coulomb friction.
@@ -20,7 +20,8 @@ from mpmgis.kernels import column_rows
 from mpmgis.kernels import columns as column_kernel
 from mpmgis.kernels import points as point_kernel
 from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.points import LONE_SHARE, PointSolver, courant_number
+from mpmgis.solvers.point_numerics import LONE_SHARE, courant_number
+from mpmgis.solvers.points import PointSolver
 from mpmgis.spatial.node_grid import ColumnGrid
 
 NO_DRAG = 1e12  # xi [m s-2] with which Voellmy's law is Coulomb's: one compiled solver for both
@@ -38,7 +39,7 @@ JETS, JET_SHARE = 2.0, 0.05  # times H2's bound, which no more than this share o
 
 
 def joined(*frames):
-    """One frame of the columns of all `frames`, numbered anew."""
+    """One frame of the columns of all `frames`, numbered again."""
     parts = [frame.particles for frame in frames]
     names = ("position", "velocity", "mass", "volume", "thickness", "area")
     arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in names]

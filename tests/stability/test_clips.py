@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
-from point_scenes import block_of, march_to, points_on
+from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
 from mpmgis.analysis.run_summary import CLIP_SHARE, CLIPPED, account
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
 from mpmgis.kernels import column_rows
-from mpmgis.kernels import points as kernel
-from mpmgis.solvers import column_state, points
+from mpmgis.kernels.point_blocks import set_places
+from mpmgis.solvers import column_state, point_balances
 
 
 def flat(length=40.0, width=20.0):
@@ -58,9 +58,9 @@ def test_walls_hold_columns_and_points_and_count_them():
     assert set(solver.balances()["clips"]) == set(column_state.CLIPS)
     block = block_of((4.0, 4.0, 4.0), 0.5, (30.0, 8.0, 0.0), velocity=(20.0, 0.0, 0.0))
     walled = points_on(flat(), block, 1.0, SOIL, CoulombContact(0.3), edges="wall")
-    march_to(walled, 0.5)
+    integrate_to(walled, 0.5)
     balances = walled.balances()
-    assert balances["particle_steps"] == walled.step * 512 and set(balances["clips"]) == set(points.CLIPS)
+    assert balances["particle_steps"] == walled.step * 512 and set(balances["clips"]) == set(point_balances.CLIPS)
 
 
 def test_points_under_the_ground_are_counted_one_by_one():
@@ -68,7 +68,7 @@ def test_points_under_the_ground_are_counted_one_by_one():
     solver._settings = solver._settings._replace(leak_stop=1.0)
     place = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0))
     place[0, 2] -= 3.0
-    kernel.set_places(solver._rows, solver._keys, place, 1.0, solver._lowest)
+    set_places(solver._rows, solver._keys, place, 1.0, solver._lowest)
     solver.advance(1.0, 2.0, 1)
     assert solver.balances()["clips"]["lifted_onto_ground"] == 1
 
@@ -83,4 +83,4 @@ def test_the_account_names_clips_above_their_share_and_no_others():
             clips = dict.fromkeys(column_state.CLIPS, 0.0) | {name: share * steps}
             lines = [line for line in account(balances | {"clips": clips}, "columns") if line.startswith("clipped: ")]
             assert [CLIPPED[name] in line for line in lines] == [True] * told
-    assert set(CLIPPED) == set(column_state.CLIPS) | set(points.CLIPS)
+    assert set(CLIPPED) == set(column_state.CLIPS) | set(point_balances.CLIPS)

@@ -1,4 +1,4 @@
-"""The guard: a state that breaks goes back to the last frame with half the step, deterministically, and is told."""
+"""The guard: a state that breaks goes back to the last frame with half the step, deterministically, and is reported."""
 
 import re
 
@@ -14,8 +14,8 @@ from mpmgis.effects.material import drucker_prager
 from mpmgis.errors import UnphysicalError
 from mpmgis.kernels.jit import set_threads
 from mpmgis.solvers import integrate as marching
-from mpmgis.solvers.integrate import Guard, March
-from mpmgis.solvers.stepping import MarchedColumns
+from mpmgis.solvers.integrate import Guard, TimeIntegration
+from mpmgis.solvers.stepping import IntegratedColumns
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
 
@@ -39,10 +39,10 @@ SCENES = {"points": (block, 1.0, 0.25), "columns": (pool, 12.0, 6.0)}
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_run_gets_over_steps_that_are_too_long(name):
-    """H14, H32: it ends, is told where and why it had to go back, and holds what every run holds."""
+    """H14, H32: it ends, is reported where and why it had to go back, and holds what every run holds."""
     scene, end, interval = SCENES[name]
     solver = scene()
-    watch, march = Watch(solver), March(solver, end, interval)
+    watch, march = Watch(solver), TimeIntegration(solver, end, interval)
     for _ in march:
         if name == "columns":
             watch.look()  # points in steps of this length show their energy half a step apart
@@ -55,16 +55,16 @@ def test_a_run_gets_over_steps_that_are_too_long(name):
 def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkeypatch):
     """Bitwise; a run resumed at any of its frames meets the same trouble, which no frame has to tell."""
     scene, end, interval = SCENES[name]
-    whole = list(March(scene(), end, interval))
+    whole = list(TimeIntegration(scene(), end, interval))
     monkeypatch.setattr(marching, "SLICE_SECONDS", 1e-4)
     set_threads(2)
-    sliced = list(March(scene(), end, interval))
+    sliced = list(TimeIntegration(scene(), end, interval))
     set_threads(None)
     runs = [sliced]
     for number, frame in enumerate(whole[:-1]):
         again = scene()
         again.restore(frame)
-        runs.append([*whole[: number + 1], *March(again, end, interval, resumed=True)])
+        runs.append([*whole[: number + 1], *TimeIntegration(again, end, interval, resumed=True)])
     for frames in runs:
         assert [frame.step for frame in frames] == [frame.step for frame in whole]
         for one, other in zip(frames, whole, strict=True):
@@ -76,7 +76,7 @@ def test_what_no_step_helps_ends_the_run_with_place_and_cause():
     """Exit code 3 after steps of 1/32; nothing is said to have been got over."""
     solver = block(0.3)
     solver._rows[5, 4] = np.nan
-    march = March(solver, 1.0, 0.5)
+    march = TimeIntegration(solver, 1.0, 0.5)
     with pytest.raises(UnphysicalError) as error:
         list(march)
     words = str(error.value)
@@ -94,10 +94,10 @@ def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
     assert solver.asked == []
 
 
-def test_the_command_tells_what_was_got_over_and_so_does_the_record(tmp_path, monkeypatch, capsys):
+def test_solved_problems_are_in_the_messages_and_the_record(tmp_path, monkeypatch, capsys):
     """One made-up trouble at the first frame after the start: exit code 0, a line, and the same line in run.json."""
     site, troubles = write_site(tmp_path), ["E 400100.0 N 5100200.0: made up"]
-    monkeypatch.setattr(MarchedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
+    monkeypatch.setattr(IntegratedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
     assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
     words = "E 400100.0 N 5100200.0: made up: continued from t = 0.000 s on with steps of 1/2"
     assert words in capsys.readouterr().err
@@ -134,4 +134,5 @@ def test_steps_are_whole_again_from_the_next_frame_on():
     assert solver.asked == [("back to", 0.0), 0.5, ("back to", 0.0), 0.25] and solver.calm_since == 0.25
     guard.keep(frame)
     assert solver.asked[-1] == 1.0
-    assert guard.told == ["step 7, t = 0.500 s, E 1.0 N 2.0: too fast: continued from t = 0.000 s on with steps of 1/4"]
+    line = "step 7, t = 0.500 s, E 1.0 N 2.0: too fast: continued from t = 0.000 s on with steps of 1/4"
+    assert guard.resolved == [line]

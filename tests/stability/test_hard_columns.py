@@ -1,4 +1,4 @@
-"""Hard cases of the depth-averaged solver, each on one thread and on two (design notes 7; numbers in README.md).
+"""Hard cases of the depth-averaged solver, each on one thread and on two (numbers in README.md).
 
 Besides what a case asserts itself, `Watch` holds mass, energy, and the speed that energy allows.
 """
@@ -14,7 +14,7 @@ from mpmgis.effects.friction import Voellmy
 from mpmgis.effects.slots import ColumnEffects
 from mpmgis.kernels import column_clock
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.integrate import March
+from mpmgis.solvers.integrate import TimeIntegration
 from mpmgis.terrain.elevation import Terrain
 
 pytestmark = pytest.mark.usefixtures("threads")
@@ -37,20 +37,20 @@ def by_id(solver):
 
 
 def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_reported():
-    """H1: 60 m straight down in one cell: no abort; the share of the mass that was held to its speed is told."""
+    """H1: 60 m straight down in one cell: no abort; the share of the mass that was held to its speed is reported."""
 
     def cliff(x, y):
         return np.where(x < 80, 60.0, 0.0) - 0.5 * x
 
     solver = columns_on(cliff, columns_of(2.0, 10, 60, 20, 80, 1.25), mu=0.1)
-    list(March(solver, 10.0, 1.0))
+    list(TimeIntegration(solver, 10.0, 1.0))
     watch = Watch(solver)
     watch.look()
     assert solver.frame().particles.position[:, 0].mean() > 100.0 or solver.balances()["mass_out"] > 0.0
     assert solver.balances()["speed_limited_share_max"] > 0.0
 
 
-def test_a_thin_sheet_on_high_steps_goes_on():
+def test_a_thin_sheet_on_high_steps_continues():
     """H1, H2: 0.1 mm of frictionless water on steps of 10 m. At a rim the grid lends a column on top the speed of one
     that falls beside it, far above what 0.1 mm allow: it is held to that, and the run does not end as wild (found by
     `test_random_scenes`)."""
@@ -113,7 +113,7 @@ def test_friction_above_the_slope_holds_for_a_hundred_seconds():
     Watch(held).march(100.0, looks=2)
     assert np.array_equal(by_id(held).position, start)
     ending = columns_on(falling(35), frame, mu=2.0, stop_at_rest=True)
-    march = March(ending, 100.0, 10.0)
+    march = TimeIntegration(ending, 100.0, 10.0)
     list(march)
     assert ending.time < 100.0 and "at rest" in march.reason
 
@@ -159,7 +159,7 @@ def test_columns_exactly_on_grid_lines(offset, apart):
 
 def test_a_flow_crushed_at_the_foot_of_a_steep_slope_stays_finite():
     """H26: 68 degrees straight into a wall: columns are squeezed into towers, whose work the slope form makes a
-    fiftieth of their height's; no energy is made, and time goes on."""
+    fiftieth of their height's; no energy is made, and time continues."""
     solver = columns_on(falling(68), columns_of(3.0, 60, 140, 20, 80, 2.5), mu=0.4, edges="wall")
     Watch(solver).march(8.0)
     assert solver.time == 8.0 and solver.step < 2000

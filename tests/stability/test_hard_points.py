@@ -1,4 +1,4 @@
-"""Hard cases of the 3D solver, each in both precisions, on one thread and on two (design notes 7, README.md).
+"""Hard cases of the 3D solver, each in both precisions, on one thread and on two.
 
 Besides what a case asserts itself, `Watch` holds mass, momentum and energy. Sand and water, so that two variants of
 the solver are compiled a precision.
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("threads", "precision")
 
 @pytest.fixture(params=["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def precision(request, monkeypatch):
-    """What the points of a case are marched in, unless it says so itself."""
+    """Options of the points of a case, unless it has its own."""
     in_precision = partial(points_on, precision=request.param)
     for module in (hard_scenes, sys.modules[__name__]):
         monkeypatch.setattr(module, "points_on", in_precision)
@@ -110,7 +110,7 @@ def test_a_few_points_on_ground_rougher_than_a_cell_are_no_leak(ground, box, pre
 
 
 def test_a_few_points_that_come_onto_empty_rough_ground_are_no_leak(precision):
-    """H4: as they come out of columns into an empty window; and where a run goes on, they are none either."""
+    """H4: as they come out of columns into an empty window; and where a run continues, they are none either."""
     ground = Ground("noise", 35.0, 2.36, 2.0, 0.57, 209, 40.0, 20.0)
     box = Box(0.0, 0.83, 0.02, 0.02, 5.0, 2, 20.0, 2.36)
     whole = PointScene(ground, box, 0.0, 0.4, "wall", 1.0, 30.0, 0.0, 0.0, precision).solver()

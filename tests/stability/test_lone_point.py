@@ -9,7 +9,7 @@ from scene_strategies import Box, Ground, PointScene
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import drucker_prager
-from mpmgis.solvers.points import LONE_SHARE, PointNumerics, courant_number
+from mpmgis.solvers.point_numerics import LONE_SHARE, PointNumerics, courant_number
 
 SOIL = drucker_prager(2e5, 1.2e5, 0.0, 1e6)
 

@@ -1,4 +1,4 @@
-"""H9: a DTM without heights under the release is refused, with a cure that works; there is no `fill` in a scene."""
+"""H9: a DTM without heights under the release is refused, with a fix that works; there is no `fill` in a scene."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def holed(folder, value):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -9999.0])
-def test_no_heights_under_the_release_are_refused_and_the_cure_works(value, tmp_path, capsys):
+def test_no_heights_under_the_release_are_refused_and_the_fix_works(value, tmp_path, capsys):
     site = holed(tmp_path, value)
     line = refused(site, capsys, SHORT)
     assert "no elevation under release" in line and "(19, 8), (19, 9), (19, 10) and 3 more" in line

@@ -6,7 +6,7 @@ from test_guard import block, pool
 
 from mpmgis.errors import UnphysicalError
 from mpmgis.kernels import column_rows, point_rows
-from mpmgis.solvers.integrate import March
+from mpmgis.solvers.integrate import TimeIntegration
 from mpmgis.solvers.particle_store import GAIN_STOP, EnergyLook, least_kinetic
 
 MOTION = {"points": [point_rows.PX, point_rows.PY, point_rows.PZ], "columns": [column_rows.U, column_rows.V]}
@@ -41,12 +41,12 @@ def plant(solver, name, gain, after):
 @pytest.mark.parametrize("name", ["points", "columns"])
 def test_a_fifth_more_kinetic_energy_stops_the_run(name):
     end, interval, after = (0.4, 0.02, 0.03) if name == "points" else (12.0, 0.5, 3.0)
-    whole = March(scene(name), end, interval)
+    whole = TimeIntegration(scene(name), end, interval)
     assert len(list(whole)) > 10 and whole.troubles == []
     solver = scene(name)
     plant(solver, name, 0.2, after)
     with pytest.raises(UnphysicalError) as stopped:
-        list(March(solver, end, interval))
+        list(TimeIntegration(solver, end, interval))
     line = str(stopped.value)
     assert "\n" not in line and f"the {name} gained" in line and "out of nothing since t = " in line
     assert "steps of down to 1/32" in line

@@ -19,7 +19,7 @@ def check_columns(scene):
 
 
 def check_points(scene):
-    """A material that is too soft for its fall may leak through the ground; a run says so and ends."""
+    """A material that is too soft for its fall may leak through the ground; a run reports it and ends."""
     Watch(scene.solver()).march(1.0, looks=4, may_end=(LEAKED,) if scene.stiffness < 1.0 else ())
 
 

@@ -1,5 +1,5 @@
-"""The same scene gives the same bytes: whole commands in processes of their own, on any threads, stopped or not, by
-kernels compiled anew."""
+"""The same scene gives the same bytes: whole commands in separate processes, on any threads, stopped or not, by
+kernels compiled again."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from slope_site import SCENE, slide, write_shapes, write_site
 from test_run_stages import ALL
 
 # What it makes, as digests of arrays: of seeds, frames and bands. `stop` lets every run be interrupted as its third
-# frame is written, and go on after it.
+# frame is written, and continue after it.
 CHILD = """
 import hashlib, json, os, sys
 from pathlib import Path
@@ -121,12 +121,12 @@ def test_threads_stops_and_processes_change_no_byte(site, reference, tmp_path):
 
 
 @pytest.mark.thorough
-def test_digests_tell_scenes_and_precisions_apart(reference):
+def test_digests_differ_between_scenes_and_precisions(reference):
     assert len({reference[name] for name in ("lattice", "halton", "random", *SCENES)}) == 3 + len(SCENES)
 
 
 @pytest.mark.slow
-def test_kernels_compiled_anew_change_no_byte(site, reference, tmp_path):
+def test_kernels_compiled_again_change_no_byte(site, reference, tmp_path):
     """Two compilations besides that of the reference, in empty cache folders."""
     for number in (1, 2):
         require_same(made(site, tmp_path / f"out{number}", number, cache=tmp_path / f"cache{number}"), reference)

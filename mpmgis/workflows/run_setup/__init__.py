@@ -1,1 +1,1 @@
-"""What happens before and between the steps of a run: preparation, stages, warm-up, cost."""
+"""Preparation of a run, its stages, warm-up of compiled code, and prediction of its cost."""

@@ -1,4 +1,4 @@
-"""Prediction of memory and time of a run: from its size, from a trial before a long run, from its first steps."""
+"""Prediction of memory and time of a run: from its size, a trial before a long run, and its first steps."""
 
 from itertools import pairwise
 from time import perf_counter
@@ -15,27 +15,26 @@ from ...solvers.stage_end import LOOK_SECONDS
 from ...solvers.stepping import PACE_SECONDS, measured_pace
 from ...spatial.node_grid import ColumnGrid
 from .sources import read_sources
-from .warmup import handed_on, rehearse, some_of
+from .warmup import sample_of, switched_sample, warm_up
 
-FEW_NODES = 4_000_000  # of a grid on the map, up to which it is made without an estimate: 0.4 GB, a second
-COARSE_NODES = 250_000  # of the grid on which the release is seeded for the estimate
+FEW_NODES = 4_000_000  # of a map grid; up to this number no estimate is needed: 0.4 GB, one second
+COARSE_NODES = 250_000  # of the grid for seeding the release in the estimate
 
 
 def require_memory(stages, windowed, terrain):
-    """Refuse cells whose grid or particles this machine cannot hold.
+    """Refuse cells whose grid or particles need more than the memory of this machine.
 
     Parameters
     ----------
     stages : list of Scene
         Each of one solver, with its cell size.
     windowed : list of bool
-        Of each, whether it takes only a part of the flow: how many particles that makes is not estimated.
+        Whether the stage contains only a part of the flow: its number of particles is not estimated.
     terrain : Terrain
 
     Raises
     ------
     SceneError
-        It names the key, the number of cells or particles and the memory.
     """
     west, south, east, north = terrain.grid.bounds
     fine = []
@@ -56,7 +55,7 @@ def require_memory(stages, windowed, terrain):
     try:
         with muted():
             moving = read_sources(stages[0], terrain, ColumnGrid.on(terrain, coarse)).everything
-    except MpmgisError:  # on such cells alone, or said in full where they are the scene's own
+    except MpmgisError:  # only on coarse cells, or raised again later on the scene's cells
         return
     volume, area = float(moving.particles.volume.sum()), float(moving.particles.area.sum())
     for scene in fine:
@@ -64,7 +63,7 @@ def require_memory(stages, windowed, terrain):
 
 
 def _require_particles(scene, volume, area):
-    """Refuse the particles that `volume` [m3] on `area` [m2] becomes in a `scene` of one solver."""
+    """Refuse too many particles for `volume` [m3] on `area` [m2] in a `scene` of one solver."""
     numerics = scene.numerics
     if scene.solver == "points":
         spacing = numerics.cell_size / numerics.points_per_side
@@ -78,56 +77,56 @@ def _require_particles(scene, volume, area):
         )
 
 
-TRIAL_FROM = 0.5  # [s], predicted for a typical machine, above which this one is tried
-TRIAL_SHARE = 0.1  # of what is predicted that a trial of each solver takes, two seconds at most
-TRIAL_POINTS = 30_000  # that columns are converted to for a trial of a later stage
-TELL_FROM = 5.0  # [s], of a prediction from a run's own first steps that is worth a line
-LONGER = 1.1  # times what is expected of a run in stages, from which the longest time is given as well
+TRIAL_FROM = 0.5  # [s] predicted for a typical machine; longer runs get a trial on this one
+TRIAL_SHARE = 0.1  # of the predicted time for a trial of each solver, at most two seconds
+TRIAL_POINTS = 30_000  # in a trial of a later stage
+LOG_FROM = 5.0  # [s] shorter predictions from a run's first steps are not logged
+LONGER = 1.1  # the longest time is also given if it exceeds the expected one by this factor
 
 
 class Machine(NamedTuple):
-    """How much longer than on a typical machine this one takes now: a step of each solver, all else; and in words."""
+    """Times on this machine over those of a typical one: steps of each solver, all other work; and a description."""
 
-    steps: dict  # solver -> times [1]
-    beside: float = 1.0
+    steps: dict  # solver -> ratio [1]
+    other: float = 1.0
     words: str = ""
 
 
 TYPICAL = Machine({})
 
 
-class Foreseen(NamedTuple):
-    """What a run will take [s], what at most by when its stages end [s], its memory [bytes], and how that is known.
+class Prediction(NamedTuple):
+    """Time of a run [s], its longest time depending on the end of its stages [s], memory [bytes], source of these.
 
-    `rehearsed`: to know it, what the run needs was compiled.
+    `compiled`: the kernels of the run were compiled for a trial.
     """
 
     seconds: float
     longest: float
     memory: float
-    how: str
-    rehearsed: bool
+    source: str
+    compiled: bool
 
 
-def foreseen(prepared, threads, trial_from=None):
-    """The Foreseen of a prepared run.
+def predicted(prepared, threads, trial_from=None):
+    """The Prediction of a prepared run.
 
-    A run that may take longer than `trial_from` [s] (default TRIAL_FROM) on a typical machine is tried on this one.
+    A run that may take longer than `trial_from` [s] (default TRIAL_FROM) on a typical machine gets a trial on this one.
     """
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
     machine, longest = TYPICAL, predicted_cost(prepared, threads, longest=True)
     trial_from = TRIAL_FROM if trial_from is None else trial_from
-    tries = longest > trial_from and memory < cost.MEMORY_SHARE * available_memory()
-    if tries:
-        rehearse(prepared)
+    trial = longest > trial_from and memory < cost.MEMORY_SHARE * available_memory()
+    if trial:
+        warm_up(prepared)
         machine = tried(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
         longest = predicted_cost(prepared, threads, machine, longest=True)
-    return Foreseen(seconds, longest, memory, machine.words, tries)
+    return Prediction(seconds, longest, memory, machine.words, trial)
 
 
 def predicted_memory(prepared):
-    """Bytes that the largest of a run's stages needs, and what becomes points or columns on its way."""
+    """Memory [bytes] of the largest stage of a run, with the conversion between columns and points."""
     stages = range(len(prepared.stages))
     switched = cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
     points = [n for n in stages if prepared.stages[n].scene.solver == "points"]
@@ -136,15 +135,15 @@ def predicted_memory(prepared):
 
 
 def predicted_cost(prepared, threads, machine=TYPICAL, *, longest=False, interval=None):
-    """Wall time [s] that a run will take from its first frame on.
+    """Wall time [s] of a run from its first frame on.
 
     Parameters
     ----------
     machine : Machine
     longest : bool
-        As if each stage lasted as long as it may.
+        Each stage lasts as long as possible.
     interval : float, optional [s]
-        Between frames that somebody looks at and nobody writes, instead of the scene's own.
+        Between frames that are evaluated but not written, instead of the scene's.
     """
     stages = range(len(prepared.stages))
     lasting = [prepared.longest(number) for number in stages] if longest else expected_times(prepared)
@@ -152,23 +151,23 @@ def predicted_cost(prepared, threads, machine=TYPICAL, *, longest=False, interva
         _steps(prepared, number, threads, lasting[number])[0] * _factor(machine, prepared.stages[number].scene.solver)
         for number in stages
     )
-    beside = sum(_frames(prepared, number, lasting[number], interval) for number in stages)
-    beside += sum(_switch(prepared, number) for number in stages[1:])
+    other = sum(_frames(prepared, number, lasting[number], interval) for number in stages)
+    other += sum(_switch(prepared, number) for number in stages[1:])
     if interval is None:
-        beside += cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * cost.SECONDS_PER_PIXEL
-    return steps + machine.beside * beside
+        other += cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * cost.SECONDS_PER_PIXEL
+    return steps + machine.other * other
 
 
 def _factor(machine, solver):
-    """How much longer this machine takes for a step of `solver`, by the other's where that alone was tried."""
+    """Time of a step of `solver` over that of a typical machine; that of the other solver if only it is known."""
     return machine.steps.get(solver, next(iter(machine.steps.values()), 1.0))
 
 
 def expected_times(prepared):
-    """How long [s] each stage is expected to last.
+    """Expected duration [s] of each stage.
 
-    When a stage is over by what the flow does nobody knows: the time to the next end that is known is shared out
-    evenly among the stages up to it, and where there is but one, half of it is left to what follows.
+    The end of a stage that depends on the flow is unknown: the time to the next known end is divided equally among the
+    stages up to it; for a single stage half of it is left for what follows.
     """
     tables, end = [stage.table for stage in prepared.stages], prepared.scene.output.end_time
     ends, begun = [], 0.0
@@ -183,7 +182,7 @@ def expected_times(prepared):
 
 
 def _known_end(tables, number, end):
-    """The latest time [s] at which stage `number` ends, None where none is known."""
+    """The latest time [s] at which stage `number` ends, None if unknown."""
     return end if number == len(tables) - 1 else tables[number].until.get("time")
 
 
@@ -205,7 +204,7 @@ def _steps(prepared, number, threads, seconds):
 
 
 def _frames(prepared, number, seconds, interval):
-    """Wall time [s] of what is shown of stage `number` over `seconds`, and of the looks whether it is over."""
+    """Wall time [s] of frames of stage `number` over `seconds`, and of checks of its end conditions."""
     stage, particles = prepared.stages[number], prepared.particles_of(number)
     frames = seconds / (interval or prepared.scene.output.frame_interval) + 1
     shown = cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
@@ -214,7 +213,7 @@ def _frames(prepared, number, seconds, interval):
 
 
 def _switch(prepared, number):
-    """Wall time [s] in which stage `number` takes over from the one before."""
+    """Wall time [s] of the switch to stage `number`."""
     nodes = prepared.stages[number].grid.bed.size
     if prepared.stages[number].scene.solver == "points":
         return cost.seconds_to_points(prepared.particles_of(number), nodes)
@@ -222,12 +221,12 @@ def _switch(prepared, number):
 
 
 def tried(prepared, threads, seconds, clock=perf_counter):
-    """The Machine as a trial finds it, of each solver for a tenth of `seconds`, of the columns or points of the scene.
+    """The Machine from a trial of each solver for a tenth of `seconds` with the columns or points of the scene.
 
-    What was compiled before is left apart. Nothing of the run is touched.
+    Kernels must be compiled before. The run is not changed.
     """
     short, first = min(PACE_SECONDS, max(TRIAL_SHARE * seconds, 0.1)), prepared.stages[0]
-    steps, words, beside = {}, [], None
+    steps, words, other = {}, [], None
     _try(first, prepared.solver(), short, threads, steps, words)
     later = next((n for n, stage in enumerate(prepared.stages) if stage.scene.solver == "points"), 0)
     if later:
@@ -236,15 +235,15 @@ def tried(prepared, threads, seconds, clock=perf_counter):
         if made is not None:
             solver, points = made
             nodes = prepared.stages[later].grid.bed.size
-            beside = (clock() - began) / cost.seconds_to_points(points, nodes)
+            other = (clock() - began) / cost.seconds_to_points(points, nodes)
             _try(prepared.stages[later], solver, short, threads, steps, words)
-    if beside is None:
-        beside = next(iter(steps.values()), 1.0)
-    return Machine(steps, beside, _measured(words))
+    if other is None:
+        other = next(iter(steps.values()), 1.0)
+    return Machine(steps, other, _measured(words))
 
 
 def _measured(words):
-    """How a prediction is known, from `words` about the pace of each solver."""
+    """Source of a prediction, from `words` about the pace of each solver."""
     return f", at {' and '.join(words)} and step as measured" if words else ""
 
 
@@ -253,7 +252,7 @@ def _pace_words(solver, pace):
 
 
 def _try(stage, solver, seconds, threads, steps, words):
-    """Add to `steps` and `words` what `solver`, which is worth nothing afterwards, shows of its stage's kind."""
+    """Add the measured pace of `solver`, which is discarded afterwards, to `steps` and `words`."""
     name = stage.scene.solver
     particles = solver.points if name == "points" else solver.columns
     pace = measured_pace(solver, seconds)
@@ -263,12 +262,12 @@ def _try(stage, solver, seconds, threads, steps, words):
 
 
 def _points_for(prepared, number):
-    """(a PointSolver of stage `number` with some of the scene's mass, its points); None where there is none of it."""
+    """(a PointSolver of stage `number` with a part of the scene's mass, its number of points); None without mass."""
     stage, seen = prepared.stages[number], prepared.seen.particles
     each = stage.point_options().predicted_points(seen) / max(len(seen), 1)
-    few = some_of(prepared, max(1, int(TRIAL_POINTS / max(each, 1.0))))
+    few = sample_of(prepared, max(1, int(TRIAL_POINTS / max(each, 1.0))))
     try:
-        switched = handed_on(stage, prepared.stages[0], few[0], prepared.terrain)
+        switched = switched_sample(stage, prepared.stages[0], few[0], prepared.terrain)
     except MpmgisError:
         return None
     solver = stage.solver(prepared.terrain, switched.frame, switched.vertical_stress, switched.gradient)
@@ -276,19 +275,19 @@ def _points_for(prepared, number):
 
 
 class OwnPace:
-    """Predicts a run anew from two seconds of its own steps, once for each solver: no step is taken for that alone.
+    """Updates the prediction of a run from two seconds of its own steps, once for each solver.
 
     Parameters
     ----------
     prepared : Prepared
     threads : int
-    ahead : Foreseen
-        What was predicted before the first step.
+    ahead : Prediction
+        Before the first step.
 
     Attributes
     ----------
     seconds : float [s]
-        What the run is predicted to take, by what is known now.
+        Current prediction.
     """
 
     def __init__(self, prepared, threads, ahead):
@@ -296,7 +295,7 @@ class OwnPace:
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
     def look(self, sequence):
-        """Take the pace of the `sequence`'s stage, if it is not known and enough of its steps are done."""
+        """Measure the pace of the current stage of `sequence`, if it is unknown and enough steps are done."""
         name = sequence.stage.scene.solver
         seconds, particle_steps, steps = sequence.stepped
         if name in self._steps or not steps or seconds < PACE_SECONDS:
@@ -307,12 +306,12 @@ class OwnPace:
         self._words.append(_pace_words(name, pace))
         machine = Machine(dict(self._steps), words=_measured(self._words))
         self.seconds = predicted_cost(self._prepared, self._threads, machine)
-        if self.seconds >= TELL_FROM:
+        if self.seconds >= LOG_FROM:
             longest = predicted_cost(self._prepared, self._threads, machine, longest=True)
-            log.info(prediction(Foreseen(self.seconds, longest, self._ahead.memory, machine.words, True)))
+            log.info(prediction_line(Prediction(self.seconds, longest, self._ahead.memory, machine.words, True)))
 
     def watching(self, sequence, watch):
-        """`watch` that looks at the pace of the `sequence`, too."""
+        """`watch` that also measures the pace of the `sequence`."""
 
         def watching(now, end_time):
             self.look(sequence)
@@ -321,20 +320,20 @@ class OwnPace:
         return watching
 
 
-def prediction(ahead):
-    """A line about a Foreseen."""
-    return f"predicted: {need(ahead)}{ahead.how}{at_most(ahead)}"
+def prediction_line(ahead):
+    """A line about a Prediction."""
+    return f"predicted: {need(ahead)}{ahead.source}{at_most(ahead)}"
 
 
 def need(ahead):
-    """Time and memory of a Foreseen in words."""
+    """Time and memory of a Prediction in words."""
     return f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
 
 
 def at_most(ahead):
-    """How long a run takes if each stage lasts as long as it may, where that is longer."""
+    """The longest time of a run in words, if it is longer than the expected one."""
     longer = ahead.longest > LONGER * ahead.seconds
-    return f"; up to {duration(ahead.longest)}, by when its stages end" if longer else ""
+    return f"; up to {duration(ahead.longest)}, depending on the end of its stages" if longer else ""
 
 
 def duration(seconds):

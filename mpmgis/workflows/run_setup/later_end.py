@@ -1,4 +1,4 @@
-"""A run that is resumed with a later [output] end_time: whether nothing else differs, and where it goes on."""
+"""A run that is resumed with a later [output] end_time: checks that nothing else differs, and finds its last frame."""
 
 from dataclasses import replace
 
@@ -11,26 +11,26 @@ from .sequence import stage_number
 
 def earlier_run(prepared, record):
     """The run of a `record`, prepared again, if it differs from `prepared` only by an earlier end_time; else None."""
-    told = ((record.get("scene") or {}).get("output") or {}).get("end_time")
+    earlier_end = ((record.get("scene") or {}).get("output") or {}).get("end_time")
     output = prepared.scene.output
-    if not isinstance(told, (int, float)) or not 0 < told < output.end_time:
+    if not isinstance(earlier_end, (int, float)) or not 0 < earlier_end < output.end_time:
         return None
     try:
-        earlier = muted()(prepare_scene)(replace(prepared.scene, output=replace(output, end_time=told)))
-    except MpmgisError:  # what could be prepared once cannot any more: its inputs have changed
+        earlier = muted()(prepare_scene)(replace(prepared.scene, output=replace(output, end_time=earlier_end)))
+    except MpmgisError:  # its inputs have changed
         return None
     return earlier if earlier.digest == record.get("digest") else None
 
 
 def goes_on(record):
-    """Whether a later end changes anything: not where the run ended by itself, at rest or with no mass left."""
+    """Whether a later end has an effect: not if the run ended by itself, at rest or without mass."""
     return record.get("state") != "finished" or record.get("reason") == END_TIME
 
 
 def go_on(folder, sequence, earlier):
-    """Set `sequence` to the newest frame in `folder` up to which the `earlier` run is the same as the longer one.
+    """Set `sequence` to the newest frame in `folder` up to which the `earlier` run equals the longer one.
 
-    Newer frames are removed; those that stay belong to the longer run from now on.
+    Newer frames are removed; the others are assigned to the longer run.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def go_on(folder, sequence, earlier):
     Raises
     ------
     InputError
-        No such frame has the state that a restart needs, or another effect is on with the later end.
+        No such frame has the state for a restart, or other effects are on with the later end.
     """
     prepared = sequence.prepared
     _require_same_effects(earlier, prepared)
@@ -50,8 +50,8 @@ def go_on(folder, sequence, earlier):
             return frame
     end = earlier.scene.output.end_time
     raise InputError(
-        f"{folder.path} has no frame from which a run to a later end goes on: what happened at end_time = {end:g} s is "
-        "in all frames that keep the state of a restart; give another -o, or --overwrite"
+        f"{folder.path} has no frame for continuing to a later end: all frames with the state of a restart depend on "
+        f"end_time = {end:g} s; give another `output`, or `overwrite`"
     )
 
 
@@ -63,15 +63,15 @@ def _require_same_effects(earlier, prepared):
     if before != now:
         changed = {effect for a, b in zip(before, now, strict=True) for effect, _ in set(a) ^ set(b)}
         raise InputError(
-            f"with the later [output] end_time other effects are on ({', '.join(sorted(changed))}); set their use to "
-            "what it was, or give another -o"
+            f"with the later [output] end_time other effects are on ({', '.join(sorted(changed))}); set their `use` as "
+            "before, or give another `output`"
         )
 
 
 def _is_shared(frame, earlier, prepared):
-    """Whether the longer run comes by the state of this `frame` of the `earlier` one."""
+    """Whether the longer run passes the state of this `frame` of the `earlier` one."""
     output, stages = earlier.scene.output, len(prepared.stages)
-    if frame.time >= output.end_time:  # the longer run looks there whether a stage is over, and may have no frame
+    if frame.time >= output.end_time:  # the longer run checks here whether a stage ends, and may have no frame
         at_frame = round(frame.time / output.frame_interval) * output.frame_interval == frame.time
         if not at_frame or (stages > 1 and stage_number(frame) < stages - 1):
             return False

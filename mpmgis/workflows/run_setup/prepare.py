@@ -1,4 +1,4 @@
-"""What comes before the first step: a scene read and checked, seeded on the solver's grid, its effects decided."""
+"""Preparation of a run: reads and checks a scene, seeds its release on the solver's grid, decides its effects."""
 
 import re
 from collections.abc import Mapping
@@ -20,27 +20,28 @@ from ...machine import memory_lack
 from ...messages import log, logged_once
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ...scene.tables import DENSITY
-from ...seeding.options import Cures, tell_if_implausible
+from ...seeding.options import Fixes, report_implausible
 from ...solvers.columns import ColumnNumerics
 from ...solvers.cost import MEMORY_SHARE
 from ...solvers.events import Events
-from ...solvers.points import PointNumerics
+from ...solvers.point_numerics import PointNumerics
 from ...solvers.restart import start_digest
 from ...spatial.node_grid import ColumnGrid, require_ground
 from ...spatial.placement import levelled
 from ...terrain.nodata import nodata_in_reach
 from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
-from ...terrain.release import tell_of_cliffs
+from ...terrain.release import report_cliffs
 from .cost_prediction import require_memory
 from .scene_files import read_spatial_features, trial_parameters
 from .sources import read_point_start, read_sources
 from .stage import Stage, read_areas, require_inflow_over
 
-MOST_LOOKED_AT = 10_000  # columns from which lines of energy are drawn
-BYTES_PER_PIXEL = 140  # of a DTM that is read whole, until its run is ready; measured 135 with cells as large as pixels
-# option of `mpmgis seed` in a message -> key of a scene; `rio edit-info FILE --crs` is another program's
+MOST_SAMPLED = 10_000  # columns that are starts of energy lines
+BYTES_PER_PIXEL = 140  # of a DTM that is read as a whole, for preparing a run; measured 135 with cells of a pixel
+# option of `mpmgis seed` in a message -> key of a scene, except in `rio edit-info FILE --crs`
 _KEYS_OF_OPTIONS = (
     (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
+    (r"--to-crs (EPSG:\w+|auto)", r'[terrain] to_crs = "\1"'),
     (r"--dem-band (\w+)", r"[terrain] band = \1"),
     (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
     (r"--(thickness|surface|density)\b", r"[release] \1"),
@@ -49,11 +50,11 @@ _KEYS_OF_OPTIONS = (
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything a run needs, checked, before its first step.
+    """All checked data of a run before its first step.
 
-    `stages` are the parts of the run, one for each solver in turn; of what belongs to a stage the properties tell the
-    first's, which is the only one of most scenes. `vertical_stress` and `affine` are of points at the start, `seen` is
-    everything that may ever move, as columns.
+    `stages` are the parts of the run, one after the other; the properties are those of the first stage, the only one
+    of most scenes. `vertical_stress` and `affine` are of points at the start; `seen` is all mass that may ever move,
+    as columns.
     """
 
     scene: object
@@ -65,7 +66,7 @@ class Prepared:
     seen: object  # Frame
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
-    fill: object = None  # NodataFill of the terrain, where the scene asks for it
+    fill: object = None  # NodataFill of the terrain, where the scene requests it
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
@@ -77,11 +78,11 @@ class Prepared:
 
     @property
     def particles(self):
-        """Number of columns or points at the start and of all that may come."""
+        """Number of columns or points, at the start and released later."""
         return len(self.frame.particles) + self.events.columns_to_come()
 
     def particles_of(self, number):
-        """About how many particles stage `number`, from 0, has: of points later on as many as the release makes."""
+        """Estimated number of particles of stage `number`, from 0; of later points those of the whole release."""
         stage = self.stages[number]
         if number == 0:
             return self.particles
@@ -90,7 +91,7 @@ class Prepared:
         return int(self.seen.particles.area.sum() / stage.grid.cell_size**2 * stage.scene.columns_per_cell) + 1
 
     def longest(self, number):
-        """The longest time [s] that stage `number`, from 0, can last, as far as times are known before the run."""
+        """The longest duration [s] of stage `number`, from 0, by the times known before the run."""
         times = [None if stage.table is None else (stage.table.until or {}).get("time") for stage in self.stages]
         begins = max((time for time in times[:number] if time is not None), default=0.0)
         ends = min((time for time in times[number:] if time is not None), default=self.scene.output.end_time)
@@ -98,7 +99,7 @@ class Prepared:
 
     @property
     def stress(self):
-        """float64[n, 6] [Pa], Kirchhoff: that of points at the start; None where nothing tells it."""
+        """float64[n, 6] [Pa], Kirchhoff stress of points at the start; None if unknown."""
         return self.stages[0].stress(self.vertical_stress)
 
     def solver(self):
@@ -108,7 +109,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class _Start:
-    """What moves: columns or points at the start as `frame`, everything that may ever move as columns, `seen`."""
+    """Moving mass: columns or points at the start (`frame`), and all mass that may ever move as columns (`seen`)."""
 
     frame: object
     seen: object
@@ -123,20 +124,20 @@ def prepare(given, laws=None):
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
     `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
-    a Python file with laws of friction of one's own; it is run as a program.
+    a Python file with the user's own friction laws; it is executed.
     """
     scene = scene_to_prepare(given, laws)
     try:
         return prepare_scene(scene)
     except SceneError:
         raise
-    except InputError as error:  # told in the words of `seed`; say whose file they are about
+    except InputError as error:  # a message with options of `seed` and without the file name
         where = "scene" if isinstance(given, Mapping) else Path(given).name
         raise type(error)(f"{where}: {in_scene_words(str(error))}") from error
 
 
 def in_scene_words(message):
-    """A `message` that names options of `mpmgis seed`, with the keys of a scene in their place."""
+    """A `message` with options of `mpmgis seed` replaced by keys of a scene."""
     for option, key in _KEYS_OF_OPTIONS:
         message = re.sub(option, key, message)
     return message
@@ -144,8 +145,8 @@ def in_scene_words(message):
 
 @logged_once()
 def prepare_scene(scene):
-    """As `prepare`, of a Scene that is read already."""
-    terrain, fill = with_crs_hint(_laid_on_it(scene), lambda: _terrain(scene))
+    """As `prepare`, for a Scene."""
+    terrain, fill = with_crs_hint(_first_area(scene), lambda: _terrain(scene))
     scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     require_memory(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
@@ -156,7 +157,7 @@ def prepare_scene(scene):
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
         stage = _stage(one, terrain, grid, start, reached, number > 0)
         stages.append(replace(stage, **read_areas(scene, number, terrain)))
-    _tell_of_friction(stages)
+    _log_no_friction(stages)
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0])
@@ -169,8 +170,8 @@ def prepare_scene(scene):
     )  # fmt: skip
 
 
-def _laid_on_it(scene):
-    """Path of the release area or the inlet that the scene lays on its terrain; None where there is none."""
+def _first_area(scene):
+    """Path of the release area, or else of the inlet; None without."""
     for table in (scene.release, scene.hydrograph):
         if table is not None and table.source is not None:
             return scene.path(table.source)
@@ -178,61 +179,62 @@ def _laid_on_it(scene):
 
 
 def _terrain(scene):
-    """(the terrain, or the window of it that the scene asks for, of which no more is read; its NodataFill or None)."""
+    """(the terrain, of which only the window of the scene is read; its NodataFill or None)."""
     table = scene.terrain
-    file, window = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata), table.window
+    file = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata, table.to_crs)
+    window = table.window
     if window is None:
-        _tell_of_size(file.path, file.grid.shape)
+        _check_size(file.path, file.grid.shape)
         return file.whole(), file.fill
     west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
         raise SceneError(
-            f"[terrain] window = {list(window)} does not meet the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
+            f"[terrain] window = {list(window)} does not overlap the DTM, E {west:.0f} to {east:.0f}, N {south:.0f} to "
             f"{north:.0f}; correct it"
         )
     rows, columns = file.grid.window(window, 0)
-    _tell_of_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start))
+    _check_size(f"[terrain] window of {file.path}", (rows.stop - rows.start, columns.stop - columns.start))
     given = zip(("west", "south", "east", "north"), window, (west, south, east, north), (-1, -1, 1, 1), strict=True)
-    beyond = [side for side, asked, edge, out in given if out * (asked - edge) > file.grid.cell_size]
+    beyond = [side for side, value, edge, out in given if out * (value - edge) > file.grid.cell_size]
     if beyond:
         log.info(
-            f"[terrain] window = [west, south, east, north] reaches beyond the DTM to the {', '.join(beyond)}; it is "
-            f"cut there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
+            f"[terrain] window = [west, south, east, north] extends beyond the DTM to the {', '.join(beyond)}; it is "
+            f"clipped there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
         )
     return file.cropped(window, 0), file.fill
 
 
-def _tell_of_size(name, shape):
-    """What very many cells of a DTM will take up of memory, before they are read; refused where that is not there."""
+def _check_size(name, shape):
+    """Log the memory for a very large DTM before it is read; an error if it is not available."""
     rows, columns = shape
     if rows * columns <= READ_WHOLE:
         return
     needed, cells = rows * columns * BYTES_PER_PIXEL, f"{name} has {rows} x {columns} cells"
-    cure = "[terrain] window = [west, south, east, north] reads only as much as that"
+    fix = "[terrain] window = [west, south, east, north] reads only a part"
     if lack := memory_lack(needed, MEMORY_SHARE):
-        raise SceneError(f"{cells}, which need {lack}; {cure}")
-    log.info(f"{cells}, which take up to {needed / 1e9:.2g} GB; {cure}")
+        raise SceneError(f"{cells}, which need {lack}; {fix}")
+    log.info(f"{cells}, which need up to {needed / 1e9:.2g} GB; {fix}")
 
 
 def _start_of_columns(scene, terrain, grid):
-    """What moves in a run that begins with columns."""
+    """The _Start of a run that begins with columns."""
     sources = read_sources(scene, terrain, grid)
-    _tell_of_release(sources.frame.particles, sources.frame.header, scene)
-    tell_of_cliffs(grid.gradients_at(sources.everything), sources.everything)
+    _check_release(sources.frame.particles, sources.frame.header, scene)
+    report_cliffs(grid.gradients_at(sources.everything), sources.everything)
     return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
 
 
 def _start_of_points(scene, terrain, grid):
-    """What moves in a run that begins with points."""
+    """The _Start of a run that begins with points."""
     start = read_point_start(scene, terrain, grid)
-    _tell_of_release(start.seen.particles, start.frame.header, scene)
+    _check_release(start.seen.particles, start.frame.header, scene)
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
 def _stage(scene, terrain, grid, start, reached, later):
-    """The Stage of a `scene` of one solver; its effects are decided by what is released, whenever it begins.
+    """The Stage of a `scene` of one solver; its effects are decided by the release, also for later stages.
 
-    `reached` (mu) answers as `_reached`.
+    `reached(mu)` returns the result of `_reached`.
     """
     at_start = start.frame if start.frame.dimension == 2 else start.seen
     known = read_spatial_features(scene, terrain, grid, at_start, start.seen)
@@ -284,7 +286,7 @@ def _point_numerics(scene, grid, start):
 
 
 def _with_density(scene):
-    """The scene with the density of its release, where that is not given: what flows in has it, else it is assumed."""
+    """The scene with a density of its release: if not given, that of the inflow, else an assumed one."""
     release, named = scene.release, scene.densities()
     if release is not None and release.particles is not None:
         return scene
@@ -295,8 +297,8 @@ def _with_density(scene):
     return replace(scene, release=replace(release, density=named[0][1] if named else DENSITY))
 
 
-def _tell_of_friction(stages):
-    """Say where nothing resists on the bed, which is rarely meant."""
+def _log_no_friction(stages):
+    """Log stages without friction on the bed, which is rarely intended."""
     for number, stage in enumerate(stages, 1):
         for decision in stage.decisions:
             if decision.effect == "friction" and decision.state == "off":
@@ -305,7 +307,7 @@ def _tell_of_friction(stages):
 
 
 def _completed(scene, cell_size):
-    """The scene with the numbers that stand for keys left out; Courant numbers and cells of stages are their own."""
+    """The scene with defaults of omitted keys; Courant numbers and cell sizes of stages are set separately."""
     output = scene.output
     if output.maxima and output.arrival_thickness is None:
         output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
@@ -317,14 +319,14 @@ def _completed(scene, cell_size):
 
 
 def _with_courant_number(scene, cell_size=None):
-    """A scene of one solver with its Courant number, and with cells of `cell_size` [m] where it does not say."""
+    """A scene of one solver with its Courant number, and with `cell_size` [m] if it has none."""
     numerics = scene.numerics
     cfl = numerics.cfl or default_courant_number(scene, scene.solver)
     return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
 
 
 def scene_to_prepare(given, laws=None):
-    """The scene at a path, or of tables; its own law of friction, if it has one, is tried and fit for the compiler."""
+    """The scene at a path, or of tables; its own friction law, if any, is checked and compiled."""
     own = NO_OWN_LAWS if laws is None else load_laws(laws)
     if isinstance(given, Mapping):
         scene = scene_from_tables(given, own_laws=own)
@@ -341,7 +343,7 @@ def scene_to_prepare(given, laws=None):
 
 
 def _facts(terrain, frame, reached, known):
-    """(the Reach, the numbers that decide the scene's effects, the scene with what stands for friction by place)."""
+    """(the Reach, the numbers that decide the scene's effects, the scene with representative values of zones)."""
     reach, facts = reached(known.mu_least())
     of_places = known.facts(terrain, reach, frame, facts["release_thickness"])
     facts = TerrainFacts(**facts, **of_places, density=frame.header["density"])
@@ -349,7 +351,7 @@ def _facts(terrain, frame, reached, known):
 
 
 def _reached(terrain, frame, mu):
-    """(the Reach of the columns of `frame` by a line of `mu`, what the ground and the release tell of themselves)."""
+    """(the Reach of the columns of `frame` with friction `mu`, facts about terrain and release)."""
     some = _some_columns(frame.particles)
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
@@ -363,15 +365,15 @@ def _reached(terrain, frame, mu):
 
 
 def _some_columns(particles):
-    """int[k]: some of many columns, evenly taken, and the fastest of all."""
-    step = max(1, len(particles) // MOST_LOOKED_AT)
+    """int[k]: an even sample of the columns, with the fastest."""
+    step = max(1, len(particles) // MOST_SAMPLED)
     fastest = int(np.argmax((particles.velocity**2).sum(axis=1)))
     return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
-def _tell_of_release(particles, header, scene):
+def _check_release(particles, header, scene):
     more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
-    cures = Cures("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
+    fixes = Fixes("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
     if len(particles):
         thickness = particles.volume.sum() / particles.area.sum()
-        tell_if_implausible(len(particles), header["density"], thickness, cures)
+        report_implausible(len(particles), header["density"], thickness, fixes)

@@ -1,4 +1,4 @@
-"""Input files of a scene, and its spatial features read and put on the solver's grid."""
+"""Input files of a scene; reads its spatial features onto the solver's grid."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -9,32 +9,33 @@ from ...io.raster import raster_files
 from ...io.reprojection import is_raster
 from ...io.spatial_inputs import read_placed_raster, read_polygons, read_walls
 from ...spatial.declared import KnownByPlace
-from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls
+from ...spatial.forest import ENTRY, forest_values
+from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls, walls_of
 
-VIRTUAL = b"<VRTDataset"  # in the head of a raster whose pixels lie in other files
+VIRTUAL = b"<VRTDataset"  # at the start of a virtual raster
 
 
 def input_files(given, scene, laws=None):
-    """Yield the path of every file that is there and that a run of `scene` reads.
+    """Yield the path of every existing file that a run of `scene` reads.
 
     Parameters
     ----------
     given : path or Mapping
-        What the scene was read from.
+        Source of the scene.
     scene : Scene
     laws : path, optional
-        File with laws of friction of the user's own.
+        File with the user's own friction laws.
     """
     if not isinstance(given, Mapping):
         yield Path(given)
     if laws is not None:
         yield Path(laws)
     for name in scene.files():
-        yield from _with_what_belongs_to_it(scene.path(name.partition("|")[0]))
+        yield from _with_companions(scene.path(name.partition("|")[0]))
 
 
-def _with_what_belongs_to_it(path):
-    """`path`, the files in it if it is a folder, those beside it with its stem, and the sources of a virtual raster."""
+def _with_companions(path):
+    """`path` or the files in this folder, files with the same stem, and the sources of a virtual raster."""
     if path.is_dir():
         yield from (entry for entry in path.rglob("*") if entry.is_file())
         return
@@ -49,7 +50,7 @@ def _with_what_belongs_to_it(path):
 
 
 def read_spatial_features(scene, terrain, grid, start, everything):
-    """Read all that `scene` knows by place; a KnownByPlace.
+    """Read all spatial features of `scene`; a KnownByPlace.
 
     Parameters
     ----------
@@ -58,22 +59,22 @@ def read_spatial_features(scene, terrain, grid, start, everything):
     grid : ColumnGrid
         Of the solver.
     start, everything : Frame
-        The columns at the start, and all that may ever be released.
+        The columns at the start, and all that are ever released.
 
     Raises
     ------
     InputError
-        Files that cannot be read or do not match terrain, release and scene.
+        A file cannot be read or does not match terrain, release and scene.
     """
     walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything)
     return KnownByPlace(
         grid, scene, _zones(scene, terrain, grid), _erodible(scene, terrain, grid, everything), walls, nodes,
-        _lakes(scene, terrain, grid, start),
+        _lakes(scene, terrain, grid, start), _forest(scene, terrain, grid),
     )  # fmt: skip
 
 
 def trial_parameters(scene):
-    """Parameters to try the scene's law with: what only zones give is their first number, else the least it can be."""
+    """Parameters for a trial of the scene's law: of [friction], else the first of zones, else the least value."""
     law = scene.laws[scene.friction.law][1]
     numbers = {}
     for zone in scene.zones:
@@ -85,7 +86,7 @@ def _used(table):
     return table is not None and table.use != "off"
 
 
-def _placed(path, terrain):
+def _spatial_file(path, terrain):
     """Polygons or the raster at `path`."""
     if is_raster(path):
         return PlacedFiles(raster=read_placed_raster(path, terrain))
@@ -101,14 +102,35 @@ def _zones(scene, terrain, grid):
     return painted_zones(scene, read, grid)
 
 
+def _forest(scene, terrain, grid):
+    """Values of the trees at the nodes; None without [[forest]]."""
+    used = [(k, table) for k, table in enumerate(scene.forest, 1) if _used(table)]
+    if not used:
+        return None
+    given = ((k, table, {key: getattr(table, key) for key in ENTRY}) for k, table in used)
+    return forest_values(
+        ((k, table, _files_by_place(scene, table.source, values, terrain)) for k, table, values in given), grid
+    )
+
+
 def _zone_files(scene, zone, terrain):
     """Polygons or mask of a zone, and the rasters that its parameters name."""
+    return _files_by_place(scene, zone.source, zone.parameters, terrain)
+
+
+def _files_by_place(scene, source, parameters, terrain):
+    """Polygons or mask of `source`, and the rasters that `parameters` (name -> number, column or raster) name."""
     values = {
-        name: read_placed_raster(scene.path(value), terrain) for name, value in zone.parameters.items()
+        name: read_placed_raster(scene.path(value), terrain) for name, value in parameters.items()
         if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
     }  # fmt: skip
-    where = PlacedFiles() if zone.source is None else _placed(scene.path(zone.source), terrain)
+    where = PlacedFiles() if source is None else _spatial_file(scene.path(source), terrain)
     return PlacedFiles(where.features, where.raster, values)
+
+
+def scene_walls(scene, terrain):
+    """Tuple of Wall of the scene's barriers, with the names of its results."""
+    return walls_of(_barriers(scene, terrain))
 
 
 def _barriers(scene, terrain):
@@ -123,7 +145,7 @@ def _erodible(scene, terrain, grid, frame):
     if not _used(table):
         return None
     path = scene.path(table.source)
-    return erodible_mass(table, _placed(path, terrain), path, grid, frame.header["density"])
+    return erodible_mass(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
 
 
 def _lakes(scene, terrain, grid, start):

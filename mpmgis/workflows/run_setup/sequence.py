@@ -1,4 +1,4 @@
-"""The stages of a run, one after the other: frames of one solver after those of the other, what each switch kept."""
+"""The sequence of stages of a run: frames of one solver after another, and the account of each switch."""
 
 import json
 import math
@@ -11,34 +11,35 @@ from ...errors import FormatError, InputError, one_line
 from ...messages import log
 from ...peaks import together
 from ...scene.points import stiffness_in_hindsight
+from ...solvers.bed_change import with_density
 from ...solvers.coupled import parts_of
-from ...solvers.integrate import March
+from ...solvers.integrate import TimeIntegration
 
-STATE = "stages"  # of a frame: what the stages so far have left behind, as JSON
+STATE = "stages"  # of a frame: data of the stages so far, as JSON
 
 
-def _told_by(frame):
-    """What a `frame` with state holds of the stages so far."""
+def _stage_state(frame):
+    """The data of the stages so far in a `frame` with state."""
     if STATE not in frame.state:
-        raise FormatError(f"the frame at t = {frame.time:g} s tells no stage; start with --overwrite")
+        raise FormatError(f"the frame at t = {frame.time:g} s contains no stage; start with `overwrite`")
     try:
-        told = json.loads(bytes(frame.state[STATE]))
-        return told if isinstance(told, dict) else {}
+        stored = json.loads(bytes(frame.state[STATE]))
+        return stored if isinstance(stored, dict) else {}
     except (ValueError, TypeError, RecursionError) as error:
         raise FormatError(
-            f"the frame at t = {frame.time:g} s tells no stage ({one_line(error)[:60]}); start with --overwrite"
+            f"the frame at t = {frame.time:g} s contains no stage ({one_line(error)[:60]}); start with `overwrite`"
         ) from error
 
 
-def _stage_of(told, stages):
-    """(number, past, checks) of what a frame holds of the stages so far, of a run with that many `stages`.
+def _checked_stage(stored, stages):
+    """(number, past, checks) of the data `stored` in a frame, for a run with that many `stages`.
 
     Raises
     ------
     ValueError
-        It cannot be that.
+        Invalid data.
     """
-    number, past, checks = told["number"], told["past"], told.get("checks", {})
+    number, past, checks = stored["number"], stored["past"], stored.get("checks", {})
     if type(number) is not int or not 0 <= number < stages or not isinstance(past, list) or len(past) != number:
         raise ValueError(f"stage {number} of {stages}")
     for stage in past:
@@ -46,59 +47,60 @@ def _stage_of(told, stages):
             raise ValueError("a stage that is over has no balances")
         if type(stage["steps"]) is not int or not math.isfinite(stage["time"]):
             raise ValueError("a stage that is over has no steps or time")
-    if not isinstance(checks, dict) or not math.isfinite(told["calm_since"]):
+    if not isinstance(checks, dict) or not math.isfinite(stored["calm_since"]):
         raise ValueError("no checks of the stage")
     return number, past, checks
 
 
 def stage_number(frame):
-    """Number, from 0, of the stage that a `frame` with the state of a restart was written in."""
-    number = _told_by(frame).get("number")
+    """Number, from 0, of the stage of a `frame` with the state of a restart."""
+    number = _stage_state(frame).get("number")
     return number if isinstance(number, int) else 0
 
 
 class Sequence:
     """An iterator of the frames of a run, from its first stage to its last.
 
-    At a switch there is one frame: the first of the stage that begins. A scene without [[stage]] is one stage.
+    At a switch there is one frame: the first of the new stage. A scene without [[stage]] is one stage.
 
     Parameters
     ----------
     prepared : Prepared
     observe : callable
-        Told (solver, end time) a few times a second.
+        Called with (solver, end time) a few times a second.
 
     Attributes
     ----------
     number : int
-        Of the stage now, from 0.
+        Of the current stage, from 0.
     solver : ColumnSolver or PointSolver
     past : list of dict
-        What the stages that are over told at their end, and what the switch after each kept, in plain numbers.
+        Results of finished stages, and the account of the switch after each, in plain numbers.
     reason : str
-        Why the run ended.
+        Of the end of the run.
     particle_steps : int
     troubles : list of str
-        What went wrong and was got over with shorter steps; that nothing ever moved; that points lost volume.
+        Warnings: problems solved with shorter steps; a flow that never moved; points that lost volume.
     checks : dict of dict
-        Of the stage now, if it is of points: `resolution`, how many cells stand over the depth at its start, and
+        Of the current stage, if it is of points: `resolution`, number of cells over the depth at its start, and
         `volume`, whether the points fill their volume at its end, in plain numbers.
     taken_in : list of dict
-        Features on the map whose effect was off until the flow came to them, in plain numbers.
+        Spatial features whose effect was off until the flow reached them, in plain numbers.
     """
 
     def __init__(self, prepared, observe=lambda solver, end: None):
         self.prepared, self.observe = prepared, observe
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
-        self._peaks_before = {}  # of the stages that are over, as frames have them
+        self._peaks_before = {}  # of finished stages, as in frames
+        self._bed_before = {}
         self.checks = self._resolution(prepared.stages[0], prepared.seen)
         self.solver = prepared.stages[0].watch(prepared.solver())
-        self._resumed, self._march = False, None
+        self._resumed, self._integration = False, None
         self._end = self._stage_end()
 
     @property
     def stage(self):
-        """The Stage now."""
+        """The current Stage."""
         return self.prepared.stages[self.number]
 
     @property
@@ -108,9 +110,9 @@ class Sequence:
 
     @property
     def stepped(self):
-        """(wall time [s], particle-steps, steps) of the steps of the stage now, of those since a restart."""
-        march = self._march
-        return (march.step_seconds, march.particle_steps, march.steps) if march else (0.0, 0, 0)
+        """(wall time [s], particle-steps, steps) of the current stage, since a restart."""
+        integration = self._integration
+        return (integration.step_seconds, integration.particle_steps, integration.steps) if integration else (0.0, 0, 0)
 
     def __iter__(self):
         prepared = self.prepared
@@ -118,78 +120,86 @@ class Sequence:
         if self.checks and not self._resumed:
             log.info(resolution_words(self.checks["resolution"]))
         while True:
-            march = self._march = March(
+            integration = self._integration = TimeIntegration(
                 self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
                 self._resumed, prepared.events, self._end, lambda taken: log.info(taken.line()),
             )  # fmt: skip
-            for frame in march:
-                self._tell_of(march.troubles)
-                yield self._told(frame)
-            self.particle_steps += march.particle_steps
-            self._tell_of_stiffness()
-            if not march.switch:
-                self.reason = march.reason
+            for frame in integration:
+                self._log_troubles(integration.troubles)
+                yield self._with_stages(self._with_bed(frame))
+            self.particle_steps += integration.particle_steps
+            self._log_stiffness()
+            if not integration.switch:
+                self.reason = integration.reason
                 still = stood_still(self.balances())
                 if still:
-                    self._tell_of([still])
+                    self._log_troubles([still])
                 self._check_volume()
                 return
-            self._switch(march.switch)
+            self._switch(integration.switch)
 
     @staticmethod
     def _resolution(stage, columns):
-        """`checks` of a `stage` that begins with a Frame of columns, if they become its points."""
+        """`checks` of a `stage` that starts with a Frame of columns, if they become points."""
         found = stage.resolution(columns) if stage.scene.solver == "points" else None
         return {} if found is None else {"resolution": found.as_numbers()}
 
     def _check_volume(self):
-        """Add to `checks` whether the points of a stage that ends fill their volume, and say it."""
+        """Add to `checks`, and log, whether the points of a stage that ends fill their volume."""
         stage, solver = self.stage, self.solver
         if stage.scene.solver != "points":
             return
-        points = solver.parts()[0] if stage.marches_outside else solver.frame()
+        points = solver.parts()[0] if stage.has_columns_outside else solver.frame()
         volume = stage.volume(points, self.prepared.terrain).as_numbers()
         if volume["kept"]:
             log.info(volume_words(volume))
         else:
-            self._tell_of([volume_words(volume)])
+            self._log_troubles([volume_words(volume)])
         self.checks["volume"] = volume
 
-    def _tell_of_stiffness(self):
-        """Say what speed the stiffness of points was judged by, where the flow's was another."""
+    def _log_stiffness(self):
+        """Log the speed used to check the stiffness of points, if that of the flow was different."""
         if self.stage.scene.solver == "points":
-            told = self.solver.balances()
+            balances = self.solver.balances()
             words = stiffness_in_hindsight(
-                self.stage.facts, self.stage.numerics.density, told["speed_max"], told["mach_max"]
+                self.stage.facts, self.stage.numerics.density, balances["speed_max"], balances["mach_max"]
             )
             if words:
                 log.info(words)
 
-    def _tell_of(self, troubles):
-        """Say what the march got over since the frame before."""
+    def _log_troubles(self, troubles):
+        """Log and store the warnings since the previous frame."""
         for words in troubles:
             log.info(words)
         self.troubles += troubles
         troubles.clear()
 
-    def _told(self, frame):
-        """`frame` with what a restart needs of the stages, and with the steps of all of them."""
+    def _with_bed(self, frame):
+        """`frame` with the density of the eroded bed; for points, with the bed change of the columns before them."""
+        if self.stage.scene.solver != "columns" or not frame.bed_change:
+            return replace(frame, bed_change=self._bed_before)
+        bed = self.stage.scene.entrainment
+        density = (bed and bed.density) or self.stage.numerics.density
+        return replace(frame, bed_change=with_density(frame.bed_change, density))
+
+    def _with_stages(self, frame):
+        """`frame` with the data of the stages for a restart, and with the steps of all of them."""
         if len(self.prepared.stages) == 1:
             return frame
-        told = {
+        stored = {
             "number": self.number, "past": self.past, "started": self.solver.started(),
             "calm_since": self._end.calm_since, "checks": self.checks,
         }  # fmt: skip
-        state = frame.state | {STATE: np.frombuffer(json.dumps(told).encode(), np.uint8)}
+        state = frame.state | {STATE: np.frombuffer(json.dumps(stored).encode(), np.uint8)}
         maxima = together(frame.maxima, self._peaks_before)
         return replace(frame, step=self.steps, maxima=maxima, state=state)
 
     def maxima(self):
-        """Running peaks of all stages so far, as a frame has them."""
+        """Running peaks of all stages so far, as in a frame."""
         return together(self.solver.maxima(), self._peaks_before)
 
     def restore(self, frame):
-        """Go on from a `frame` of this run that carries its state.
+        """Continue from a `frame` of this run with the state of a restart.
 
         Raises
         ------
@@ -198,7 +208,7 @@ class Sequence:
         try:
             if not 0.0 <= frame.time <= self.prepared.scene.output.end_time:
                 raise FormatError(
-                    f"a frame of t = {frame.time:g} s is beyond the end of the run; start with --overwrite"
+                    f"the frame at t = {frame.time:g} s is after the end of the run; start with `overwrite`"
                 )
             if len(self.prepared.stages) > 1:
                 self._restore_stage(frame)
@@ -207,25 +217,26 @@ class Sequence:
         except (KeyError, ValueError, TypeError, IndexError, AttributeError, OverflowError, RecursionError) as error:
             raise FormatError(
                 f"the frame at t = {frame.time:g} s has no valid state for a restart ({one_line(error)[:80]}); "
-                "start with --overwrite"
+                "start with `overwrite`"
             ) from error
         self._resumed = True
 
     def _restore_stage(self, frame):
-        told = _told_by(frame)
-        self.number, self.past, self.checks = _stage_of(told, len(self.prepared.stages))
+        stored = _stage_state(frame)
+        self.number, self.past, self.checks = _checked_stage(stored, len(self.prepared.stages))
         self._end = self._stage_end()
-        self._end.calm_since = told["calm_since"]
+        self._end.calm_since = stored["calm_since"]
         self._peaks_before = frame.maxima if self.number else {}
+        self._bed_before = frame.bed_change if self.number else {}
         if self.number:
             self._wake_events()
             self.solver = self._solver_of(frame)
-            self.solver.start_from(told["started"])
+            self.solver.start_from(stored["started"])
 
     def _solver_of(self, frame):
-        """The solver of the stage now, made of a `frame` in the midst of it, whose state comes next."""
+        """The solver of the current stage for a `frame` of it; its state is restored afterwards."""
         stage, terrain = self.stage, self.prepared.terrain
-        if not stage.marches_outside:
+        if not stage.has_columns_outside:
             return stage.watch(stage.solver(terrain, self._on_grid(frame, stage.grid)))
         points, columns = parts_of(frame)
         before = self.prepared.stages[self.number - 1]
@@ -236,7 +247,7 @@ class Sequence:
         )
 
     def _on_grid(self, frame, grid):
-        """`frame` as a solver takes it for a start; rounded places may lie a hair off its `grid`."""
+        """`frame` as the start of a solver; positions that are off its `grid` by rounding are moved onto it."""
         held = grid.holds(frame)
         position = frame.particles.position.copy()
         position[~held, :2] = np.subtract(grid.some_place(), frame.origin[:2])
@@ -250,19 +261,19 @@ class Sequence:
         return self.stage.end(self.prepared.terrain, following[0] if following else None)
 
     def _wake_events(self):
-        """Events happen between steps of columns, on the grid of their stage."""
+        """Enable events, which happen between steps of columns, on the grid of their stage."""
         events, stage = self.prepared.events, self.stage
-        if stage.marches_outside:
+        if stage.has_columns_outside:
             stage = self.prepared.stages[self.number - 1]
         events.awake = stage.scene.solver == "columns"
         if events.awake:
             events.move_to(stage.grid)
 
     def _switch(self, why):
-        """Hand the flow to the next stage's solver."""
+        """Switch the flow to the solver of the next stage."""
         before, solver, terrain = self.stage, self.solver, self.prepared.terrain
         after = self.prepared.stages[self.number + 1]
-        frame, beside = solver.parts() if before.marches_outside else (solver.frame(), None)
+        frame, beside = solver.parts() if before.has_columns_outside else (solver.frame(), None)
         where = f"t = {frame.time:g} s: stage {self.number + 2}, of {after.scene.solver}, begins"
         try:
             switched = after.switched_from(before, replace(frame, maxima={}), terrain, beside)
@@ -275,8 +286,9 @@ class Sequence:
             "taken_in": self._taken_in_now(),
         } | self.checks)  # fmt: skip
         self._peaks_before = self.maxima()
+        self._bed_before = self._with_bed(frame).bed_change
         log.info(f"{where}: {why}")
-        for line in switched.account.lines("going on as columns" if after.marches_outside else "booked and gone"):
+        for line in switched.account.lines("remaining columns" if after.has_columns_outside else "removed"):
             log.info(f"  {line}")
         self.checks = self._resolution(after, frame)
         if self.checks:
@@ -286,11 +298,11 @@ class Sequence:
         self._wake_events()
         start = replace(switched.frame, time=frame.time, step=0)
         self.solver = after.watch(after.solver(terrain, start, switched.vertical_stress, switched.gradient))
-        if after.marches_outside:
+        if after.has_columns_outside:
             self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
 
     def _outside(self, before, frame, rest):
-        """The ColumnSolver that goes on with the columns `rest` of `frame` (None: there are none yet)."""
+        """The ColumnSolver of the remaining columns `rest` of `frame` (None: there are none yet)."""
         if rest is None:
             rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
         start = replace(rest, time=frame.time, step=0)
@@ -298,9 +310,9 @@ class Sequence:
         return before.watch(columns)
 
     def _taken_in_now(self):
-        """What the solver of the stage now has taken in, in plain numbers."""
+        """Features that the solver of the current stage has turned on, in plain numbers."""
         parts = [(self.number + 1, self.solver)]
-        if self.stage.marches_outside:  # the columns are of the stage before
+        if self.stage.has_columns_outside:  # the columns are of the stage before
             parts = [(self.number + 1, self.solver.points_solver), (self.number, self.solver.columns_solver)]
         return [{"stage": number, **taken._asdict()} for number, solver in parts for taken in solver.taken_in]
 
@@ -309,49 +321,52 @@ class Sequence:
         return [taken for stage in self.past for taken in stage.get("taken_in", ())] + self._taken_in_now()
 
     def stage_now(self, number):
-        """The Stage `number`, from 0, with the effects that the flow has turned on in it."""
+        """The Stage `number`, from 0, with the effects that the flow has turned on."""
         stage = self.prepared.stages[number]
         own = {feature.effect for feature in stage.features()}
         taken = {one["effect"] for one in self.taken_in if one["stage"] == number + 1}
         return stage.with_effects(tuple(sorted(own & taken)))
 
     def balances(self):
-        """Of each stage at its end, or now."""
+        """Balances of each stage at its end, or now."""
         return [*(stage["balances"] for stage in self.past), self.solver.balances()]
 
     def mass_account(self):
-        """Where all mass is [kg]: what was ever in the run is on the terrain, left it, or was left out at a switch."""
-        told = self.balances()
+        """Mass account [kg]: mass on the terrain, mass that left it, and mass left out at switches."""
+        balances_of_stages = self.balances()
         switches = [stage["switch"] for stage in self.past]
-        released = told[0].get("mass_released", told[0]["mass_start"])
+        released = balances_of_stages[0].get("mass_released", balances_of_stages[0]["mass_start"])
         released += sum(balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]
-                        for balances in told[1:])  # fmt: skip
+                        for balances in balances_of_stages[1:])  # fmt: skip
         account = {
             "released": released,
-            "entrained": sum(balances.get("mass_entrained", 0.0) for balances in told),
-            "on_terrain": told[-1]["mass_now"],
-            "left_terrain": sum(b["mass_out"] for b in told) + sum(switch["off"]["mass"] for switch in switches),
+            "entrained": sum(balances.get("mass_entrained", 0.0) for balances in balances_of_stages),
+            "on_terrain": balances_of_stages[-1]["mass_now"],
+            "left_terrain": sum(b["mass_out"] for b in balances_of_stages)
+            + sum(switch["off"]["mass"] for switch in switches),
             "outside_windows": sum(
                 switch["outside"]["mass"]
                 for switch, stage in zip(switches, self.prepared.stages[1:], strict=False)
-                if not stage.marches_outside
+                if not stage.has_columns_outside
             ),
         }
         come = account["released"] + account["entrained"]
         found = account["on_terrain"] + account["left_terrain"] + account["outside_windows"]
-        places = sorted((p for b in told for p in b.get("left_places", ())), key=lambda place: -place["mass"])
+        places = sorted(
+            (p for b in balances_of_stages for p in b.get("left_places", ())), key=lambda place: -place["mass"]
+        )
         return account | {
             "error_relative": (found - come) / (come or 1.0), "left_places": places,
-            "energy": self._energy_account(told),
+            "energy": self._energy_account(balances_of_stages),
         }  # fmt: skip
 
-    def _energy_account(self, told):
-        """What became of energy in stages and between them [J]; `told` are the balances of the stages.
+    def _energy_account(self, balances_of_stages):
+        """Energy lost in stages and at switches [J].
 
-        A switch changes energy: columns that become points get another vertical velocity and height, and the other way
-        round. So does each column that comes into a window around which columns march on.
+        A conversion between columns and points changes vertical velocity and height, and therefore the energy; this is
+        also true for each column that enters a window.
         """
-        parts = [part for b in told for part in (b, b.get("outside_columns")) if part is not None]
+        parts = [part for b in balances_of_stages for part in (b, b.get("outside_columns")) if part is not None]
         kinds = ("kinetic_horizontal", "kinetic_vertical", "potential")
         changed = sum(part.get("exchanged_energy_lost", 0.0) for part in parts)
         for switch in (stage["switch"] for stage in self.past):

@@ -1,4 +1,4 @@
-"""What moves in a scene: columns or points at the start, inflow, and secondary releases."""
+"""Moving mass of a scene: columns or points at the start, inflow, and secondary releases."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from ...solvers.cost import require_memory_for_points
 from ...solvers.events import Events, inlet_of, secondary_releases
 from ...terrain.release import VERTICAL, polygons_only
 
-_TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
+_TOUCHING = 1e-6  # of the smaller area: smaller overlaps are rounding errors of a common border
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Sources:
     Parameters
     ----------
     frame : Frame
-        At the start; without a release none.
+        At the start; empty without a release.
     events : Events
     everything : Frame
-        All columns of release, inlet (as it stands at its largest inflow) and secondary areas, to decide effects from.
+        All columns of release, inlet (at its largest inflow) and secondary areas, for deciding effects.
     reference_thickness : float or None [m]
-        The thinnest mean of these; None where the release is all there is.
+        The smallest mean of these; None if there is only the release.
     facts : dict
-        What `TerrainFacts` tells of inflow and secondary releases.
+        Fields of `TerrainFacts` about inflow and secondary releases.
     """
 
     frame: object
@@ -53,7 +53,7 @@ def read_sources(scene, terrain, grid):
     Raises
     ------
     InputError
-        What a file holds cannot be used; areas overlap; densities differ.
+        The contents of a file are invalid; areas overlap; densities differ.
     """
     release = _release(scene, terrain)
     frame = None if release is None else _start(scene, terrain, grid, release)
@@ -74,7 +74,7 @@ def read_sources(scene, terrain, grid):
 
 
 def _release(scene, terrain):
-    """The ReleaseArea of [release]; its particles as a Frame; None without it."""
+    """The ReleaseArea of [release], or its particles as a Frame; None without it."""
     table = scene.release
     if table is None:
         return None
@@ -105,7 +105,7 @@ def _area(scene, table, terrain):
 
 
 def _seeded(scene, terrain, grid, area, density, table=None):
-    """Columns of `area` on the solver's own lattice of cells, in the point set of the [release] `table`."""
+    """Columns of `area` on the solver's grid cells, in the arrangement of the [release] `table`."""
     west, _, _, north = terrain.grid.bounds
     table = table or ReleaseTable()
     return seed_columns(
@@ -115,14 +115,14 @@ def _seeded(scene, terrain, grid, area, density, table=None):
 
 
 def _density(scene, frame):
-    """The one density of a scene [kg m-3]; refused where its tables differ."""
+    """The density of a scene [kg m-3]; an error if its tables differ."""
     named = [] if frame is None else [("[release]", float(frame.header["density"]))]
     named += [(name, density) for name, density in scene.densities() if name != "[release]"]
     for name, density in named[1:]:
         if abs(density - named[0][1]) > 1e-9 * density:
             raise SceneError(
-                f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; all that flows has "
-                "one density, take one out"
+                f"{name} has a density of {density:g} kg m-3 and {named[0][0]} of {named[0][1]:g}; a run has one "
+                "density, remove one of them"
             )
     return named[0][1] if named else DENSITY
 
@@ -132,7 +132,7 @@ def _used(table):
 
 
 def _inlet(scene, terrain, grid, density):
-    """The Inlet of [hydrograph]; None where there is none."""
+    """The Inlet of [hydrograph]; None without."""
     table = scene.hydrograph
     if not _used(table):
         return None
@@ -163,7 +163,7 @@ def _secondary(scene, terrain, grid, density, release):
 
 
 def _require_apart(name, polygon, others):
-    """Refuse an area that counts ground twice."""
+    """Refuse an area that overlaps another one."""
     for other_name, other in others:
         shared = polygon.intersection(other).area
         if shared > _TOUCHING * min(polygon.area, other.area):
@@ -174,7 +174,7 @@ def _require_apart(name, polygon, others):
 
 
 def _standing(inlet):
-    """The inlet's columns with the thickness that stands in it at its largest inflow, and the largest entry speed."""
+    """The inlet's columns with the thickness at its largest inflow, and the largest entry speed."""
     p, density = inlet.frame.particles, inlet.frame.header["density"]
     thickness = np.full(len(p), inlet.reference_thickness)
     volume = thickness * p.area
@@ -212,20 +212,22 @@ def _facts(inlet, secondary, frames):
 
 
 def columns_of(path, terrain, density, with_state=False, window=None):
-    """A seed or an earlier frame as the start; refused if it is no columns or in another CRS.
+    """A seed or an earlier frame of columns as the start; an error for points or another CRS.
 
-    Only what lies in `window` (shapely.Polygon) need be on the terrain.
+    With `window` (shapely.Polygon) only particles in it must be on the terrain.
     """
     frame = read_frame(path, with_state)
     if frame.dimension != 2:
-        raise InputError(f"{path} holds 3D points, wanted columns; `mpmgis seed` writes them, or set solver = 'points'")
-    return placed_on(frame, path, terrain, density, window)
+        raise InputError(
+            f"{path} contains 3D points, expected columns; `mpmgis seed` writes them, or set solver = 'points'"
+        )
+    return start_on_terrain(frame, path, terrain, density, window)
 
 
-def placed_on(frame, path, terrain, density, window=None):
-    """The `frame` that was read from `path` as the start of a run on `terrain`; refused if it is in another CRS.
+def start_on_terrain(frame, path, terrain, density, window=None):
+    """The `frame` that was read from `path` as the start of a run on `terrain`; an error for another CRS.
 
-    With `window` (shapely.Polygon) only what lies in it, or reaches into it, has to be on the terrain.
+    With `window` (shapely.Polygon) only particles in it, or reaching into it, must be on the terrain.
     """
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
@@ -233,14 +235,14 @@ def placed_on(frame, path, terrain, density, window=None):
         frame = _without_far(frame, terrain, window)
     _require_on_terrain(frame, path, terrain)
     if frame.dem_sha256 and terrain.sha256 and frame.dem_sha256 != terrain.sha256:
-        log.info(f"{path} was made on another DTM file than {terrain.path}: {_how_far_apart(frame, terrain)}")
+        log.info(f"{path} was made with another DTM file than {terrain.path}: {_terrain_difference(frame, terrain)}")
     header = dict(frame.header)
     header.setdefault("density", float(frame.particles.mass.sum() / frame.particles.volume.sum()) or density)
     return replace(frame, crs=terrain.grid.crs, time=0.0, step=0, header=header)
 
 
 def _without_far(frame, terrain, window):
-    """`frame` without the particles off the terrain that do not reach into `window`."""
+    """`frame` without particles outside the terrain that do not reach into `window`."""
     west, south, east, north = terrain.grid.bounds
     x, y = frame.map_xy()
     particles = frame.particles
@@ -250,25 +252,25 @@ def _without_far(frame, terrain, window):
     if not far.any():
         return frame
     left = float(particles.mass[far].sum())
-    log.info(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg that lie outside the terrain")
+    log.info(f"[release] window leaves out {int(far.sum())} particles with {left:.6g} kg outside the terrain")
     state = {name: values[~far] for name, values in frame.state.items() if np.shape(values)[:1] == far.shape}
     return replace(frame, particles=particles.take(~far), state=state)
 
 
 def _require_on_terrain(frame, path, terrain):
-    """Refuse columns beside the terrain, where there is no bed to read; of points some may be, they count as gone."""
+    """Refuse columns outside the terrain, where there is no bed; some points may be outside and are removed."""
     west, south, east, north = terrain.grid.bounds
     x, y = frame.map_xy()
     outside = int(np.count_nonzero(~((x >= west) & (x <= east) & (y >= south) & (y <= north))))
     if outside == len(x) or (outside and frame.dimension == 2):
         raise InputError(
             f"{path}: {outside} of {len(x)} particles lie outside the terrain, E {west:.0f} to {east:.0f}, N "
-            f"{south:.0f} to {north:.0f}; give the DTM that they were made on, or a wider [terrain] window"
+            f"{south:.0f} to {north:.0f}; give the DTM that was used for them, or a wider [terrain] window"
         )
 
 
-def _how_far_apart(frame, terrain):
-    """In what the terrain that `frame` was made on differs; a run's frames name the copy that the run keeps."""
+def _terrain_difference(frame, terrain):
+    """Text: difference between `terrain` and that of `frame`."""
     x, y = frame.map_xy()
     apart = np.abs(frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y))
     if frame.dimension != 2 or not np.isfinite(apart).any():
@@ -288,11 +290,11 @@ class PointStart:
     frame : Frame
         Dimension 3, at time 0.
     vertical_stress : float64[n] [Pa] or None
-        Of their weight; None where nothing tells it.
+        Of their weight; None if unknown.
     affine : float64[n, 3, 3] [s-1] or None
-        Velocity gradient; None where nothing tells it, or all move alike.
+        Velocity gradient; None if unknown or zero.
     seen : Frame
-        The same mass as columns, to decide effects from.
+        The same mass as columns, for deciding effects.
     """
 
     frame: object
@@ -302,12 +304,12 @@ class PointStart:
 
 
 def read_point_start(scene, terrain, grid):
-    """The PointStart of `scene` on `terrain`; `grid` is the solver's, seen from above.
+    """The PointStart of `scene` on `terrain`; `grid` is the solver's, in plan view.
 
     Raises
     ------
     InputError
-        What a file holds cannot be used; points under the ground; too many for this machine.
+        The contents of a file are invalid; points under the ground; too many points for this machine.
     """
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
@@ -317,20 +319,20 @@ def read_point_start(scene, terrain, grid):
 
 
 def _columns_of(scene, path, terrain, grid):
-    """Columns out of the file at `path`, or seeded in the release."""
+    """Columns from the file at `path`, or seeded in the release."""
     if path is not None:
         return columns_of(path, terrain, DENSITY, with_state=True, window=_window(scene, terrain))
     return read_sources(scene, terrain, grid).frame
 
 
 def _converted(columns, scene, terrain):
-    """Points out of a frame of columns; what a conversion of somebody's columns keeps is told."""
+    """Points from a frame of columns; the account of the conversion is logged for particles of the user."""
     options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
     window = _window(scene, terrain)
     seen = columns if window is None else lying_in(columns, window)
     require_memory_for_points(options.predicted_points(seen.particles), options.cell)
     points = points_from(columns, terrain, options, window)
-    _tell_of_outside(points.report.outside.mass, points.report.before.mass)
+    _log_outside(points.report.outside.mass, points.report.before.mass)
     if scene.release.particles is not None:
         for line in account_of_points(points.report, options)[:2]:
             log.info(line)
@@ -344,23 +346,23 @@ def _window(scene, terrain):
     return None if name is None else read_area(scene.path(name), terrain)
 
 
-def _tell_of_outside(outside, mass):
-    """What a window leaves out."""
+def _log_outside(outside, mass):
+    """Log the mass outside a window."""
     if outside > 0.0:
         log.info(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
 
 
 def _points_of(path, terrain, cell_size, density, window):
-    """Points out of the frame at `path`, those in `window`."""
-    frame = placed_on(read_frame(path), path, terrain, density, window)
+    """Points from the frame at `path`, those in `window`."""
+    frame = start_on_terrain(read_frame(path), path, terrain, density, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
         frame = lying_in(frame, window)
-        _tell_of_outside(mass - float(frame.particles.mass.sum()), mass)
-    stress, affine = frame.told("vertical_stress"), frame.told("affine", 3, 3)
+        _log_outside(mass - float(frame.particles.mass.sum()), mass)
+    stress, affine = frame.particle_state("vertical_stress"), frame.particle_state("affine", 3, 3)
     if stress is None:
         log.info(
-            f"{path} tells no stress of its points' weight: they start without, and settle on their own elasticity"
+            f"{path} contains no stress from the weight of its points: they start without stress and settle elastically"
         )
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
@@ -368,6 +370,6 @@ def _points_of(path, terrain, cell_size, density, window):
     if under.any():
         raise InputError(
             f"{path}: {int(under.sum())} of {len(under)} points start more than a cell of {cell_size:g} m under the "
-            f"ground, the worst by {-above[under].min():.3g} m; use the DTM that they were made on"
+            f"ground, at most {-above[under].min():.3g} m; use the DTM that was used for them"
         )
     return PointStart(replace(frame, state={}), stress, affine, standing(frame, terrain, cell_size))

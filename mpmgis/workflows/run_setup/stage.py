@@ -1,4 +1,4 @@
-"""A stage of a run: one solver with all that it needs, decided before the run begins, and what ends it."""
+"""A stage of a run: one solver with all its data, decided before the run starts, and its end conditions."""
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -35,9 +35,9 @@ WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 class Stage:
     """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
 
-    `deciding` is the scene by which its effects are decided, and `known` what it knows by place, on or off.
-    `known_walls` are all barriers of the scene; `window` and `area` (shapely) what becomes points, and the area that
-    the flow has to come near to; `nodata` is what the flow can reach of it.
+    `deciding` is the scene by which its effects are decided, `known` all spatial features, on or off. `known_walls`
+    are all barriers of the scene; `window` (shapely) is the area of the points, `area` (shapely) the one whose reach
+    ends the stage; `nodata` are cells without elevation in reach of the flow.
     """
 
     scene: object
@@ -61,13 +61,13 @@ class Stage:
         return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
 
     def features(self):
-        """tuple of Feature: what is placed on its map and off by its number alone."""
+        """tuple of Feature: spatial features that are off only because of their number."""
         effects = self.effects
         law = effects.contact if self.scene.solver == "points" else effects.friction
         return () if self.known is None else self.known.watched(law, self.decisions)
 
     def watch(self, solver):
-        """`solver`, which turns on the effects of features that its flow comes to."""
+        """`solver`, which turns on the effects of features that its flow reaches."""
         features = self.features()
         if features:
 
@@ -79,7 +79,7 @@ class Stage:
         return solver
 
     def with_effects(self, names, decided_by="flow"):
-        """It with the effects `names`, which it has by place, on."""
+        """The stage with the spatial effects `names` on."""
         if not names:
             return self
         effects, decisions = resolve(with_effects_on(self.deciding, names), self.facts)
@@ -88,23 +88,23 @@ class Stage:
         return replace(self, effects=effects, decisions=decisions, places=places)
 
     def all_places(self):
-        """Places as they are once every feature is on."""
+        """Places with every feature on."""
         return self.with_effects(tuple(feature.effect for feature in self.features())).places
 
     def words(self):
-        """Its solver, its cells and when it ends, in words."""
+        """Its solver, cell size and end conditions, in words."""
         ends = {"time": "t = {:g} s", "reach": "within reach of {}", "calm": "calm for {:g} s"}
         until = " or ".join(ends[key].format(value) for key, value in (self.table.until or {}).items())
         where = "" if self.window is None else f" in {self.table.window}"
         return f"{self.scene.solver}{where}, cells of {self.grid.cell_size:g} m, until {until or 'the end'}"
 
     def shapes(self):
-        """What it knows by place besides `places`."""
+        """Its geometries besides `places`."""
         walls = [wall.footprint for wall in self.known_walls] if self.table is not None else []
         return [shape for shape in (self.window, self.area, *walls) if shape is not None]
 
     def solver(self, terrain, frame, vertical_stress=None, gradient=None):
-        """Its solver, which starts with `frame`; `vertical_stress` [n] [Pa] is of points, `gradient` of both."""
+        """Its solver, starting with `frame`; `vertical_stress` [n] [Pa] is for points, `gradient` for both solvers."""
         if self.scene.solver == "points":
             return PointSolver(
                 frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
@@ -113,14 +113,14 @@ class Stage:
         return ColumnSolver(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
 
     def stress(self, vertical_stress):
-        """float64[n, 6] [Pa], Kirchhoff, of points under their weight; None where nothing tells it."""
+        """float64[n, 6] [Pa], Kirchhoff stress of points under their weight; None if unknown."""
         if vertical_stress is None:
             return None
         material = self.effects.material
         return kirchhoff_stress(vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
 
     def end(self, terrain, following):
-        """A StageEnd to look at on the way; `following` is the next Stage, None after the last."""
+        """The StageEnd with its end conditions; `following` is the next Stage, None after the last."""
         if following is None:
             return StageEnd()
         until, least = self.table.until, WET_SHARE * self.facts.release_thickness
@@ -145,17 +145,17 @@ class Stage:
         return Near(f"barrier {names}", shapely.union_all([wall.footprint for wall in self.known_walls]), least)
 
     def cell_of_columns(self, point_cell):
-        """Side [m] of the cells in which points of a grid of `point_cell` [m] become its columns.
+        """Cell size [m] for the conversion of points on a grid of `point_cell` [m] to columns of this stage.
 
-        As many to a cell of its own as columns are seeded, none smaller than a cell of the points' grid.
+        It gives as many columns per cell as the seeding, but is not smaller than a cell of the points' grid.
         """
         along = min(round(np.sqrt(self.scene.columns_per_cell)), int(self.grid.cell_size / point_cell + 1e-9))
         return self.grid.cell_size / max(along, 1)
 
     def switched_from(self, before, frame, terrain, beside=None):
-        """The flow `frame` of the Stage `before` as this one goes on with it; a Switched.
+        """The flow `frame` of the Stage `before`, converted for this stage: a Switched.
 
-        `beside` is a Frame of columns that were outside that stage's window.
+        `beside` is a Frame of columns outside that stage's window.
         """
         if self.scene.solver == "columns":
             cell = self.cell_of_columns(before.grid.cell_size)
@@ -165,7 +165,7 @@ class Stage:
         return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
 
     def resolution(self, columns):
-        """The Resolution, on its grid of points, of a Frame of columns that becomes points; None where none does."""
+        """The Resolution, on its grid of points, of a Frame of columns that becomes points; None if empty."""
         particles = columns.particles
         if self.window is not None:
             particles = particles.take(shapely.contains_xy(self.window, *columns.map_xy()))
@@ -185,14 +185,14 @@ class Stage:
         return point_volume(points, height, slope, self.grid.cell_size, self.numerics.density)
 
     @property
-    def marches_outside(self):
-        """Whether what lies outside its window goes on as columns."""
+    def has_columns_outside(self):
+        """Whether the flow outside its window continues as columns."""
         return self.table is not None and self.table.outside == "columns"
 
     def coupled(self, points, columns, terrain):
-        """The CoupledSolver of its PointSolver and the ColumnSolver of what lies outside its window."""
+        """The CoupledSolver of its PointSolver and the ColumnSolver of the flow outside its window."""
         shapely.prepare(self.window)
-        margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain stay on it
+        margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain remain on it
 
         def inside(x, y):
             east, north = x - self.grid.x0, y - self.grid.y0
@@ -208,19 +208,19 @@ class Stage:
         return CoupledSolver(points, columns, inside, as_points)
 
     def columns_outside(self, frame, terrain, gradient=None):
-        """The ColumnSolver, of this stage of columns, that goes on with those of `frame` outside the next's window."""
+        """The ColumnSolver of this stage for the columns of `frame` outside the window of the next stage."""
         thickness = self.numerics.reference_thickness or self.facts.release_thickness
         numerics = replace(self.numerics, reference_thickness=thickness, stop_at_rest=False)
         return ColumnSolver(frame, terrain, self.effects, numerics, self.places, self.grid, gradient)
 
     def point_options(self):
-        """How a flow of columns becomes its points: where columns lie over each other they are raised (E10)."""
+        """Options for converting columns to its points; overlapping columns are raised."""
         options = point_options(self.grid.cell_size, self.scene.numerics.points_per_side)
         return replace(options, relevel=True)
 
 
 def read_areas(scene, number, terrain):
-    """What stage `number`, from 0, of `scene` has by place: `table`, `window` and `area` of a Stage."""
+    """`table`, `window` and `area` of stage `number`, from 0, of `scene`, for a Stage."""
     if not scene.stage:
         return {}
     table = scene.stage[number]
@@ -230,7 +230,7 @@ def read_areas(scene, number, terrain):
 
 
 def require_inflow_over(stages, events):
-    """Refuse inflow that a stage of points would miss: it comes in between steps of columns.
+    """Refuse inflow during a stage of points: inflow requires columns.
 
     Raises
     ------
@@ -244,5 +244,5 @@ def require_inflow_over(stages, events):
             raise SceneError(
                 f"[hydrograph] flows in until t = {over:g} s, and [[stage]] number {number + 1}, of points, may begin "
                 f"before that; end the one before with until = {{time = ...}} of {over:g} s or more and nothing else, "
-                "or let what is outside a window go on as columns"
+                "or let the flow outside a window continue as columns"
             )

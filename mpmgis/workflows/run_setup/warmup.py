@@ -1,4 +1,4 @@
-"""A few particles taken through all stages of a run before it begins: what has to be compiled is compiled then."""
+"""Warm-up: a few particles pass all stages of a run before its start, so that all kernels are compiled."""
 
 import threading
 from contextlib import contextmanager
@@ -10,34 +10,33 @@ import numpy as np
 from ...errors import MpmgisError
 from ...messages import log
 
-FEW = 16  # particles that go through the stages
-TELL_SECONDS = 3.0  # of getting a stage ready, above which it is said why: loading takes less
+FEW = 16  # particles that pass the stages
+LOG_SECONDS = 3.0  # a message is logged if a stage takes longer; loading takes less
 
 
-def rehearse(prepared, first=0):
+def warm_up(prepared, first=0):
     """Compile, or load from the disk cache, the kernels of the stages from number `first` on, by a step in each.
 
-    Nothing of the run is touched. A flow that cannot be handed on ends the rehearsal: what that means the run says
-    when it comes to it.
+    The run is not changed. An error at a switch ends the warm-up; the run will raise it again.
 
     Returns
     -------
     list of Frame
-        What each stage came to.
+        The last frame of each stage.
     """
     frames, stages = [], prepared.stages
-    frame, vertical_stress, gradient = some_of(prepared, FEW)
+    frame, vertical_stress, gradient = sample_of(prepared, FEW)
     for number, stage in enumerate(stages):
-        with _telling(_words(stage, number, len(stages)) if number >= first else ""):
+        with _logged_if_slow(_words(stage, number, len(stages)) if number >= first else ""):
             if number:
                 try:
-                    switched = handed_on(stage, stages[number - 1], frame, prepared.terrain)
+                    switched = switched_sample(stage, stages[number - 1], frame, prepared.terrain)
                 except MpmgisError:
                     break
                 frame, vertical_stress, gradient = switched.frame, switched.vertical_stress, switched.gradient
             solver = stage.solver(prepared.terrain, frame, vertical_stress, gradient)
             if number >= first:
-                solver.advance(np.inf, max_steps=1)  # a frame after a step calls more than one before
+                solver.advance(np.inf, max_steps=1)  # a frame after a step needs more kernels than one before
             frame = replace(solver.frame(), maxima={})
             following = stages[number + 1] if number + 1 < len(stages) else None
             end = stage.end(prepared.terrain, following)
@@ -47,15 +46,15 @@ def rehearse(prepared, first=0):
     return frames
 
 
-def handed_on(stage, before, frame, terrain):
-    """Some of a flow, the `frame` of stage `before`, as `stage` goes on with it wherever its window is: a Switched."""
+def switched_sample(stage, before, frame, terrain):
+    """The Switched of a `frame` of stage `before` for `stage`, without its window."""
     return replace(stage, window=None).switched_from(before, frame, terrain)
 
 
-def some_of(prepared, most):
-    """(Frame, vertical stress, velocity gradient) of what the first stage starts with, or else of what is to come.
+def sample_of(prepared, most):
+    """(Frame, vertical stress, velocity gradient) of at most `most` particles, those in the middle.
 
-    Of that as many particles as `most`, those in the middle.
+    They are taken from the start of the first stage, or from later releases if it starts empty.
     """
     frame = prepared.frame if len(prepared.frame.particles) else prepared.seen
     middle = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)
@@ -65,14 +64,14 @@ def some_of(prepared, most):
 
 
 def _words(stage, number, stages):
-    which = f"stage {number + 1} of {stages}, of {stage.scene.solver}," if stages > 1 else stage.scene.solver
-    return f"getting {which} ready: a first run of its kind is compiled, half a minute or more, once"
+    which = f"stage {number + 1} of {stages} ({stage.scene.solver})" if stages > 1 else stage.scene.solver
+    return f"preparing {which}: kernels of a new kind of run are compiled once, half a minute or more"
 
 
 @contextmanager
-def _telling(words):
-    """Log `words`, if there are any, when this block has taken TELL_SECONDS."""
-    waiting = threading.Timer(TELL_SECONDS, copy_context().run, (log.info, words))
+def _logged_if_slow(words):
+    """Log `words`, if any, when this block has taken LOG_SECONDS."""
+    waiting = threading.Timer(LOG_SECONDS, copy_context().run, (log.info, words))
     waiting.daemon = True
     if words:
         waiting.start()

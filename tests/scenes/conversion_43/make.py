@@ -46,7 +46,7 @@ def columns_at_nodes(spacing):
 def measured(spacing, vertical, counting="paper"):
     """Of columns `spacing` apart, points `vertical` [m] apart: their number, lost shares, the report's eps.
 
-    The points of a column are equal, so that 8.6e12 of them are sums over columns (design note E13).
+    The points of a column are equal, so that 8.6e12 of them are sums over columns.
     """
     depth, side = columns(spacing)
     volume = side**2 * depth

@@ -14,7 +14,7 @@ from mpmgis.workflows.ensemble_member import MemberTask, warmed
 from mpmgis.workflows.run_setup import warmup
 from mpmgis.workflows.run_setup.prepare import prepare
 from mpmgis.workflows.run_setup.stage import Stage
-from mpmgis.workflows.run_setup.warmup import FEW, rehearse
+from mpmgis.workflows.run_setup.warmup import FEW, warm_up
 
 STAGES = """
 [[stage]]
@@ -30,13 +30,13 @@ CHILD = """
 import sys
 from mpmgis.kernels import jit
 from mpmgis.workflows.run_setup.prepare import prepare
-from mpmgis.workflows.run_setup.warmup import rehearse
+from mpmgis.workflows.run_setup.warmup import warm_up
 from mpmgis.workflows.run_setup.sequence import Sequence
 def compiled():
     return sum(len(kernel.signatures) for kernel in jit._kernels)
 prepared = prepare(sys.argv[1])
 before = compiled()
-rehearse(prepared)
+warm_up(prepared)
 ready = compiled()
 frames = list(Sequence(prepared))
 print(before < ready, compiled() - ready, [frame.dimension for frame in frames])
@@ -51,19 +51,19 @@ def scene(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_run_compiles_nothing_after_its_rehearsal(scene):
+def test_a_run_compiles_nothing_after_its_warm_up(scene):
     """In a process of its own, where nothing is loaded: all kernels of all stages are there before the first step."""
     done = subprocess.run([sys.executable, "-c", CHILD, scene], capture_output=True, text=True, check=False)
     assert done.stdout.split(maxsplit=2) == ["True", "0", "[2, 3, 2, 2]\n"], done.stdout + done.stderr
 
 
 def test_a_few_particles_go_through_every_stage(scene):
-    frames = rehearse(prepare(scene))
+    frames = warm_up(prepare(scene))
     assert [frame.dimension for frame in frames] == [2, 3, 2]
     assert len(frames[0].particles) == FEW and all(len(frame.particles) for frame in frames)
 
 
-def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
+def test_each_long_stage_has_a_message(scene, monkeypatch):
     """A timer that has run out as soon as it starts."""
 
     class Over:
@@ -75,19 +75,19 @@ def test_each_stage_that_takes_long_says_why(scene, monkeypatch):
 
     monkeypatch.setattr(warmup.threading, "Timer", Over)
     with collected() as said:
-        rehearse(prepare(scene), first=1)
-    assert [line.split(" ready")[0] for line in said] == [
-        "getting stage 2 of 3, of points,", "getting stage 3 of 3, of columns,"
+        warm_up(prepare(scene), first=1)
+    assert [line.split(":")[0] for line in said] == [
+        "preparing stage 2 of 3 (points)", "preparing stage 3 of 3 (columns)"
     ]  # fmt: skip
     assert all("compiled" in line for line in said)
 
 
-def test_what_cannot_be_handed_on_is_left_for_the_run_to_say(scene, monkeypatch):
+def test_an_error_at_a_switch_ends_the_warm_up(scene, monkeypatch):
     def refuse(*_):
         raise InputError("no")
 
     monkeypatch.setattr(Stage, "switched_from", refuse)
-    assert [frame.dimension for frame in rehearse(prepare(scene))] == [2]
+    assert [frame.dimension for frame in warm_up(prepare(scene))] == [2]
 
 
 def test_workers_of_an_ensemble_are_warmed_for_all_stages(scene, monkeypatch):

@@ -1,4 +1,4 @@
-"""Wrong turns of a first hour with mpmgis, each answered with the cure of the place where it was taken."""
+"""Wrong turns of a first hour with mpmgis, each answered with the fix of the place where it was taken."""
 
 import json
 
@@ -35,8 +35,8 @@ def test_a_mask_without_thickness_is_cured_in_the_scene(site, capsys):
 
 
 def test_words_without_quotes(site, capsys):
-    assert 'words stand in "quotes"' in refused(site, capsys, SCENE.replace('"Voellmy"', "Voellmy"))
-    assert "words stand" not in refused(site, capsys, SCENE.replace("mu = 0.2", "mu = 0.2.1"))
+    assert 'put words in "quotes"' in refused(site, capsys, SCENE.replace('"Voellmy"', "Voellmy"))
+    assert "put words" not in refused(site, capsys, SCENE.replace("mu = 0.2", "mu = 0.2.1"))
 
 
 def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
@@ -51,19 +51,19 @@ def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
 def test_a_window_in_the_order_of_qgis(site, capsys):
     """xmin, xmax, ymin, ymax takes the whole DTM in: nothing else would tell."""
     assert run(site, with_window(WEST, EAST, SOUTH, NORTH)) == 0
-    assert "window = [west, south, east, north] reaches beyond the DTM to the south, east" in capsys.readouterr().err
+    assert "window = [west, south, east, north] extends beyond the DTM to the south, east" in capsys.readouterr().err
     assert run(site, with_window(WEST, SOUTH, EAST - 5 * PIXEL, NORTH)) == 0
     assert "beyond the DTM" not in capsys.readouterr().err
 
 
-def test_the_wrong_file_is_told_what_the_right_one_is(site, capsys):
+def test_the_error_of_a_wrong_file_names_the_right_one(site, capsys):
     assert main(["run", str(site)]) == 2
     assert "is a folder, expected a text file; name the file in it" in capsys.readouterr().err
     assert main(["runout", str(site / "dtm.tif")]) == 2
     assert "give the folder of a run, its frame_*.h5" in capsys.readouterr().err
 
 
-def test_an_export_says_what_to_open(site, capsys):
+def test_an_export_reports_what_to_open(site, capsys):
     assert run(site, SHORT) == 0
     assert main(["export-raster", str(site / "results")]) == 0
     out, err = capsys.readouterr()
@@ -73,7 +73,7 @@ def test_an_export_says_what_to_open(site, capsys):
     assert "in QGIS" not in capsys.readouterr().err
 
 
-def test_the_cure_for_degrees_is_shown_whole(tmp_path, capsys):
+def test_the_fix_for_degrees_is_shown_whole(tmp_path, capsys):
     write_raster(tmp_path / "degrees.tif", [[0.0] * COLUMNS] * ROWS, crs="EPSG:4326")
     assert main(["info", str(tmp_path / "degrees.tif")]) == 0
     shown = next(line for line in capsys.readouterr().out.splitlines() if "as terrain" in line)
@@ -116,7 +116,7 @@ def test_no_crs_is_proposed_that_cannot_be_the_dtms(site, capsys, crs, east):
     assert line.endswith("(in a scene: crs in [terrain])")
 
 
-def test_a_flow_that_leaves_the_terrain_says_what_that_means(site, capsys):
+def test_a_flow_that_leaves_the_terrain_reports_what_that_means(site, capsys):
     words = "use a larger DTM or [terrain] window"
     small = SCENE.replace('"dtm.tif"', f'"dtm.tif"\nwindow = [{WEST}, {SOUTH}, {WEST + 200}, {NORTH}]')
     assert run(site, small) == 0
@@ -141,14 +141,14 @@ def test_a_template_takes_no_scene_and_no_output(tmp_path, capsys):
         assert out == "" and "mpmgis run --template > scene.toml" in err
 
 
-def test_a_missing_scene_is_told_before_a_folder_that_is_there(site, capsys):
+def test_a_missing_scene_is_reported_before_a_folder_that_is_there(site, capsys):
     (site / "results").mkdir()
     (site / "results" / "frame_000000.h5").write_bytes(b"")
     assert main(["run", str(site / "nosuch.toml")]) == 2
     assert "nosuch.toml: no such file" in capsys.readouterr().err
 
 
-def test_a_layer_that_a_file_does_not_have_is_told_with_those_it_has(site, capsys):
+def test_a_layer_that_a_file_does_not_have_is_reported_with_those_it_has(site, capsys):
     write_shapes(site / "areas.gpkg", [shapely.box(60, 150, 160, 250)], crs="EPSG:32632")
     words = ["seed", "--dem", str(site / "dtm.tif"), "--release", f"{site / 'areas.gpkg'}|layername=b"]
     assert main([*words, "--thickness", "1", "-o", str(site / "a.h5")]) == 2
@@ -163,16 +163,16 @@ def test_metres_that_are_called_degrees_are_not_to_be_warped(site, capsys):
     assert "are not degrees; give the projection of the coordinates: --crs EPSG:n" in err and "warp" not in err
 
 
-def test_frames_on_a_map_and_a_dtm_that_is_said_to_have_no_place(site, capsys):
+def test_georeferenced_frames_and_a_local_dtm(site, capsys):
     write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
     assert run(site, SHORT) == 0
     capsys.readouterr()
     assert main(["export-raster", str(site / "results"), "--dem", str(site / "bare.tif"), "--crs", "local"]) == 2
     err = capsys.readouterr().err
-    assert "or say where this one lies: --crs EPSG:" in err and "warp" not in err
+    assert "or declare the CRS of this one: --crs EPSG:" in err and "warp" not in err
 
 
-def test_an_interrupted_run_says_how_it_goes_on(site):
+def test_an_interrupted_run_prints_the_command_to_continue(site):
     (site / "scene.toml").write_text(SHORT)
 
     def stop(now, end_time):
@@ -181,5 +181,6 @@ def test_an_interrupted_run_says_how_it_goes_on(site):
     with pytest.raises(KeyboardInterrupt), collected() as told:
         run_scene(site / "scene.toml", watch=stop)
     assert (
-        told[-1] == f"{site / 'results'} holds what was computed until now; --resume goes on after its last whole frame"
+        told[-1] == f"{site / 'results'} contains the results until now; "
+        "`resume` continues after its last complete frame"
     )

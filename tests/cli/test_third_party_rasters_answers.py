@@ -73,18 +73,18 @@ def test_pressure_of_another_codes_rasters_comes_from_density_and_speed(tmp_path
 
 
 @pytest.mark.thorough
-def test_a_report_of_an_export_and_of_rasters_tells_what_these_tell(tmp_path, export, other_code):
+def test_a_report_of_an_export_and_of_rasters(tmp_path, export, other_code):
     assert ask("report", export, "-o", tmp_path / "export.html") == 0
     page = Reader((tmp_path / "export.html").read_text(encoding="utf-8"))
-    assert len(page.pictures) == 5 and "from an export of 3 steps" in page.text  # four maps, the profile
-    assert "last frame at" in page.text and "rasters keep none: balances are not known" in page.text
+    assert len(page.pictures) == 6 and "from an export of 3 steps" in page.text  # five maps, the profile
+    assert "last frame at" in page.text and "rasters have no balances: balances are not known" in page.text
     assert ask("report", other_code, "--dem", export / "dtm.tif", "-o", tmp_path / "r.html") == 0
     page = Reader((tmp_path / "r.html").read_text(encoding="utf-8"))
-    assert len(page.pictures) == 3 and "largest impact pressure" not in page.text
+    assert len(page.pictures) == 4 and "largest impact pressure" not in page.text
     assert "com1DFA: report" in page.text and "energy line tangent" in page.text
     assert ask("report", other_code, "--dem", export / "dtm.tif", "--density", DENSITY, "-o", tmp_path / "p.html") == 0
     page = Reader((tmp_path / "p.html").read_text(encoding="utf-8"))
-    assert len(page.pictures) == 4
+    assert len(page.pictures) == 5
     lines = page.text.splitlines()
     assert lines[lines.index("largest impact pressure") + 1 :][:2] == ["100", "kPa"]
 
@@ -93,13 +93,13 @@ def test_what_rasters_cannot_answer_is_refused_in_one_line(tmp_path, export, oth
     line = ["--line", tmp_path / "none.gpkg"]
     dem = ["--dem", export / "dtm.tif"]
     for arguments, words in (
-        (("runout", other_code), "no DTM lies beside"),
-        (("runout", other_code, *dem, "--density", 3), "the option for density is for frames"),
-        (("runout", other_code, other_code, *dem), "give one at a time"),
-        (("report", export, "--density", 3), "the option for density is for frames"),
-        (("profile", other_code, *dem, *line), "tell nothing over time"),
-        (("timeseries", other_code, *dem, "--at", "1,2"), "tell nothing over time"),
-        (("vertical", other_code, *dem, "--at", "1,2"), "names rasters"),
+        (("runout", other_code), "there is no DTM beside"),
+        (("runout", other_code, *dem, "--density", 3), "--density requires frames"),
+        (("runout", other_code, other_code, *dem), "at a time, without frames"),
+        (("report", export, "--density", 3), "--density requires frames"),
+        (("profile", other_code, *dem, *line), "largest values without times"),
+        (("timeseries", other_code, *dem, "--at", "1,2"), "largest values without times"),
+        (("vertical", other_code, *dem, "--at", "1,2"), "are rasters"),
         (("intensity", f"{other_code}_pft.tif", "--guideline", "swiss-debris-flow"), "the beginning of their names"),
         (("intensity", other_code, "--guideline", "austrian-torrent-deposit"), "no h_deposit"),
     ):
@@ -113,7 +113,7 @@ def test_a_dtm_in_another_crs_or_elsewhere_is_refused(tmp_path, export, other_co
         values, profile = source.read(), source.profile
     for name, changes, words in (
         ("crs.tif", {"crs": "EPSG:32633"}, "reproject it"),
-        ("far.tif", {"transform": profile["transform"].translation(5e4, 0) * profile["transform"]}, "no heights under"),
+        ("far.tif", {"transform": profile["transform"].translation(5e4, 0) * profile["transform"]}, "elevations under"),
     ):
         with rasterio.open(tmp_path / name, "w", **profile | changes) as target:
             target.write(values)

@@ -47,7 +47,7 @@ def test_points_of_another_code_become_columns_with_their_mass_and_momentum(tmp_
     out = tmp_path / "columns.h5"
     asked = ("convert", table, *TERMS, "--dem", tmp_path / "dtm.tif", "--cell", 5, "-o", out)
     assert run(*asked) == 2
-    assert "holds 2 frames, from 0 to 10 s; say which with --at-time" in capsys.readouterr().err
+    assert "contains 2 frames, from 0 to 10 s; choose one with --at-time" in capsys.readouterr().err
     assert run(*asked, "--at-time", 9) == 2
     assert "the nearest, particles.csv, is at 10 s" in capsys.readouterr().err
     assert not out.exists()
@@ -61,7 +61,7 @@ def test_points_of_another_code_become_columns_with_their_mass_and_momentum(tmp_
     assert np.mean(frame.map_xy(), axis=1) == pytest.approx([WEST + 600, SOUTH + MIDDLE], abs=1e-6)
 
 
-def test_another_solver_starts_from_another_codes_points_and_info_tells_of_the_folder(tmp_path, table, capsys):
+def test_another_solver_starts_from_another_codes_points_and_info_reports_the_folder(tmp_path, table, capsys):
     (tmp_path / "soil.toml").write_text(MATERIAL)
     given = (table, *TERMS, "--dem", tmp_path / "dtm.tif")
     for solver, more in (
@@ -87,7 +87,7 @@ def test_another_solver_starts_from_another_codes_points_and_info_tells_of_the_f
     assert facts["kind"] == "start of ParaView" and facts["frames"] == 2 and facts["time"] == 10
 
 
-def test_a_start_folder_that_was_changed_is_told(tmp_path, table, capsys):
+def test_a_start_folder_that_was_changed_is_reported(tmp_path, table, capsys):
     folder = tmp_path / "start"
     (tmp_path / "soil.toml").write_text(MATERIAL)
     run_folder = tmp_path / "own"
@@ -113,7 +113,7 @@ def test_options_for_other_codes_files_are_refused_with_our_own(tmp_path, capsys
     frame = write_block_run(tmp_path, (150.0,), (0.0,)) / "frame_000000.h5"
     for option, words in (
         (("--axes", "e,n,u"), "--axes is only for files of other codes"),
-        (("--density", 3), "which has its density"),
+        (("--density", 3), "which contains its density"),
         (("--for", "paraview", "--at-time", 3), "no frame at 3 s; the nearest, frame_000000.h5, is at 0 s"),
     ):
         assert run("convert", frame, *option, "-o", tmp_path / "out.h5") == 2

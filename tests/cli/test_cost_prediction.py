@@ -1,4 +1,4 @@
-"""What a scene is predicted to take: stages that may end early, what is beside their steps, a trial of the machine."""
+"""Predicted time and memory of a scene: stages that may end early, work besides the steps, a trial of the machine."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ from mpmgis.workflows.run_setup.cost_prediction import (
     Machine,
     OwnPace,
     expected_times,
-    foreseen,
+    predicted,
     predicted_cost,
     predicted_memory,
     tried,
@@ -53,14 +53,14 @@ def prepared(site, *untils, end_time=12):
         (["time = 2", "calm = 1, time = 6"], [2, 2, 8], [2, 4, 6]),
     ],
 )
-def test_what_nobody_knows_is_shared_out_evenly(site, untils, expected, longest):
+def test_unknown_times_are_divided_evenly(site, untils, expected, longest):
     run = prepared(site, *untils)
     assert expected_times(run) == pytest.approx(expected)
     assert [run.longest(number) for number in range(3)] == pytest.approx(longest)
     assert sum(expected) == pytest.approx(12)
 
 
-def test_a_run_that_may_last_longer_than_expected_says_how_long(site):
+def test_a_run_that_may_last_longer_than_expected_reports_how_long(site):
     known, open_ended = (prepared(site, *untils) for untils in (["time = 2", "time = 5"], ["time = 2", "calm = 1"]))
     assert predicted_cost(known, 2, longest=True) == predicted_cost(known, 2)
     assert predicted_cost(open_ended, 2, longest=True) > predicted_cost(open_ended, 2)
@@ -69,36 +69,36 @@ def test_a_run_that_may_last_longer_than_expected_says_how_long(site):
 def test_steps_and_what_is_beside_them_take_longer_on_a_slower_machine(site):
     run = prepared(site, "time = 2", "time = 5")
     typical, slow_steps = predicted_cost(run, 1), predicted_cost(run, 1, Machine({"columns": 3.0, "points": 3.0}))
-    slow_beside = predicted_cost(run, 1, Machine({}, beside=3.0))
+    slow_beside = predicted_cost(run, 1, Machine({}, other=3.0))
     assert slow_steps + slow_beside == pytest.approx(4 * typical)
     assert predicted_cost(run, 1, Machine({"points": 3.0})) == pytest.approx(slow_steps)  # the other's, where untried
     assert predicted_cost(run, 1, interval=0.5) < typical  # without files
 
 
-def test_a_trial_tells_the_pace_of_each_solver_and_touches_nothing(site):
+def test_a_trial_measures_the_pace_of_each_solver_and_changes_nothing(site):
     run = prepared(site, "time = 2", "time = 5")
     machine = tried(run, 1, 1.0)
     assert set(machine.steps) == {"columns", "points"} and all(times > 0.0 for times in machine.steps.values())
-    assert machine.beside > 0.0
+    assert machine.other > 0.0
     assert "ns a column and" in machine.words and machine.words.endswith("ns a point and step as measured")
     assert run.solver().step == 0 and len(run.frame.particles) == run.particles
 
 
 def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
     run, asked = prepared(site, "time = 2", "time = 5"), []
-    monkeypatch.setattr(cost_prediction, "tried", lambda *given: asked.append(given) or TYPICAL._replace(beside=2.0))
+    monkeypatch.setattr(cost_prediction, "tried", lambda *given: asked.append(given) or TYPICAL._replace(other=2.0))
     monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 1e6)
-    short = foreseen(run, 1)
-    assert not asked and short.how == ""
+    short = predicted(run, 1)
+    assert not asked and short.source == ""
     monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 0.0)
-    assert foreseen(run, 1).seconds > short.seconds and len(asked) == 1
+    assert predicted(run, 1).seconds > short.seconds and len(asked) == 1
 
 
-def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, monkeypatch):
+def test_a_run_is_predicted_again_from_its_own_steps_once_for_each_solver(site, monkeypatch):
     """Two seconds of steps are waited for; a machine of a tenth of the typical speed takes ten times as long."""
     run = prepared(site, "time = 2", "time = 5")
-    ahead = foreseen(run, 1, trial_from=1e9)
-    monkeypatch.setattr(cost_prediction, "TELL_FROM", 0.0)
+    ahead = predicted(run, 1, trial_from=1e9)
+    monkeypatch.setattr(cost_prediction, "LOG_FROM", 0.0)
     pace = OwnPace(run, 1, ahead)
     nominal = 1e-9 * NANOSECONDS_PER_STEP + SECONDS_PER_STEP / 1000.0
 
@@ -120,12 +120,12 @@ def test_a_run_is_predicted_anew_from_its_own_steps_once_for_each_solver(site, m
         assert len(said) == 2 and "ns a column and" in said[1] and "ns a point and step" in said[1]
 
 
-def test_a_scene_without_stages_has_the_time_that_it_says(site):
+def test_a_scene_without_stages_lasts_until_end_time(site):
     (site / "scene.toml").write_text(SCENE)
     assert expected_times(prepare(site / "scene.toml")) == [30.0]
 
 
-def test_stages_need_room_for_what_is_converted(site):
+def test_stages_need_memory_for_what_is_converted(site):
     run, alone = prepared(site, "time = 2", "time = 5"), slide(8.0, 12, 0.5)
     (site / "alone.toml").write_text(alone)
     points = prepare(site / "alone.toml")

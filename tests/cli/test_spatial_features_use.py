@@ -1,4 +1,4 @@
-"""`use` of all that a scene has by place, lakes through the command, erodible rasters, barriers over a restart."""
+"""`use` of all spatial features of a scene, lakes through the command, erodible rasters, barriers over a restart."""
 
 import csv
 import io
@@ -154,7 +154,7 @@ def test_erodible_ground_that_is_none_is_refused(site, capsys):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("stopped", [2, 4])
-def test_the_table_of_barriers_goes_on_where_the_frames_do(stopped, site, monkeypatch):
+def test_the_table_of_barriers_continues_where_the_frames_do(stopped, site, monkeypatch):
     """Stopped when the rows of a frame are written and the frame is not: these rows are there once in the end."""
     write_shapes(site / "dam.gpkg", [shapely.LineString([(300, 100), (300, 300)])])
     write_shapes(site / "side.gpkg", [shapely.box(200, 180, 220, 190)])
@@ -224,7 +224,7 @@ def test_a_lake_is_at_rest_unless_it_is_off(lake, capsys):
     assert fastest["auto"] <= 1e-12 and fastest["off"] > 0.01
 
 
-def test_a_lake_is_filled_to_its_level_over_the_bed_of_the_solver_and_that_is_said(lake, capsys):
+def test_a_lake_is_filled_to_its_level_over_the_bed_of_the_solver_and_that_is_reported(lake, capsys):
     """10 m cells smooth the hollow: with water measured on the DTM the surface would be off by centimetres."""
     (lake / "scene.toml").write_text(WATER + LAKE)
     assert main(["run", str(lake / "scene.toml"), "--overwrite"]) == 0

@@ -1,4 +1,4 @@
-"""Small things that hold results together: each test here fails if one line of the program goes."""
+"""Regressions: each test fails if one particular line of the program is missing."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -94,7 +94,7 @@ def test_where_the_terrain_lies_is_part_of_what_a_run_starts_from(made, what):
     assert digest_of(prepared, prepared.terrain) != digest_of(prepared, replace(prepared.terrain, grid=moved))
 
 
-def test_a_run_does_not_go_on_over_other_elevations(site, capsys):
+def test_a_run_does_not_continue_over_other_elevations(site, capsys):
     assert main(["run", str(site / "scene.toml"), "-q"]) == 0
     with rasterio.open(site / "dtm.tif", "r+") as target:
         heights = target.read(1)
@@ -102,14 +102,14 @@ def test_a_run_does_not_go_on_over_other_elevations(site, capsys):
         target.write(heights, 1)
     capsys.readouterr()
     assert main(["run", str(site / "scene.toml"), "-q", "--resume"]) == 2
-    assert "inputs that have changed since" in capsys.readouterr().err
+    assert "a run of another scene or of changed inputs" in capsys.readouterr().err
 
 
 # -------------------------------------------------------------------------------------------------- the DTM of frames
 
 
 @pytest.mark.parametrize("same", [True, False])
-def test_frames_with_another_dtm_than_theirs_are_told_of(made, tmp_path, capsys, same):
+def test_frames_with_another_dtm_than_theirs_are_reported(made, tmp_path, capsys, same):
     dem = made / "results" / "terrain.tif"
     if not same:
         with rasterio.open(dem) as source:
@@ -119,11 +119,11 @@ def test_frames_with_another_dtm_than_theirs_are_told_of(made, tmp_path, capsys,
         write_raster(dem, heights)
     words = ["export-raster", str(made / "results"), "--dem", str(dem), "-o", str(tmp_path / "gis"), "--no-qgis"]
     assert main(words) == 0
-    assert ("is not the DTM that the frames were made on" in capsys.readouterr().err) == (not same)
+    assert ("is not the DTM of the run" in capsys.readouterr().err) == (not same)
 
 
 @pytest.mark.parametrize("same", [True, False])
-def test_columns_on_another_dtm_than_theirs_are_told_of(site, capsys, same):
+def test_columns_on_another_dtm_than_theirs_are_reported(site, capsys, same):
     seed = ["seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "-o", "columns.h5", "-q"]
     assert main([*seed[:2], str(site / "dtm.tif"), seed[3], str(site / seed[4]), *seed[5:8], str(site / "columns.h5"),
                  "-q"]) == 0  # fmt: skip
@@ -135,7 +135,7 @@ def test_columns_on_another_dtm_than_theirs_are_told_of(site, capsys, same):
     scene = SHORT.replace('source = "release.geojson"\nthickness = 2.0\ndensity = 1000', 'particles = "columns.h5"')
     (site / "scene.toml").write_text(scene)
     assert main(["run", str(site / "scene.toml")]) == 0
-    assert ("was made on another DTM file than" in capsys.readouterr().err) == (not same)
+    assert ("was made with another DTM file than" in capsys.readouterr().err) == (not same)
 
 
 # ------------------------------------------------------------------------------------------------------------------ CRS

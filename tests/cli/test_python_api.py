@@ -1,13 +1,10 @@
-"""The Python face does what the commands do, with the options that they have, and gives results as xarray does."""
+"""The Python functions do what the commands do, with the options that they have, and gives results as xarray does."""
 
-import dataclasses
-import inspect
 import logging
 import re
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -19,10 +16,7 @@ from slope_site import SCENE, write_site
 
 import mpmgis
 from mpmgis.errors import InputError
-from mpmgis.seeding.options import SeedOptions
-from mpmgis.workflows.export import ExportRequest
-from mpmgis.workflows.python_options import AveragingOptions, ExportOptions, ForeignOptions, SeedingOptions
-from mpmgis.workflows.seed import seed_file
+from mpmgis.verbs.option import verb_names
 
 
 @pytest.fixture(scope="module")
@@ -45,25 +39,14 @@ def test_import_alone_loads_nothing():
     assert done.stdout.startswith("[] <function seed")
 
 
-def test_names_are_the_same_in_module_face_and_stub():
-    from mpmgis import api
-
-    stub = Path(inspect.getsourcefile(mpmgis)).with_suffix(".pyi").read_text(encoding="utf-8")
-    assert set(mpmgis.__all__) == set(api.__all__) and "from .api import *" in stub
-    assert all(getattr(mpmgis, name).__doc__ for name in mpmgis.__all__)
+def test_the_index_of_names_is_complete():
+    functions = [getattr(mpmgis, name) for name in mpmgis.__all__]
+    assert all(function.__doc__ for function in functions)
     assert set(mpmgis.__all__) <= set(dir(mpmgis))
+    verbs = {verb.replace("-", "_") for verb in verb_names()}
+    assert verbs - {"completion", "effects"} <= set(mpmgis.__all__) and "scene_effects" in mpmgis.__all__
     with pytest.raises(AttributeError, match="nonsense"):
         _ = mpmgis.nonsense
-
-
-def test_options_are_those_of_the_commands():
-    request = {field.name for field in dataclasses.fields(ExportRequest)}
-    assert set(ExportOptions.__annotations__) == request - {"frames", "output"}
-    assert set(AveragingOptions.__annotations__) < set(ExportOptions.__annotations__)
-    assert set(ForeignOptions.__annotations__) < set(AveragingOptions.__annotations__)
-    own = set(inspect.signature(seed_file).parameters) - {"dem", "release", "output", "options"}
-    numerics = {field.name for field in dataclasses.fields(SeedOptions)} - {"cell_size", "anchor"}
-    assert set(SeedingOptions.__annotations__) == own | numerics
 
 
 def test_a_run_of_tables_is_the_run_of_the_file(site):
@@ -137,7 +120,7 @@ def test_the_folder_of_a_run_has_the_maxima_that_its_solver_kept(site):
     assert "h_max" not in mpmgis.depth_average(sorted((site / "peaks").glob("*.h5"))[-1])
 
 
-def test_one_frame_of_ones_own(site):
+def test_a_frame_in_memory(site):
     path = sorted((site / "results").glob("*.h5"))[3]
     at_once = mpmgis.depth_average(path, products=("mass",))
     assert "time" not in at_once.dims and float(at_once.time) == 15.0
@@ -151,12 +134,12 @@ def test_one_frame_of_ones_own(site):
         mpmgis.depth_average(frame, dem.rio.write_crs("EPSG:32633"))
     with pytest.raises(InputError, match="expected a path, a Terrain or"):
         mpmgis.depth_average(frame, np.zeros((3, 3)))
-    with pytest.raises(InputError, match="holds 7 frames"):
+    with pytest.raises(InputError, match="contains 7 frames"):
         mpmgis.depth_average(site / "results")
 
 
 def test_what_does_nothing_is_refused(site, tmp_path):
-    with pytest.raises(InputError, match="cells are fixed; cell_size is for frames"):
+    with pytest.raises(InputError, match="fixed cells; cell_size requires frames"):
         mpmgis.open_results(site / "results_gis", cell_size=5.0)
     with pytest.raises(InputError, match="no option 'cog'"):
         mpmgis.open_results(site / "results", cog=True)
@@ -167,17 +150,17 @@ def test_what_does_nothing_is_refused(site, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
-    ("bed", "foo", "wanted 'bilinear' or 'plane'"),
-    ("extent", "foo", "wanted 'flow' or 'dtm'"),
-    ("percentile", 500, "above 0 and up to 100"),
+    ("bed", "foo", "`bed` is 'foo', expected bilinear or plane"),
+    ("extent", "foo", "expected flow or dtm"),
+    ("percentile", 500, "a number above 0 and up to 100"),
     ("percentile", 0, "above 0 and up to 100"),
     ("min_depth", -1, "a number of at least 0"),
     ("time_step", 0, "above 0"),
-    ("cell_size", float("nan"), "a number or 'auto' above 0"),
-    ("cell_size", "x", "a number or 'auto' above 0"),
-    ("standoff", "x", "a number or 'auto'"),
-    ("products", "t_vol", "a tuple of which each is text"),
-    ("origin", (1, 2), "a tuple of 3, each a number"),
+    ("cell_size", float("nan"), "a number or auto above 0"),
+    ("cell_size", "x", "`cell_size` is 'x', expected a number or auto above 0"),
+    ("standoff", "x", "a number or auto"),
+    ("products", "t_vol", "names NAME,.. with commas between them"),
+    ("origin", (1, 2), "three numbers E,N,H"),
     ("dem_band", 1.5, "a whole number above 0"),
     ("dem_band", True, "a whole number above 0"),
 ])  # fmt: skip
@@ -205,9 +188,9 @@ def test_a_dtm_in_memory_is_looked_at_as_a_file_is(site):
 
 
 def test_what_is_neither_scene_nor_velocity_is_refused(site):
-    with pytest.raises(InputError, match="velocity is 3, wanted a tuple of 2, each a number"):
+    with pytest.raises(InputError, match="`velocity` is 3, expected two numbers E,N"):
         mpmgis.seed(site / "dtm.tif", site / "release.shp", velocity=3)
-    with pytest.raises(InputError, match="scene is 5, wanted a path or a mapping"):
+    with pytest.raises(InputError, match="scene is 5, expected a path or a mapping"):
         mpmgis.run(5)
 
 
@@ -251,5 +234,5 @@ def test_tables_of_particles_and_cells(site):
     assert float(at) == pytest.approx(highest.h)
     with pytest.raises(InputError, match="isel"):
         mpmgis.to_geodataframe(results)
-    with pytest.raises(InputError, match="wanted a Frame or"):
+    with pytest.raises(InputError, match="expected a Frame or"):
         mpmgis.to_geodataframe([1, 2])

@@ -1,4 +1,4 @@
-"""What a scene knows by place, from files to results: friction zones, barriers, erodible ground, lakes, cliffs."""
+"""Spatial features of a scene, from files to results: friction zones, barriers, erodible ground, lakes, cliffs."""
 
 import csv
 
@@ -70,7 +70,7 @@ def test_zones_from_a_raster_and_their_gaps(site, capsys):
     assert "no parameter 'mue'" in refused(site, capsys, SCENE + '[[zones]]\nmue = "mu.tif"\n')
 
 
-def test_zones_in_another_crs_are_brought_over_and_that_is_said(site, capsys):
+def test_zones_in_another_crs_are_reprojected_and_that_is_reported(site, capsys):
     write_shapes(site / "zones.geojson", [shapely.box(300, 0, 800, 400)], crs="EPSG:4326")
     assert run(site, SCENE + '[[zones]]\nsource = "zones.geojson"\nmu = 0.4\n') == 0
     assert "reprojected from EPSG:4326" in capsys.readouterr().err
@@ -103,7 +103,7 @@ def test_barriers_that_cannot_stand_are_refused(site, capsys):
     assert "either height or crest" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\n')
     assert "width" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\nwidth = 2\n')
     write_shapes(site / "dam.gpkg", [shapely.box(100, 100, 110, 300)])
-    assert "stands on the release" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\n')
+    assert "is on the release" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\n')
     assert "no such file" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "wall.gpkg"\nheight = 3\n')
 
 

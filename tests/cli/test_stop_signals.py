@@ -1,4 +1,4 @@
-"""Verbs that are asked to stop: the exit code that shells expect, one line, and nothing half-written."""
+"""Verbs that are stopped by signals: exit code for shells, one line, and no incomplete files."""
 
 import signal
 import subprocess
@@ -17,7 +17,7 @@ from mpmgis.workflows.demo import sample_folder
 # the first frame is exported
 STOPPED = """
 import os, sys
-from mpmgis.cli import export_raster
+from mpmgis.cli import answers
 from mpmgis.cli.main import main
 
 def stop():
@@ -31,7 +31,7 @@ def replace(source, target):
     name(source, target)
 
 name, os.replace = os.replace, replace
-export_raster.frame_progress = lambda done, total: stop()
+answers.frame_progress = lambda done, total: stop()
 raise SystemExit(main(sys.argv[2:]))
 """
 DEM, RELEASE = (sample_folder() / f"lava_falls_{name}" for name in ("dem_utm12n_10m.tif", "release_small.shp"))
@@ -80,7 +80,7 @@ def hearing():
     signal.signal(signal.SIGINT, before)
 
 
-def test_a_signal_ends_what_runs_and_its_echo_is_not_heard(hearing):
+def test_a_signal_ends_the_run_and_its_repetition_has_no_effect(hearing):
     """While the first is being obeyed; and the handlers come back."""
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):

@@ -1,0 +1,67 @@
+"""Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..analysis.building_loads import BANDS, largest_loads, outline_of
+from ..analysis.frame_values import cells_of
+from ..errors import InputError
+from ..io.building_layer import read_buildings
+from ..io.exported import is_export
+from ..messages import log
+from .opened_results import open_flow
+from .requests import CellAveraging
+
+
+def building_loads(results, path, drag, min_depth, output, progress=lambda done, total: None):
+    """Estimates of the largest loads on the buildings at `path`.
+
+    Parameters
+    ----------
+    results : Results
+        Frames, or an export whose steps have the bands Ut_E and Ut_N.
+    path : Path
+        Polygons.
+    drag : float [1]
+        C_d of the dynamic pressure.
+    min_depth : float [m]
+        Flow shallower than this does not load.
+    output : Path
+        Where the answer goes.
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    (list of Feature, list of dict, Terrain)
+        Buildings, their loads (`mpmgis.analysis.building_loads.FIELDS`), terrain.
+
+    Raises
+    ------
+    MpmgisError
+        Largest values only, no velocities by direction, no density, not polygons.
+    """
+    if any(is_export(one) for one in results.frames):  # its cells have their minimum depth already
+        results = replace(results, averaging=CellAveraging())
+    flow = open_flow(results, output)
+    if flow.density is None:
+        raise InputError(f"{flow.name}: its density is not known, which `buildings` needs; name the frames instead")
+    buildings = read_buildings(path, flow.terrain)
+    if not buildings:
+        raise InputError(f"{path} has no polygon; give a layer of buildings")
+    outlines = [outline_of(building.shape, flow.grid.cell_size) for building in buildings]
+    ends = np.cumsum([len(outline.x) for outline in outlines])
+    pieces = cells_of(flow.grid, *(np.concatenate([getattr(one, axis) for one in outlines]) for axis in "xy"))
+    cells, places = np.unique(pieces, return_inverse=True)
+    found = flow.at_cells(cells, BANDS, range(len(flow.times)), progress)
+    loads = []
+    for outline, place in zip(outlines, np.split(places, ends[:-1]), strict=True):
+        values = {name: found[name][:, place] for name in BANDS}
+        loads.append(largest_loads(outline, flow.times, values, flow.density, drag, min_depth))
+    hit = sum(one["flow_force"] > 0 for one in loads)
+    log.info(
+        f"{hit} of {len(buildings)} buildings are reached; their loads are estimates from the undisturbed flow "
+        f"(C_d = {drag:g})"
+    )
+    return buildings, loads, flow.terrain

@@ -1,0 +1,179 @@
+"""Pages of a report about the barriers of a run: loads over time, run-up, overtopping, verdict, plan and section."""
+
+import numpy as np
+import shapely
+
+from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from ..analysis.frame_values import cells_of
+from ..analysis.profiles import free_surface
+from ..errors import MpmgisError
+from ..io.gdal_input import require_local
+from ..io.run_folder import BARRIER_FILE, SCENE_FILE, STAGE_BARRIER_FILE
+from ..io.tables import read_barrier_table
+from ..messages import log, muted
+from ..reports.band_map import write_band_map
+from ..reports.barrier_plots import write_history_plot, write_section_plot
+from ..reports.html import Lines, Picture, Table, figure_rows, section
+from ..scene.reading import read_scene
+from ..spatial.barriers import half_thickness
+from .run_setup.scene_files import scene_walls
+
+NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
+SECTION_CELLS, SECTION_HEIGHTS = 8.0, 6.0  # cells of the map, heights of the crest: before a wall; half behind it
+MOST_PLACES = 2000  # of a section
+
+
+def barrier_sections(gathered, folder):
+    """Sections of the barriers of the run beside the frames; nothing where it has none.
+
+    Parameters
+    ----------
+    gathered : what a report is made from: flow, peaks, grid, record
+    folder : Path
+        For pictures.
+    """
+    flow = gathered.flow
+    if not flow.entries:
+        return
+    histories = _histories(flow.entries[0].path.parent, gathered.record)
+    walls = _walls(flow) if histories else {}
+    for number, history in enumerate(histories):
+        wall = walls.get(history.name)
+        run_up = None if wall is None else _run_up(flow, wall, history.cell_size)
+        verdict = load_verdict(history, run_up) if wall is not None else "its polygons are not there: no verdict"
+        rows = figure_rows(history_rows(history, run_up, flow.density))
+        blocks = [Lines((verdict,)), Table(("figure", "value", "unit"), rows)]
+        path = folder / f"barrier_{number}.png"
+        write_history_plot(path, history)
+        blocks.append(Picture(path.read_bytes(), "Means between frames; overtopped mass so far"))
+        if run_up is not None:
+            blocks += [_plan(gathered, wall, run_up, path), _section(gathered, wall, history, run_up, path)]
+        yield section(f"Barrier {history.name}{_of_stage(history, histories)}", *blocks, page=True)
+
+
+def _of_stage(history, histories):
+    return f" ({history.solver})" if sum(one.name == history.name for one in histories) > 1 else ""
+
+
+def _histories(folder, record):
+    """A BarrierHistory for each barrier and stage."""
+    scene = record.get("scene") or {}
+    stages = record.get("stages") or [record | {"solver": scene.get("solver", "columns")}]
+    usual = (scene.get("numerics") or {}).get("cell_size")
+    found = []
+    for number, stage in enumerate(stages, start=1):
+        path = folder / (STAGE_BARRIER_FILE.format(number) if record.get("stages") else BARRIER_FILE)
+        cell = (stage.get("resolution") or {}).get("cell_size") or usual
+        if not path.is_file() or not isinstance(cell, int | float):
+            continue
+        kept = bool((stage.get("volume") or {}).get("kept", True))
+        tables = read_barrier_table(path)
+        found += [
+            BarrierHistory(name, str(stage.get("solver")), columns, float(cell), kept)
+            for name, columns in tables.items()
+        ]
+    return found
+
+
+def _walls(flow):
+    """Name -> Wall of the scene beside the frames; {} where it or its files are gone."""
+    path = flow.entries[0].path.parent / SCENE_FILE
+    try:
+        with muted():
+            scene = read_scene(path)
+            for table in scene.barrier:
+                require_local(scene.path(table.source), path)
+            return {wall.name: wall for wall in scene_walls(scene, flow.terrain)}
+    except (MpmgisError, OSError) as error:
+        log.info(f"no drawings of barriers: {error}")
+        return {}
+
+
+def _run_up(flow, wall, cell_size):
+    """The RunUp in the cells near a Wall; None where no flow came."""
+    reach = NEAR_CELLS * max(cell_size, flow.grid.cell_size)
+    cells, x, y = _near(flow.grid, wall.footprint, reach)
+    if not len(cells):
+        return None
+    depth = np.nan_to_num(flow.at_cells(cells, ("h",), range(len(flow.times)))["h"])
+    wet = depth >= max(flow.min_depth, np.nextafter(0, 1))
+    if not wet.any():
+        return None
+    step, k = np.unravel_index(np.argmax(depth), depth.shape)
+    step, k = int(step), int(k)
+    surface = free_surface(flow.terrain, x[k : k + 1], y[k : k + 1], depth[step : step + 1, k : k + 1])[0, 0]
+    means = [row[of_row].mean() for row, of_row in zip(depth, wet, strict=True) if of_row.any()]
+    crest = _crest(flow.terrain, wall, _nearest(wall, x[k], y[k]))
+    places = float(x[k]), float(y[k]), float(flow.times[step])
+    return RunUp(float(depth[step, k]), *places, step, float(surface), crest, float(np.median(means)))
+
+
+def _near(grid, footprint, reach):
+    """(flat cells, x, y) of the cells of `grid` within `reach` [m] of a footprint, but not in it."""
+    low, high = np.reshape(footprint.buffer(reach).bounds, (2, 2))
+    count = np.maximum(np.ceil((high - low) / (0.5 * grid.cell_size)).astype(int) + 1, 2)
+    x, y = np.meshgrid(*(np.linspace(a, b, n) for a, b, n in zip(low, high, count, strict=True)))
+    cells = np.unique(cells_of(grid, x.ravel(), y.ravel()))
+    cells = cells[cells >= 0]
+    x, y = grid.xy(*np.divmod(cells, grid.shape[1]))
+    away = shapely.distance(footprint, shapely.points(x, y))
+    near = (away > 0) & (away <= reach)
+    return cells[near], np.asarray(x)[near], np.asarray(y)[near]
+
+
+def _nearest(wall, x, y):
+    """float64[2]: point of the footprint nearest to a place."""
+    line = shapely.shortest_line(wall.footprint, shapely.Point(x, y))
+    return np.asarray(line.coords)[0]
+
+
+def _crest(terrain, wall, place):
+    """Elevation [m] of the crest at a point of the footprint."""
+    if wall.crest is not None:
+        return float(wall.crest)
+    return float(terrain.sample(place[:1], place[1:])[0]) + float(wall.height)
+
+
+def _plan(gathered, wall, run_up, path):
+    """The map of the largest depth around the barrier."""
+    west, south, east, north = shapely.union(wall.footprint, shapely.Point(run_up.x, run_up.y)).bounds
+    margin = max(0.5 * max(east - west, north - south), 10 * gathered.grid.cell_size)
+    limits = gathered.flow.terrain.grid.bounds
+    view = (
+        max(west - margin, limits[0]), max(south - margin, limits[1]), min(east + margin, limits[2]),
+        min(north + margin, limits[3]),
+    )  # fmt: skip
+    write_band_map(
+        path, gathered.flow.terrain, gathered.grid, gathered.peaks["h_max"], "h_max", f"{wall.name}: plan",
+        min_depth=gathered.flow.min_depth, view=view, walls=[wall.footprint],
+        marks=[(run_up.x, run_up.y, "largest depth at the wall")],
+    )  # fmt: skip
+    return Picture(path.read_bytes(), "Plan: largest flow depth, normal to the slope")
+
+
+def _section(gathered, wall, history, run_up, path):
+    """The section through the barrier nearest to the largest depth, in the direction of the force."""
+    flow, foot = gathered.flow, _nearest(wall, run_up.x, run_up.y)
+    direction = history.direction
+    if direction is None:
+        direction = (foot - (run_up.x, run_up.y)) / np.hypot(*(foot - (run_up.x, run_up.y)))
+    above = run_up.crest - float(flow.terrain.sample(foot[:1], foot[1:])[0])
+    length = max(SECTION_CELLS * gathered.grid.cell_size, SECTION_HEIGHTS * above)
+    fine = min(0.1 * gathered.grid.cell_size, 0.1 * half_thickness(wall.footprint))
+    spacing = max(fine, 1.5 * length / MOST_PLACES)
+    along = np.arange(-length, 0.5 * length, spacing)
+    x, y = (foot[:, None] + direction[:, None] * along).tolist()
+    x, y = np.array(x), np.array(y)
+    ground = flow.terrain.sample(x, y)
+    inside = np.isfinite(ground)
+    along, x, y, ground = along[inside], x[inside], y[inside], ground[inside]
+    now = flow.at_cells(cells_of(flow.grid, x, y), ("h",), [run_up.step])["h"]
+    cells = cells_of(gathered.grid, x, y)
+    peak = np.where(cells >= 0, gathered.peaks["h_max"].ravel()[cells], np.nan)[None]
+    surfaces = {
+        words: np.where(depth[0] >= flow.min_depth, free_surface(flow.terrain, x, y, depth)[0], np.nan)
+        for words, depth in (("largest depth", peak), (f"surface at t = {run_up.time:.4g} s", now))
+    }
+    in_wall = shapely.contains_xy(wall.footprint, x, y)
+    write_section_plot(path, wall.name, along, ground, surfaces, in_wall, run_up.crest)
+    return Picture(path.read_bytes(), "Section through the place of the largest depth at the wall")

@@ -1,0 +1,137 @@
+"""`mpmgis report`: a page for each barrier, and one of places; figures against the files of the run."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+import shapely
+from slope_site import SCENE, SOUTH, WEST, run, write_shapes, write_site
+from test_report_command import Reader
+
+from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from mpmgis.cli.main import main
+from mpmgis.io.tables import read_barrier_table
+
+DAM = '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 3\n'
+RUN_UP = RunUp(4.0, 0.0, 0.0, 2.0, 1, 104.0, 103.0, 2.0)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    site = write_site(tmp_path_factory.mktemp("dam"))
+    write_shapes(site / "dam.gpkg", [shapely.LineString([(450, 100), (450, 300)])])
+    assert run(site, SCENE + DAM) == 0
+    return site
+
+
+@pytest.fixture(scope="module")
+def page(site):
+    return page_of(site)
+
+
+def page_of(site, *options):
+    assert main(["report", str(site / "results"), "--overwrite", *options]) == 0
+    return Reader((site / "results_report" / "report.html").read_text(encoding="utf-8"))
+
+
+def figures(page, title):
+    """Figure -> value of the table under a heading."""
+    text = page.text[page.text.index(f"\n{title}\n") :]
+    return dict(re.findall(r"\n([^\n]+)\n([-+.\de]+)\n(?=kN|kg|m3|m\n|s\n)", text))
+
+
+def test_a_barrier_has_its_page(site, page):
+    assert page.titles.count("Barrier dam") == 1 and "loads are estimates of a depth-averaged run" in page.text
+    found = figures(page, "Barrier dam")
+    with open(site / "results" / "barriers.csv", newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    taken = json.loads((site / "results" / "run.json").read_text())["balances"]["barriers"]["dam"]
+    largest = max(float(row["mean normal force [N]"]) for row in rows)
+    assert float(found["largest mean force between two frames, normal to the wall"]) == pytest.approx(
+        largest / 1e3, rel=1e-4
+    )
+    assert float(found["largest force of a single step"]) == pytest.approx(taken["peak_normal_force"] / 1e3, rel=1e-4)
+    over = taken["overtopped_mass"]
+    assert over > 0 and float(found["mass that overtopped it"]) == pytest.approx(over, rel=1e-4)
+    assert float(found["volume of that at the density of the release"]) == pytest.approx(over / 1000.0, rel=1e-4)
+    surface = float(found["elevation of the surface there (run-up)"])
+    depth = float(found["largest flow depth at the wall, normal to the bed"])
+    assert float(found["elevation of the crest there"]) == 103.0  # 3 m over the flat at 100 m
+    assert surface == pytest.approx(100.0 + depth, abs=0.01)
+    assert float(found["crest above the surface (freeboard)"]) == pytest.approx(103.0 - surface, abs=0.01)
+    assert sum(picture[:4] == b"\x89PNG" for picture in page.pictures) == len(page.pictures) >= 8
+
+
+def test_without_its_polygons_a_barrier_has_its_loads_but_no_drawing(site, page):
+    whole = len(page.pictures)
+    (site / "dam.gpkg").rename(site / "gone.gpkg")
+    try:
+        page = page_of(site)
+    finally:
+        (site / "gone.gpkg").rename(site / "dam.gpkg")
+    assert "Barrier dam" in page.titles and "its polygons are not there" in page.text
+    assert len(page.pictures) == whole - 2
+
+
+def test_places_have_coordinates_and_times(site, page):
+    assert "Places" in page.titles
+    one = json.loads((site / "results" / "run.json").read_text())["extremes"]["speed"]
+    wanted = f"{one['value']:.4g} m/s\n{one['at'][0]:.1f}\n{one['at'][1]:.1f}\n{one['time']:.1f}"
+    assert f"largest speed of any step\n{wanted}" in page.text
+
+
+def test_places_name_where_mass_left(tmp_path):
+    site = write_site(tmp_path)
+    write_shapes(site / "release.geojson", [shapely.box(650, 150, 750, 250)])
+    assert (
+        run(site, SCENE.replace("thickness = 2.0", "thickness = 2.0\nvelocity = [20, 0]").replace("= 30", "= 8")) == 0
+    )
+    place = json.loads((site / "results" / "run.json").read_text())["balances"]["left_places"][0]
+    assert place["where"] == "east" and place["mass"] > 0
+    text = page_of(site).text
+    row = text[text.index("mass left over the east edge of the DTM") :].split("\n")
+    assert row[1].startswith(f"{place['mass']:.4g} kg") and row[2:4] == [
+        f"{place['east']:.1f}",
+        f"{place['north']:.1f}",
+    ]
+    assert WEST + 790 <= place["east"] <= WEST + 810 and SOUTH + 150 < place["north"] < SOUTH + 250
+
+
+def history(solver="points", cell=0.5, kept=True, **more):
+    columns = {
+        "time [s]": np.array([0.0, 1.0, 2.0]), "mean normal force [N]": np.array([0.0, 4e3, 1e3]),
+        "largest normal force of a step so far [N]": np.array([0.0, 6e3, 6e3]),
+        "normal impulse [N s]": np.array([0.0, 4e3, 5e3]), "impulse east [N s]": np.array([0.0, 3e3, 3e3]),
+        "impulse north [N s]": np.array([0.0, 4e3, 4e3]), "overtopped mass [kg]": np.array([0.0, 0.0, 50.0]),
+    }  # fmt: skip
+    return BarrierHistory("dam", solver, columns | more, cell, kept)
+
+
+def test_the_verdict_follows_cells_solver_and_volume():
+    assert load_verdict(history(cell=0.5), RUN_UP).startswith("loads are usable: 4 cells of 0.5 m")
+    assert load_verdict(history(cell=2.0), RUN_UP).startswith("loads are not usable: 1 cells of 2 m")
+    assert "lost their volume" in load_verdict(history(kept=False), RUN_UP)
+    assert "estimates" in load_verdict(history("columns"), RUN_UP)
+    assert "no load" in load_verdict(history(), None)
+
+
+def test_figures_of_a_known_history():
+    moments = {f"mean moment {axis} [N m]": np.array(values) for axis, values in (
+        ("east", [0.0, 3e3, 0.0]), ("north", [0.0, 4e3, 1e3]), ("up", [0.0, 0.0, 0.0]))}  # fmt: skip
+    known = history(**moments)
+    rows = history_rows(known, RUN_UP, 2000.0)
+    values = {what: value for what, value, _ in rows}
+    assert values["largest mean moment about the foot"] == 5.0 and known.direction.tolist() == [0.6, 0.8]
+    assert known.overtopping() == (50.0, 2.0)
+    assert values["volume of that at the density of the release"] == 0.025
+    assert values["crest above the surface (freeboard)"] == -1.0
+
+
+def test_a_table_that_is_none_is_refused(tmp_path):
+    from mpmgis.errors import FormatError
+
+    (tmp_path / "b.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(FormatError, match="not a table of barriers"):
+        read_barrier_table(tmp_path / "b.csv")
