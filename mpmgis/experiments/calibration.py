@@ -12,7 +12,7 @@ TRADE_OFF = 0.6  # absolute correlation
 SMALL_SAMPLE = 200  # effective draws below which the intervals are reported as rough
 DIGITS = 2  # of the width of an interval
 HUNDREDTHS = 0.1  # width that gives two decimals
-AT_END = 1.96  # normal score of a median at an end of the prior
+AT_END = 1.64  # normal score of a median at an end of the prior
 FITS = 2.0  # inflation above which the model is reported not to fit
 
 

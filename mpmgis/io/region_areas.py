@@ -8,6 +8,7 @@ import pyproj
 import shapely
 
 from ..errors import InputError
+from ..messages import muted
 from .atomic import whole_file
 from .libraries import pyogrio
 from .release_areas import parts_of
@@ -46,7 +47,8 @@ def read_areas(path, terrain, thickness=None, surface=None):
     ------
     FormatError, GeoreferenceError, InputError
     """
-    table = require_polygons(read_table(path, flag="--releases "), path)
+    with muted():  # `parts_of` reads it again and reports what it ignores or repairs
+        table = require_polygons(read_table(path, flag="--releases "), path)
     return RegionAreas(parts_of(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
 
 

@@ -18,10 +18,11 @@ from ..experiments.sampling_plan import JOINT
 from ..io.atomic import refuse_existing
 from ..io.ensemble_folder import MAPS
 from ..io.ensemble_members import Members, read_members
-from ..messages import log
+from ..messages import log, muted
 from .calibrate_events import EventOnGrid, events_of
 from .calibrate_files import write_files
 from .ensemble import EnsembleRequest, ensemble
+from .ensemble_plan import PlannedRuns, read_plan
 from .export_inputs import terrain_of_rasters
 
 TESTED = 40  # runs of the self-test
@@ -88,12 +89,24 @@ class _Study:
             refuse_existing(self.output, overwrite=False)
         if request.samples < FEWEST:
             raise InputError(f"`samples` is {request.samples}, expected at least {FEWEST}")
-        self.rounds, self.on_grid, self.maps = [], {}, {}
+        self.rounds, self.maps = [], {}
+        prior = {"vary": {key: one.text for key, one in self.priors.items()}, "sampling": "lhs"}
+        self.on_grid = {event.name: self._placed(event, prior) for event in self.events}
+        self.prior = {**prior, "overwrite": request.overwrite}
+
+    def _placed(self, event, prior):
+        """The observations of `event` on the grid of its runs; wrong ones are refused before the first run."""
+        with muted():
+            request = self._ensemble_request(event, self.output, self.request.samples, prior)
+            study = PlannedRuns.of(request, read_plan(request)[0])
+        _, prepared = study.first
+        on_grid = EventOnGrid(event, study.grid, prepared.terrain, self.request)
+        on_grid.report_outline(prepared.seen)
+        return on_grid
 
     def found(self):
         request = self.request
-        self._run("prior", request.samples, vary={key: one.text for key, one in self.priors.items()}, sampling="lhs",
-                  overwrite=request.overwrite)  # fmt: skip
+        self._run("prior", request.samples, **self.prior)
         result = self._result(tests=0 if request.refine else TESTED)
         if request.refine:
             self._run_drawn("refine", result, request.refine, self.output / "runs")
@@ -122,10 +135,9 @@ class _Study:
             members[event.name] = read_members(folder)
             if name == "predictive":
                 self.maps[event.name] = found.files[0]
-            if event.name not in self.on_grid:
-                grid = members[event.name].grid()
-                terrain = terrain_of_rasters(folder / MAPS / "dtm.tif", grid.crs)
-                self.on_grid[event.name] = EventOnGrid(event, grid, terrain, self.request)
+            if name == "prior":
+                on_grid = self.on_grid[event.name]
+                on_grid.terrain = terrain_of_rasters(folder / MAPS / "dtm.tif", on_grid.grid.crs)
         if name != "predictive":
             self.rounds.append(members)
 

@@ -16,6 +16,8 @@ from ..io.observed import cells_within, read_line, read_outline
 from ..io.observed_values import read_values
 from ..io.raster import read_raster
 from ..io.vector_table import read_table
+from ..messages import log
+from ..particles import Frame
 from ..scene.reading import read_toml
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
@@ -23,6 +25,8 @@ from .ensemble_member import DEPOSITED
 
 EVENT_KEYS = ("scene", "observed", "points", "deposit", "volume", "line")
 DEPOSIT_ERROR = 0.1  # [m] of the thickness of an observed deposit
+RELEASE_MISSED = 0.2  # share of the release outside an outline from which a message is printed
+OUTSIDE_DTM = 0.05  # share of an outline without ground from which a message is printed
 
 
 @dataclass(frozen=True)
@@ -158,13 +162,37 @@ class EventOnGrid:
         if self.mask is None:
             return None
         if not self.mask.any():
-            raise InputError(f"{self.event.observed}: no cell of the runs lies in the outline; use smaller cells")
+            cells = shapely.box(*self.grid.bounds)
+            fix = "use smaller cells" if self.outline.intersects(cells) else "it is outside the DTM; check its CRS"
+            raise InputError(f"{self.event.observed}: no cell of the runs lies in the outline; {fix}")
         elevation = np.full(self.grid.shape, np.nan)
         elevation[self.mask] = self.terrain.sample(*self.grid.xy(*np.nonzero(self.mask)))
         line = centre_line([self.mask], [np.ones(self.grid.shape)], elevation, self.grid)
         if line is None:
             raise InputError(f"{self.event.observed}: no path is found in the outline; give `line`")
         return line
+
+    def report_outline(self, release: Frame) -> None:
+        """Report an outline without the release of the scene, or with ground that the DTM does not have.
+
+        Parameters
+        ----------
+        release : Frame
+            Columns of all mass that may move.
+        """
+        if self.outline is None:
+            return
+        path, near = self.event.observed, shapely.buffer(self.outline, self.error)
+        missing = 1.0 - shapely.contains_xy(near, *release.map_xy()).mean()
+        if missing > RELEASE_MISSED:
+            log.info(
+                f"warning: {path} does not contain {missing:.0%} of the release of {self.event.scene.name}; expected "
+                "the outline of the whole flow from its top. If it is of the deposit only, give `deposit` or `volume`"
+            )
+        height = self.terrain.sample(*self.grid.xy(*np.nonzero(self.mask)))
+        beyond = 1.0 - np.isfinite(height).sum() * self.grid.cell_area / self.outline.area
+        if beyond > OUTSIDE_DTM:
+            log.info(f"warning: {beyond:.0%} of the area in {path} has no ground in the DTM and is not compared")
 
     def compared(self, runs: list[tuple[Members, int]]) -> Compared:
         """Summaries of the observations and of the `runs`, each a member of an ensemble by its index."""

@@ -144,7 +144,7 @@ def require_affordable(study, tasks, workers, confirm):
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
     need = f"{duration(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
-    log.info(f"{len(tasks)} runs, predicted: {need}")
+    log.info(f"{len(tasks)} run{'s' if len(tasks) != 1 else ''}, predicted: {need}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
         return
     if not confirm(f"these {len(tasks)} runs are predicted to take {need}"):

@@ -15,9 +15,13 @@ import mpmgis
 from mpmgis.analysis.outline_summaries import BANDS, PathBands
 from mpmgis.cli.main import main
 from mpmgis.io.ensemble_members import read_band, read_members
+from mpmgis.scene.reading import read_scene
 from mpmgis.terrain.grid import Grid
 from mpmgis.workflows import ensemble_member
+from mpmgis.workflows.calibrate import CalibrateRequest
+from mpmgis.workflows.calibrate_events import EventOnGrid, events_of
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
+from mpmgis.workflows.run_setup.prepare import prepare_scene
 
 TRUTH = 24.0  # [degrees]
 COULOMB = SCENE.replace('law = "Voellmy"', 'law = "Coulomb"').replace("xi = 1000\n", "")
@@ -165,6 +169,39 @@ def test_python_gives_the_same_result_as_the_command(done, site, tmp_path):
 def test_what_cannot_be_calibrated_is_refused_before_any_run(site, tmp_path, capsys, options, observed, word):
     assert command(site, tmp_path / "out", "--workers", "1", *options, observed=observed) == 2
     assert word in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+WRONG_PLACES = {
+    "off.gpkg": ([shapely.box(500_000, 5_100_000, 500_100, 5_100_100)], "--observed", "outside the DTM"),
+    "dot.gpkg": ([shapely.box(400_101, 5_100_101, 400_102, 5_100_102)], "--observed", "use smaller cells"),
+    "lines.gpkg": ([shapely.LineString([(400_100, 5_100_100), (400_200, 5_100_200)])], "--observed", "polygons"),
+    "away.gpkg": ([shapely.Point(500_000, 5_100_000)], "--points", "outside the DTM"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_PLACES)
+def test_observations_in_wrong_places_are_refused_before_any_run(site, tmp_path, capsys, name):
+    shapes, option, word = WRONG_PLACES[name]
+    geopandas.GeoDataFrame({"h_max": [1.0]}, geometry=shapes, crs=32632).to_file(tmp_path / name)
+    assert command(site, tmp_path / "out", *FEW, observed=(option, str(tmp_path / name))) == 2
+    assert word in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("west", "east", "word"), [
+    (400_250, 400_600, "does not contain 100% of the release"),
+    (400_100, 400_600, "does not contain 30% of the release"),
+    (400_000, 400_900, "of the area in"),
+    (400_000, 400_600, None),
+])  # fmt: skip
+def test_an_outline_without_the_release_or_beyond_the_dtm_is_reported(site, caplog, west, east, word):
+    path = site / f"outline_{west}_{east}.gpkg"
+    geopandas.GeoDataFrame(geometry=[shapely.box(west, 5_100_120, east, 5_100_280)], crs=32632).to_file(path)
+    request = CalibrateRequest(site / "scene.toml", vary=("friction.mu=0.3:0.6",), observed=path)
+    prepared = prepare_scene(read_scene(request.scene))
+    (event,) = events_of(request)
+    with caplog.at_level("INFO", "mpmgis"):
+        EventOnGrid(event, prepared.terrain.grid, prepared.terrain, request).report_outline(prepared.seen)
+    assert (caplog.text == "") if word is None else (word in caplog.text and str(path) in caplog.text)
 
 
 def test_summaries_of_a_rectangle_along_a_straight_path():
