@@ -30,8 +30,9 @@ from .point_nodes import (
     GROUND_Z,
     edge_at,
     leaning_edge,
+    node_at,
 )
-from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
 
 # of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
 # unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
@@ -50,27 +51,6 @@ UPWARDS = (0, 0, 1)
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
-
-
-@jit_borrowing
-def _node_at(nodes, slots, span, lowest, j, i, k):
-    """(touched block or -1, index of the node's entry, its mass [kg]) of node [j, i] at level `k`.
-
-    `span` holds the window of blocks: west, south, width, number of rows, depth.
-    """
-    row, column, level = j // BLOCK, i // BLOCK, k // BLOCK
-    if row < span[1] or row >= span[1] + span[3] or column < span[0] or column >= span[0] + span[2] or k < 0:
-        return -1, 0, 0.0
-    if row >= lowest.shape[0] or column >= lowest.shape[1]:
-        return -1, 0, 0.0
-    up = level - lowest[row, column, 0]
-    if up < 0 or up >= span[4]:
-        return -1, 0, 0.0
-    slot = slots[((row - span[1]) * span[2] + column - span[0]) * span[4] + up]
-    if slot < 0:
-        return -1, 0, 0.0
-    n = (((k - level * BLOCK) * BLOCK + j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
-    return slot, n, float(nodes[slot, n + NODE_MASS])
 
 
 @jit_inline
@@ -133,12 +113,12 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, out, line):
     heaviest = 0.0
     for o in range(-1, 3):
         a = o * out
-        heaviest = max(heaviest, _node_at(nodes, slots, span, lowest, j + a * north, i + a * east, k + a * up)[2])
+        heaviest = max(heaviest, node_at(nodes, slots, span, lowest, j + a * north, i + a * east, k + a * up)[2])
     if heaviest <= 0.0:
         return
     give = here = whole = 0.0
     for o in range(-1, 2):
-        mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
+        mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
         if mass > 0.0:
             weight = spline_at(foot, o)
             here += weight * mass
@@ -161,7 +141,7 @@ def _velocity_at(nodes, slots, span, lowest, node, along, foot, line):
     east, north, up = along
     u = v = w = 0.0
     for o in range(-1, 2):
-        slot, n, mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
             part = spline_at(foot, o)
             if up == 0:
@@ -180,7 +160,7 @@ def _give_line(nodes, slots, span, lowest, node, along, foot, impulse, line):
     jx, jy, jz = impulse
     dx, dy, dz = jx - line[LINE_X], jy - line[LINE_Y], jz - line[LINE_Z]
     for o in range(-1, 2):
-        slot, n, mass = _node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
             weight = spline_at(foot, o)
             share = weight / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])
@@ -263,7 +243,7 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
         return
     mass, k = 0.0, level - 1
     while True:
-        slot, _, here = _node_at(nodes, slots, span, lowest, j, i, k)
+        slot, _, here = node_at(nodes, slots, span, lowest, j, i, k)
         if k > level + 1 and slot < 0:
             break
         mass += here
@@ -326,7 +306,7 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
     level, foot = foot_of(height, dx)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     for o in range(-1, 2):
-        slot, at, mass = _node_at(nodes, slots, span, lowest, j, i, level + o)
+        slot, at, mass = node_at(nodes, slots, span, lowest, j, i, level + o)
         if mass > 0.0:
             weight = spline_at(foot, o)
             taken = weight * mass / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])

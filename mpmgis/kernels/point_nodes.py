@@ -98,6 +98,27 @@ def _is_at_wall(row, column, nx, ny):
     return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
 
 
+@jit_borrowing
+def node_at(nodes, slots, span, lowest, j, i, k):
+    """(touched block or -1, index of the node's entry, its mass [kg]) of node [j, i] at level `k`.
+
+    `span` holds the window of blocks: west, south, width, number of rows, depth.
+    """
+    row, column, level = j // BLOCK, i // BLOCK, k // BLOCK
+    if row < span[1] or row >= span[1] + span[3] or column < span[0] or column >= span[0] + span[2] or k < 0:
+        return -1, 0, 0.0
+    if row >= lowest.shape[0] or column >= lowest.shape[1]:
+        return -1, 0, 0.0
+    up = level - lowest[row, column, 0]
+    if up < 0 or up >= span[4]:
+        return -1, 0, 0.0
+    slot = slots[((row - span[1]) * span[2] + column - span[0]) * span[4] + up]
+    if slot < 0:
+        return -1, 0, 0.0
+    n = (((k - level * BLOCK) * BLOCK + j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
+    return slot, n, float(nodes[slot, n + NODE_MASS])
+
+
 @jit_inline
 def edge_at(j, i, nx, ny):
     """(east, north) parts, -1, 0 or 1, of the inward normals of the domain's edges that node column [j, i] is at."""

@@ -146,7 +146,7 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             foot = place - level
             around = np.arange(max(level - 2, 0), level + 3)
             masses = nodes[around, j, i, 3]
-            heaviest, centre = masses.max(), masses @ (around - level) / max(masses.sum(), 1e-300)
+            heaviest, centre = masses.max(), masses @ (around - level).astype(np.float64) / max(masses.sum(), 1e-300)
             if heaviest > 0.0 and centre < foot:
                 lower = int(np.floor(centre + 0.5))
                 level, foot = level + lower, centre - lower
