@@ -246,3 +246,26 @@ def test_a_vertical_datum_is_reported_and_left_out(tmp_path):
         terrain = read_terrain(tmp_path / "d.tif")
     assert terrain.grid.crs.to_epsg() == 25832
     assert ["DHHN92" in line and "elevations are used unchanged" in line for line in told] == [True]
+
+
+@pytest.mark.parametrize("shear", [0.0, 0.3])
+def test_steep_cells_are_reported_where_the_gradient_has_them(tmp_path, shear):
+    """Rough DTMs of any size and pixel with holes: the shortcut for gentle ground never hides a report."""
+    draw, reports = np.random.default_rng(5), 0
+    for k in range(60):
+        rows, columns = draw.integers(2, 12, 2)
+        heights = 10.0 ** draw.uniform(0.0, 3.0) * draw.normal(size=(rows, columns))
+        heights[draw.random((rows, columns)) < draw.choice([0.0, 0.3])] = np.nan
+        if not np.isfinite(heights).any():
+            continue
+        transform = Affine(draw.uniform(0.5, 20.0), shear, EAST, shear, -draw.uniform(0.5, 20.0), NORTH)
+        path = tmp_path / f"{k}.tif"
+        write_raster(path, np.nan_to_num(heights, nan=-9999.0), transform, nodata=-9999.0)
+        with collected() as lines:
+            terrain = read_terrain(path)
+        slope = np.hypot(*np.moveaxis(terrain.gradient, -1, 0))
+        steep = np.count_nonzero(slope > np.tan(np.radians(85.0)))
+        expected = steep > 0.01 * np.isfinite(slope).sum()
+        assert any("steeper than 85" in line for line in lines) == expected, (k, steep)
+        reports += expected
+    assert 5 < reports < 55
