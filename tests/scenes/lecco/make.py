@@ -28,8 +28,8 @@ BULK = 5.2e7  # [Pa], as in scene.toml
 AXIS = np.array([-170.0, -45.0]) / np.hypot(170.0, 45.0)
 PROFILE = ((-600, 30), (-40, 17), (98, 17), (109, 64), (129, 64), (151, 5), (900, 5))
 GULLY_CURVE, GULLY_HALF = 60.0, 35.0  # [m], radius of the gully's bed, half its width; straight banks beyond
-SHOULDER = (-60.0, 98.0)  # [m] along the way, where the wood stands
-BARRIER = 158.0  # [m] along the way, of the long arm's upslope face
+SHOULDER = (-60.0, 98.0)  # [m] along the flow path, where the wood stands
+BARRIER = 158.0  # [m] along the flow path, of the long arm's upslope face
 ARM, RETURN, THICK = (-30.0, 40.0), 30.0, 3.0  # [m]: the long arm across the way, length of the short one, thickness
 
 
@@ -41,7 +41,7 @@ class Size(NamedTuple):
 
 
 def along(x, y):
-    """(distance along the way [m], distance to its left, looking down [m]) of places on the map."""
+    """(distance along the flow path [m], distance to its left, looking down [m]) of places on the map."""
     dx, dy = np.asarray(x) - CENTRE[0], np.asarray(y) - CENTRE[1]
     return dx * AXIS[0] + dy * AXIS[1], dy * AXIS[0] - dx * AXIS[1]
 
@@ -83,7 +83,7 @@ def release():
 
 
 def strip(first, last, right, left):
-    """A rectangle along the way as a polygon on the map."""
+    """A rectangle along the flow path as a polygon on the map."""
     corners = (first, right), (last, right), (last, left), (first, left)
     return shapely.Polygon([on_map(*corner) for corner in corners])
 
@@ -123,7 +123,7 @@ class Front(NamedTuple):
     """The flow over time, float64[frames]."""
 
     time: np.ndarray  # [s]
-    place: np.ndarray  # [m] along the way, of the foremost hundredth of the mass
+    place: np.ndarray  # [m] along the flow path, of the foremost hundredth of the mass
     speed: np.ndarray  # [m s-1], its mean
     mean: np.ndarray  # [m s-1], of all
     fastest: np.ndarray  # [m s-1]
@@ -266,7 +266,7 @@ def map_figure(folder, png):
     profile.plot(way, height, "k")
     profile.fill_between([BARRIER, BARRIER + THICK], foot(), foot() + 20.0, color="0.3", label="barrier")
     profile.axhspan(height[np.abs(way) < HALF_AXES[1]].min(), height[np.abs(way) < HALF_AXES[1]].max(), alpha=0.1)
-    profile.set(xlabel="distance along the way from the release's centre [m]", ylabel="z above the local datum [m]")
+    profile.set(xlabel="distance along the flow path from the release's centre [m]", ylabel="z above the local datum [m]")
     steep = profile.twinx()
     steep.plot(way, np.interp(way, *np.transpose(PROFILE)), "r", lw=0.8)
     steep.set_ylabel("slope [degrees]", color="r")
@@ -331,7 +331,7 @@ def section_figure(folder, times, png, half=1.5, largest=25.0):
         axis.set(xlim=(90.0, 185.0), ylim=(foot() - 6.0, foot() + 50.0), aspect="equal")
         axis.text(150.0, foot() + 43.0, f"T = {frame.time:.1f} s", fontsize=9)
     for axis in axes[-1]:
-        axis.set_xlabel("distance along the way [m]")
+        axis.set_xlabel("distance along the flow path [m]")
     for axis in axes[:, 0]:
         axis.set_ylabel("z [m]")
     figure.colorbar(seen, ax=axes, label="speed [m/s]", shrink=0.5)
@@ -385,7 +385,7 @@ def comparison_figure(runs, png):
             load = load_of(folder)
             force.plot(load.time, smoothed(load.time, load.force, 0.5) / 1e6, label=label)
     place.axhline(BARRIER, color="gray", lw=0.6)
-    place.set(xlabel="time [s]", ylabel="front along the way [m]")
+    place.set(xlabel="time [s]", ylabel="front along the flow path [m]")
     speed.set(xlabel="time [s]", ylabel="speed of the foremost 1 % [m/s]")
     force.set(xlabel="time [s]", ylabel="normal force, mean of 0.5 s [MN]", xlim=(28.0, 38.0))
     for axis in (place, speed, force):
