@@ -111,8 +111,9 @@ Runs every polygon alone, each in its own window of the DTM, which is read by pa
 below an energy line; where the flow reaches an edge of the window that is not an edge of the DTM, the area is run again
 in a larger window, and this is reported. Maps on the DTM's grid, sparse where nothing flows: largest depth, speed and
 pressure, number of areas that reach a cell, and number of the area with the largest depth; areas.gpkg contains the
-affected area and the other results of each release area. A second start continues an interrupted region. A Python
-script that calls mpmgis.region with more than one worker must do so under if __name__ == "__main__".
+affected area and the other results of each release area; maps/region.qgz shows all of it in QGIS. A second start
+continues an interrupted region. A Python script that calls mpmgis.region with more than one worker must do so under
+if __name__ == "__main__".
 """,
     forms=(
         Form(

@@ -9,6 +9,7 @@ from pathlib import Path
 from .. import __version__, system
 from ..errors import InputError
 from ..gis.footprints import write_footprints
+from ..gis.region_project import RegionProject, terrain_path, write_region_project
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import member_files, read_member
 from ..io.region_areas import write_areas
@@ -190,7 +191,18 @@ def _write(folder, plan, records):
         footprints = part / "all_footprints.gpkg"
         write_footprints(footprints, rasters.get("all", []), scenarios, plan.grid, plan.request.min_depth)
         paths.append(footprints.relative_to(part))
-    return [folder.areas, *(folder.maps / path for path in paths)]
+        terrain = _terrain_layer(plan, folder.maps)
+        project = RegionProject(
+            part, plan.grid, rasters, plan.request.min_depth, plan.request.frequency is not None, terrain
+        )
+        made, *styles = (path.relative_to(part) for path in write_region_project(project))
+    return [folder.maps / made, folder.areas, *(folder.maps / path for path in (*paths, *styles))]
+
+
+def _terrain_layer(plan, maps):
+    """Path of the DTM for the project; None for a DTM that was reprojected."""
+    table = plan.scene.terrain
+    return None if table.to_crs is not None else terrain_path(plan.scene.path(table.dem), table.band, maps)
 
 
 def _columns(plan, records):

@@ -2,9 +2,11 @@
 
 import hashlib
 import os
+import re
 import signal
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import geopandas
@@ -152,7 +154,7 @@ def test_footprints_have_every_area_that_reaches_a_cell(site, done):
 
 
 def test_maps_lie_on_the_grid_of_the_dtm(done):
-    for path in done.files[1:-1]:
+    for path in (path for path in done.files if path.suffix == ".tif"):
         with rasterio.open(path) as source:
             assert source.shape == (ROWS, COLUMNS) and source.crs.to_epsg() == 32632
             assert source.transform == Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH)
@@ -225,6 +227,17 @@ def test_a_hazard_map_of_the_scenarios_of_a_region(site, done, tmp_path):
         left = round((source.transform.c - WEST) / PIXEL)
     np.testing.assert_array_equal(levels, highest[top : top + levels.shape[0], left : left + levels.shape[1]])
     assert (levels > 0).sum() == (highest > 0).sum() > 100 and found.not_assessed == 0.0
+
+
+def test_the_project_is_the_first_file_and_names_the_others_relative_to_it(done):
+    project, areas, *others = done.files
+    assert project == done.folder / "maps" / "region.qgz" and areas == done.folder / "areas.gpkg"
+    assert {path.with_suffix(".qml") for path in others if path.suffix == ".tif"} <= set(others)
+    with zipfile.ZipFile(project) as archive:
+        text = archive.read("region.qgs").decode()
+    sources = set(re.findall("<datasource>(.*?)</datasource>", text))
+    assert {source.split("|")[0] for source in sources} >= {"./../areas.gpkg", "./all_h_max.tif", "./../../dtm.tif"}
+    assert all((project.parent / source.split("|")[0]).is_file() for source in sources)
 
 
 def test_a_region_is_a_result_of_other_commands(done, tmp_path):

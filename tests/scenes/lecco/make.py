@@ -266,7 +266,7 @@ def map_figure(folder, png):
     profile.plot(way, height, "k")
     profile.fill_between([BARRIER, BARRIER + THICK], foot(), foot() + 20.0, color="0.3", label="barrier")
     profile.axhspan(height[np.abs(way) < HALF_AXES[1]].min(), height[np.abs(way) < HALF_AXES[1]].max(), alpha=0.1)
-    profile.set(xlabel="distance along the flow path from the release's centre [m]", ylabel="z above the local datum [m]")
+    profile.set(xlabel="distance along the flow path from the release [m]", ylabel="z above the local datum [m]")
     steep = profile.twinx()
     steep.plot(way, np.interp(way, *np.transpose(PROFILE)), "r", lw=0.8)
     steep.set_ylabel("slope [degrees]", color="r")
