@@ -29,7 +29,7 @@ class CoulombContact(NamedTuple):
         return False
 
     def drag_active(self):
-        """Whether there is a stress on the bed besides Coulomb friction."""
+        """Whether there is a stress on the bed in addition to Coulomb friction."""
         return False
 
     def kept_by_drag(self, slip, load):
@@ -37,7 +37,7 @@ class CoulombContact(NamedTuple):
         return 1.0
 
     def layer_friction(self):
-        """No friction between layers besides that of the material."""
+        """No friction between layers in addition to that of the material."""
         return 0.0
 
     def layer_roughness(self, gravity):
@@ -75,7 +75,7 @@ class VoellmyContact(NamedTuple):
         return False
 
     def drag_active(self):
-        """Whether there is a stress on the bed besides Coulomb friction."""
+        """Whether there is a stress on the bed in addition to Coulomb friction."""
         return True
 
     def kept_by_drag(self, slip, load):
@@ -112,7 +112,7 @@ class StickingContact(NamedTuple):
         return True
 
     def drag_active(self):
-        """Whether there is a stress on the bed besides Coulomb friction."""
+        """Whether there is a stress on the bed in addition to Coulomb friction."""
         return False
 
     def kept_by_drag(self, slip, load):
@@ -120,7 +120,7 @@ class StickingContact(NamedTuple):
         return 1.0
 
     def layer_friction(self):
-        """No friction between layers besides that of the material."""
+        """No friction between layers in addition to that of the material."""
         return 0.0
 
     def layer_roughness(self, gravity):

@@ -11,7 +11,7 @@ from .tables import TABLES
 NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they define place, material and numerics only
 # table with a law by name -> {name: (law, {parameter: Parameter})}
 LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
-# keys of a table besides those with a unit
+# keys of a table without a unit
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 
 

@@ -108,9 +108,7 @@ def _check_zones(scene, where):
     if not scene.zones:
         return
     if scene.friction is None:
-        raise SceneError(
-            f"{where} [[zones]]: friction by place needs [friction] with its law; write it before the zones"
-        )
+        raise SceneError(f"{where} [[zones]]: zones need [friction] with its law; write it before the zones")
     law = scene.friction.law
     instead = friction.given_instead(law)
     wanted = scene.laws[law][1] | {name: parameter for name, (_, parameter) in instead.items()}

@@ -54,7 +54,7 @@ MATERIALS = {
     "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
 }
 CONES = ("DruckerPrager", "CohesiveMuI")  # laws with friction angle, cohesion and softening
-# keys of [material] besides parameters -> (laws that have it, default)
+# keys of [material] that are not parameters -> (laws that have it, default)
 OPTIONS = {
     "match": (CONES, "triaxial"),
     "tension_limit": (CONES, None),

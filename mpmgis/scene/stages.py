@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import SceneError
 
-WALLS, CLIFF = "barrier", "cliff"  # values of `reach` besides a file of polygons
+WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
 UNTIL = ("time", "reach", "calm")
 
 

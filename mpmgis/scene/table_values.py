@@ -96,7 +96,7 @@ def _law_name(laws, law, own_laws, where):
 
 
 def _parameters(laws, law, values, where, by_place=()):
-    """The parameters of `law`, complete except those given by place, without unknown ones, each in its range."""
+    """The parameters of `law`, complete except those that vary in space, without unknown ones, each in its range."""
     wanted = laws[law][1]
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:

@@ -178,7 +178,7 @@ class SofteningTable:
 
 @dataclass(frozen=True)
 class ZoneTable:
-    """Friction by place: parameters of the law of [friction]; where zones overlap the later one applies."""
+    """Spatially varying friction: parameters of the law of [friction]; where zones overlap the later one applies."""
 
     source: str | None = _key("polygons, or a raster mask; default: where the rasters below have values", None,
                               kind=str, example="zones.gpkg", file=True)  # fmt: skip

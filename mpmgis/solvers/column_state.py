@@ -52,7 +52,7 @@ class ColumnState(ParticleStore):
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
-        """Name -> array of the state besides rows and reached nodes, as far as this scene has it."""
+        """Name -> array of the state other than rows and reached nodes, as far as this scene has it."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
         if self.effects.barrier.barrier_active():
             arrays["barriers"] = self._barrier_sums

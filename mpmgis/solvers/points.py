@@ -28,7 +28,7 @@ from .restart import LEFT_STATE, YIELD_STATE, require_point_state
 
 STENCIL_CELLS = 27.0  # cells of the stencil of a point: a larger volume of a point is not resolved
 TIME_ROUNDING = 1e-9  # relative
-NO_PLACES = np.zeros((1, 1, 1))  # for values by place where there are none
+NO_PLACES = np.zeros((1, 1, 1))  # for spatially varying values where there are none
 
 
 class PointSolver(PointBalances):
@@ -246,7 +246,7 @@ class PointSolver(PointBalances):
         return np.minimum(free * volume_ratios(rows, self.effects.material), largest)
 
     def state(self):
-        """State of a restart besides the particles of the frame: the arrays that change."""
+        """State of a restart in addition to the particles of the frame: the arrays that change."""
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # before the first step converts them to impulses
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
@@ -280,7 +280,7 @@ class PointSolver(PointBalances):
         last[columns, YIELD], last[columns, YIELD_STEP] = yields, self.step + 1
 
     def _changing(self):
-        """Name -> array of the state besides the rows, as far as this scene has it."""
+        """Name -> array of the state other than the rows, as far as this scene has it."""
         arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger, "rest": self._rest}
         arrays |= {"barriers": self._barrier_sums} if self.walls else {}
         return arrays | ({"face_yields": self._face_yields} if len(self._faces) else {})

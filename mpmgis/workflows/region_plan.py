@@ -195,7 +195,7 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
 
 
 def _other_inputs(request, scene, terrain):
-    """Digests of the files that runs read besides the scene, the DTM and the areas."""
+    """Digests of the files that runs read, other than the scene, the DTM and the areas."""
     areas = Path(str(request.releases).split(LAYER)[0]).resolve()
     files = {path.resolve() for path in input_files(request.scene, scene, request.law)}
     files -= {Path(request.scene).resolve(), Path(terrain.path).resolve()}

@@ -123,7 +123,7 @@ class AnswerRequest:
     overwrite: bool = False
 
     def paths(self) -> list[Any]:
-        """Input paths besides the results: lines, points, guidelines, DTM, ..."""
+        """Input paths other than the results: lines, points, guidelines, DTM, ..."""
         own = [getattr(self, one.name) for one in fields(self) if one.name != "output"]
         source = self.results.source
         return [path for path in (*own, source.dem, source.declarations.sidecar) if isinstance(path, Path)]

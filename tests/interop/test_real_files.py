@@ -39,7 +39,7 @@ def frames_of(*names, **said):
     return list_frames([REAL / name for name in names], Declarations(**terms))
 
 
-def told(entry):
+def facts_of(entry):
     """(time, number, mass, centre, mean velocity) of a frame."""
     particles = entry.read().particles
     mass = particles.mass
@@ -54,7 +54,7 @@ def test_lammps_dumps_hold_what_its_thermo_printed(name):
     entries = frames_of(f"lammps/{name}", **step)
     assert len(entries) == len(LAMMPS)
     for entry, (time, count, mass, centre, speed) in zip(entries, LAMMPS, strict=True):
-        found = told(entry)
+        found = facts_of(entry)
         assert found[:2] == (pytest.approx(time), count)
         assert found[2] == pytest.approx(mass, rel=1e-8)
         np.testing.assert_allclose(found[3], centre, rtol=0, atol=2e-6)
@@ -121,7 +121,7 @@ def test_steps_may_stand_in_any_order(tmp_path):
     path.write_text(steps[2] + steps[0] + steps[1])
     for entry, (time, _, _, centre, _) in zip(frames_of(path), LAMMPS, strict=True):
         assert entry.time == pytest.approx(time)
-        np.testing.assert_allclose(told(entry)[3], centre, rtol=0, atol=2e-6)
+        np.testing.assert_allclose(facts_of(entry)[3], centre, rtol=0, atol=2e-6)
 
 
 @pytest.mark.parametrize("cut", [7, 300, 1900])
@@ -169,7 +169,7 @@ def test_liggghts_pours_grains_that_come_and_go(form):
     wanted = LIGGGHTS if form == "dump" else (LIGGGHTS[0], LIGGGHTS[3])
     assert len(entries) == len(wanted)
     for entry, (time, count, mass, centre) in zip(entries, wanted, strict=True):
-        found = told(entry)
+        found = facts_of(entry)
         assert found[:2] == (pytest.approx(time), count)
         assert found[2] == pytest.approx(mass, rel=2e-6)
         np.testing.assert_allclose(found[3], centre, rtol=0, atol=2e-6)
@@ -201,7 +201,7 @@ def test_kratos_gid_files_have_the_values_of_their_points():
     entries = list_frames([REAL / "kratos" / "slide.post.res"])
     assert [entry.time for entry in entries] == pytest.approx([0.0042, 0.2016])
     for entry in entries:
-        _, count, mass, centre, speed = told(entry)
+        _, count, mass, centre, speed = facts_of(entry)
         assert (count, entry.header.header["density"]) == (128, KRATOS_DENSITY)
         assert mass == pytest.approx(KRATOS_MASS, rel=1e-9)
         np.testing.assert_allclose(centre, KRATOS[entry.time][0], rtol=1e-9)
@@ -211,9 +211,9 @@ def test_kratos_gid_files_have_the_values_of_their_points():
 def test_kratos_vtk_files_hold_the_same_in_float32_and_begin_as_they_were_given():
     entries = list_frames(sorted((REAL / "kratos").glob("*.vtk")))
     assert [entry.time for entry in entries] == pytest.approx([0.0, 0.1008, 0.2016])
-    np.testing.assert_allclose(told(entries[0])[4], (3.0, 0.0, -0.9), rtol=1e-6)  # along a plane that falls 0.3
+    np.testing.assert_allclose(facts_of(entries[0])[4], (3.0, 0.0, -0.9), rtol=1e-6)  # along a plane that falls 0.3
     for entry in entries[1:]:
-        _, count, mass, centre, speed = told(entry)
+        _, count, mass, centre, speed = facts_of(entry)
         assert count == 128 and mass == pytest.approx(KRATOS_MASS, rel=1e-6)
         np.testing.assert_allclose(centre, KRATOS[round(entry.time, 7)][0], rtol=1e-6)
         np.testing.assert_allclose(speed, KRATOS[round(entry.time, 7)][1], rtol=1e-6, atol=1e-6)

@@ -224,15 +224,15 @@ def test_a_cbgeo_step_counts_its_digits():
 
 
 class Recorder:
-    """GeoTaichi's MPM, of which it is only asked what it was told."""
+    """GeoTaichi's MPM, of which only the given values are checked."""
 
-    told: dict
+    received: dict
 
     def __init__(self):
-        Recorder.told = {}
+        Recorder.received = {}
 
     def __getattr__(self, name):
-        return lambda *given, **named: Recorder.told.__setitem__(name, (given, named))
+        return lambda *given, **named: Recorder.received.__setitem__(name, (given, named))
 
 
 @pytest.mark.parametrize(
@@ -250,15 +250,15 @@ def test_geotaichis_script_brings_in_its_text(made, monkeypatch, material, model
     module.ti = types.SimpleNamespace(Vector=list)
     monkeypatch.setitem(__import__("sys").modules, "geotaichi", module)
     exec(compile(source, "start.py", "exec"), {})
-    told = Recorder.told
-    assert told["add_material"][1]["model"] == model
-    assert told["add_material"][1]["material"]["Density"] == DENSITY
-    template = told["add_body_from_file"][1]["body"]["Template"]
+    received = Recorder.received
+    assert received["add_material"][1]["model"] == model
+    assert received["add_material"][1]["material"]["Density"] == DENSITY
+    template = received["add_body_from_file"][1]["body"]["Template"]
     assert (folder / template["ParticleFile"]).exists()
     momentum = start.mass @ start.velocity
     assert np.array(template["InitialVelocity"]) * start.mass.sum() == pytest.approx(momentum)
-    assert told["memory_allocate"][1]["memory"]["max_particle_number"] >= COUNT
-    assert (np.array(told["set_configuration"][1]["domain"]) >= start.position.max(axis=0)).all()
+    assert received["memory_allocate"][1]["memory"]["max_particle_number"] >= COUNT
+    assert (np.array(received["set_configuration"][1]["domain"]) >= start.position.max(axis=0)).all()
 
 
 def test_mpm_geomechanics_slides_on_the_stl_in_text(made):

@@ -371,8 +371,8 @@ def test_a_text_ply_with_too_few_rows_is_refused(tmp_path):
     write_ply(tmp_path)
     path = tmp_path / "slide_50.ply"
     spoilt(path, b"element vertex 60", b"element vertex 61")
-    told = refusal(path, "ply")
-    assert "its list of vertices has" in told and "it is truncated or damaged" in told
+    message = refusal(path, "ply")
+    assert "its list of vertices has" in message and "it is truncated or damaged" in message
 
 
 def test_all_readers_refuse_folders_and_files_that_are_not_there(tmp_path):

@@ -15,7 +15,7 @@ from mpmgis.terrain.grid import Grid
 DATA = Path(__file__).parents[2] / "../shared/data/foreign"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="no files of other codes: ../shared/data/foreign")
 HERE = ("--axes", "e,n,u", "--origin", "0,0,0", "--crs", "local")
-SAMPLES = {  # what the codes' own README files say: reader, particles, mass [kg], time [s], what is to be told
+SAMPLES = {  # what the codes' own README files say: reader, particles, mass [kg], time [s], the options that are needed
     "cbgeo/particles2000.h5": ("cbgeo", 8000, 1000.0, 0.4, ()),
     "kratos/MPM_Material_0_0.2000000.vtk": ("kratos", 4096, 1000.0, 0.2, ()),
     "geotaichi/MPMParticle000001.npz": ("geotaichi", 8000, 1000.0, 0.449890, ("--density", "1000")),
@@ -39,8 +39,8 @@ def dtm(tmp_path_factory):
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_info_prints_what_the_code_wrote(sample, capsys):
-    reader, count, mass, time, told = SAMPLES[sample]
-    assert main(["info", "--json", str(DATA / sample), *HERE, *told]) == 0
+    reader, count, mass, time, options = SAMPLES[sample]
+    assert main(["info", "--json", str(DATA / sample), *HERE, *options]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["reader"], facts["n"], facts["to_be_told"]) == (reader, count, [])
     if "Graphic" not in sample:
@@ -50,9 +50,9 @@ def test_info_prints_what_the_code_wrote(sample, capsys):
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_an_export_keeps_mass_and_volume(sample, dtm, tmp_path, capsys):
-    _, count, mass, time, told = SAMPLES[sample]
+    _, count, mass, time, options = SAMPLES[sample]
     output = tmp_path / "gis"
-    words = ["export-raster", str(DATA / sample), "--dem", str(dtm), "-o", str(output), "--no-qgis", *HERE, *told]
+    words = ["export-raster", str(DATA / sample), "--dem", str(dtm), "-o", str(output), "--no-qgis", *HERE, *options]
     assert main(words) == 0
     line = re.search(
         rf"{Path(sample).name}: (\S+) s, {count} particles, (\S+) kg, (\S+) m3 at (\S+) kg", capsys.readouterr().err

@@ -45,7 +45,7 @@ class SolverFiles(NamedTuple):
     start : str
         Command that starts the solver.
     keeps, loses : str
-        Properties of a point that are written or lost, besides position, mass and stress.
+        Properties of a point that are written or lost, in addition to position, mass and stress.
     takes_stress : bool
     laws : tuple of str
         Supported laws of [material]; empty where no material is needed.

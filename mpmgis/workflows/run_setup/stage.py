@@ -99,7 +99,7 @@ class Stage:
         return f"{self.scene.solver}{where}, cells of {self.grid.cell_size:g} m, until {until or 'the end'}"
 
     def shapes(self):
-        """Its geometries besides `places`."""
+        """Its geometries other than `places`."""
         walls = [wall.footprint for wall in self.known_walls] if self.table is not None else []
         return [shape for shape in (self.window, self.area, *walls) if shape is not None]
 
