@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # its parts are loaded when they are first used
 
 from .grid import Grid
-from .reprojected import Reprojection
+
+if TYPE_CHECKING:
+    from .reprojected import Reprojection
 
 BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge
 
@@ -31,7 +34,7 @@ class Terrain:
     elevation: np.ndarray
     path: str = ""
     sha256: str = ""
-    reprojection: Reprojection | None = None
+    reprojection: "Reprojection | None" = None
 
     @cached_property
     def valid(self):

@@ -1,11 +1,13 @@
 """Raster grids: the conversion between rows and columns and eastings and northings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from affine import Affine
+
+if TYPE_CHECKING:
+    from affine import Affine
 
 
 @dataclass(frozen=True)
@@ -17,18 +19,21 @@ class Grid:
     crs : pyproj.CRS or None
         Projected CRS in metres; None only for a local frame (`--crs local`).
     transform : affine.Affine
-        Maps (column, row) of pixel *corners* to (x, y) [m]; pixel centres are at (column + 0.5, row + 0.5).
+        Maps (column, row) of pixel *corners* to (x, y) [m]; pixel centres are at (column + 0.5, row + 0.5). Solvers
+        need only the six numbers a to f: a NamedTuple of them is enough where affine is not installed.
     shape : (int, int)
         Rows, columns.
     """
 
     crs: Any
-    transform: Affine
+    transform: "Affine"
     shape: tuple
 
     @classmethod
     def north_up(cls, crs, west, north, cell_size, shape):
         """A north-up square grid from its upper left corner (`west`, `north`) [m]."""
+        from affine import Affine  # the solvers run without it
+
         return cls(crs, Affine(cell_size, 0.0, west, 0.0, -cell_size, north), tuple(shape))
 
     @cached_property
@@ -85,7 +90,7 @@ class Grid:
     def moved(self, east, north):
         """The same pixels, `east` and `north` [m] further; places near (0, 0) keep their digits there."""
         t = self.transform
-        return Grid(self.crs, Affine(t.a, t.b, t.c + east, t.d, t.e, t.f + north), self.shape)
+        return replace(self, transform=type(t)(t.a, t.b, t.c + east, t.d, t.e, t.f + north))
 
     @property
     def is_north_up(self):
@@ -140,7 +145,9 @@ class Grid:
 
     def part(self, row, column, shape):
         """The grid of `shape` whose first pixel is pixel (row, column) of this one."""
-        return Grid(self.crs, self.transform * Affine.translation(int(column), int(row)), tuple(shape))
+        t, column, row = self.transform, int(column), int(row)
+        moved = self.moved(t.a * column + t.b * row, t.d * column + t.e * row)
+        return replace(moved, shape=tuple(shape))
 
     @cached_property
     def bounds(self):
