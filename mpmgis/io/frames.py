@@ -9,7 +9,6 @@ import numpy as np
 from .. import __version__
 from ..errors import FormatError, InputError, one_line
 from ..particles import Frame
-from ..terrain.georeference import crs_of_text
 from .atomic import whole_file
 from .frame_contents import (
     create_dataset,
@@ -297,6 +296,8 @@ def _origin(path, attrs):
 def _crs(path, text):
     if not text:
         return None
+    from ..terrain.georeference import crs_of_text  # imports PROJ, which frames in a local frame do not need
+
     try:
         return crs_of_text(text)
     except InputError as error:
