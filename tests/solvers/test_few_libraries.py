@@ -1,0 +1,67 @@
+"""Kernels, effects and solvers need Numba, NumPy, SciPy and h5py alone: machines with a GPU may have nothing else."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+from plain_array_runs import RUNS, results
+
+LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "h5py", "mpmgis")
+ABSENT = ("rasterio", "shapely", "pyproj", "affine", "geopandas", "pandas", "pyogrio", "psutil", "filelock", "rich")
+ONLY_THESE = f"""
+import sys
+
+class OnlyThese:
+    def find_spec(self, name, path=None, target=None):
+        first = name.partition(".")[0]
+        if first not in {LIBRARIES!r} and first not in sys.stdlib_module_names and not first.startswith("_"):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+assert not set({ABSENT!r}) & set(sys.modules)
+sys.meta_path.insert(0, OnlyThese())
+"""
+EVERY_MODULE = """
+import importlib, pkgutil
+
+for name in ("kernels", "effects", "solvers"):
+    package = importlib.import_module(f"mpmgis.{name}")
+    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        importlib.import_module(found.name)
+        print(found.name)
+"""
+
+
+def with_few(code):
+    """Standard output of `code` in a process that can import LIBRARIES alone."""
+    done = subprocess.run([sys.executable, "-c", ONLY_THESE + code], capture_output=True, text=True, timeout=580)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", ABSENT)
+def test_the_others_are_absent(name):
+    told = with_few(f"try:\n    import {name}\nexcept ModuleNotFoundError as error:\n    print(error.name)")
+    assert told.split() == [name]
+
+
+def test_every_module_of_kernels_effects_and_solvers_is_imported():
+    told = with_few(EVERY_MODULE).split()
+    assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(told)
+    assert len(told) > 80
+
+
+def test_runs_of_plain_arrays_and_their_frames_are_the_same_to_the_bit(tmp_path):
+    script = Path(__file__).with_name("plain_array_runs.py")
+    with_few(
+        f"import runpy\nsys.argv = {[str(script), str(tmp_path)]!r}\nrunpy.run_path(sys.argv[0], run_name='__main__')"
+    )
+    for name, run in RUNS.items():
+        expected = results(run(Affine), tmp_path / f"{name}_here.h5")
+        with np.load(tmp_path / f"{name}.npz") as got:
+            assert set(got) == set(expected) and len(expected["position"]) >= 400
+            for key, values in expected.items():
+                np.testing.assert_array_equal(got[key], values, err_msg=f"{name}: {key}")
+        assert np.ptp(expected["position"][:, 0]) > (11.0 if name == "columns" else 4.0)
