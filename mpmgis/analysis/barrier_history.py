@@ -100,8 +100,13 @@ def history_rows(history: BarrierHistory, run_up: RunUp | None, density: float |
 
 def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
     """One sentence: cells over the flow depth at the barrier, and whether its loads are usable."""
+    if run_up is None and not history.columns[IMPULSE][-1] > 0:
+        return "the flow did not come to it: no load"
     if run_up is None:
-        return "the flow did not come to it in any frame: no load"
+        return (
+            "loads are not usable: no frame has flow at the barrier, which was loaded between frames; use a smaller "
+            "frame_interval"
+        )
     cells = run_up.typical / history.cell_size
     found = (
         f"{cells:.2g} cells of {history.cell_size:g} m over the flow depth at the barrier ({run_up.typical:.3g} m, "

@@ -114,7 +114,13 @@ def test_the_verdict_follows_cells_solver_and_volume():
     assert load_verdict(history(cell=2.0), RUN_UP).startswith("loads are not usable: 1 cells of 2 m")
     assert "lost their volume" in load_verdict(history(kept=False), RUN_UP)
     assert "estimates" in load_verdict(history("columns"), RUN_UP)
-    assert "no load" in load_verdict(history(), None)
+    nothing = dict.fromkeys(("mean normal force [N]", "normal impulse [N s]"), np.zeros(3))
+    assert "no load" in load_verdict(history(**nothing), None)
+
+
+def test_a_barrier_that_was_loaded_between_two_frames_is_not_called_unloaded():
+    said = load_verdict(history(), None)
+    assert "no load" not in said and "loads are not usable" in said and "frame_interval" in said
 
 
 def test_figures_of_a_known_history():
