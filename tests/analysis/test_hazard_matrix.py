@@ -27,8 +27,8 @@ def names(matrix, years, h=1.0, v=1.0, p=0.0, deposit=0.0):
 
 # every field of each matrix once: return period -> levels of its intensity classes, from the lowest
 FIELDS = {
-    "swiss-avalanche": ({"p": [2.9, 3, 30]}, {
-        30: ["moderate", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["low", "moderate", "high"],
+    "swiss-avalanche": ({"p": [2.9, 3, 30]}, {  # weak: of flowing avalanches
+        30: ["high", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["moderate", "moderate", "high"],
         1000: ["residual"] * 3}),
     "swiss-flood": ({"h": [0.4, 0.5, 2], "v": [1, 1, 0]}, {
         30: ["moderate", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["low", "moderate", "high"],
@@ -93,7 +93,7 @@ def test_flow_without_a_needed_value_has_the_highest_possible_level_and_is_count
     matrix = SHIPPED["swiss-avalanche"]
     bands = {"p_max": np.array([[np.nan, np.nan, 1e3]])}
     levels, lacking = levels_of(matrix.period(300), bands, np.array([[True, False, True]]))
-    assert levels.tolist() == [[4, 0, 2]] and lacking == 1
+    assert levels.tolist() == [[4, 0, 3]] and lacking == 1
 
 
 def test_together_the_highest_level_counts_and_gaps_are_not_none():
