@@ -15,7 +15,6 @@ NO_ZONE = "none"  # cell of a matrix without a level
 SPLIT = "|"  # between the levels of a cell that the guideline divides; the higher one counts
 NOT_ASSESSED = 255  # in rasters of levels
 MOST_LEVELS = 250
-ROUNDING = 1e-6  # relative, of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
@@ -203,7 +202,7 @@ def levels_of(period: Period, bands: dict, reached: np.ndarray) -> tuple[np.ndar
     guideline, filled, lacking = period.guideline, {}, np.zeros(reached.shape, bool)
     products = {name for entry in guideline.classes for condition in entry.when for name in condition} & set(PRODUCTS)
     for name in {*guideline.bands, *(("h_max", "Ut_max") if products else ())}:
-        values = bands[name] * (1.0 + ROUNDING)
+        values = bands[name]
         lack = reached & np.isnan(values)
         lacking |= lack
         filled[name] = np.where(lack, np.inf, values)

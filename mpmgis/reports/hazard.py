@@ -212,7 +212,7 @@ def _zone_rows(made):
 
 
 def _deciding(made, number, parts):
-    """For each part of a zone the return periods of the scenarios that have its level there, as text."""
+    """For each part of a zone the return periods of the scenarios that give its cells their level, as text."""
     if not parts:
         return []
     cells = rasterio.features.rasterize(
@@ -221,9 +221,14 @@ def _deciding(made, number, parts):
     )  # fmt: skip
     found = [set() for _ in range(len(parts) + 1)]
     for scenario in made.scenarios:
-        for part in np.unique(cells[scenario.level == number]):
+        for part in np.unique(cells[_gives(made, scenario, number)]):
             found[part].add(scenario.years)
     return [", ".join(f"{years:g}" for years in sorted(years)) for years in found[1:]]
+
+
+def _gives(made, scenario, number):
+    """bool[rows, columns]: cells of a level that a scenario has too, and no scenario a higher one."""
+    return (made.hazard.level == number) & (scenario.level == number)
 
 
 def _band_rows(made):
@@ -248,7 +253,7 @@ def write_hazard_table(path: Path, made: HazardMap) -> None:
     rows = []
     for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
         zone = made.zones.zones[number - 1]
-        years = [f"{scenario.years:g}" for scenario in made.scenarios if (scenario.level == number).any()]
+        years = [f"{scenario.years:g}" for scenario in made.scenarios if _gives(made, scenario, number).any()]
         rows.append((number, level.name, level.meaning, float(area), 0.0 if zone is None else zone.area,
                      ", ".join(dict.fromkeys(years)), made.matrix.name, made.matrix.source))  # fmt: skip
     gap = float(np.count_nonzero(made.hazard.unknown) * made.grid.cell_area)

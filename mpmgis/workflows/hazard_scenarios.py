@@ -119,7 +119,7 @@ def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: N
         _scenario(request, years, path, period, len(matrix.levels), progress)
         for (years, path), period in zip(given, periods, strict=True)
     ]
-    _require_one_crs(found)
+    found = _in_one_crs(found)
     grids = [scenario.grid for scenario in found]
     if all(same_cells(grid, grids[0]) for grid in grids):
         return found
@@ -131,7 +131,8 @@ def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: N
     return [scenario.on(grid) for scenario in found]
 
 
-def _require_one_crs(found):
+def _in_one_crs(found):
+    """The scenarios, all with the CRS of the first one that has one; GeoreferenceError where they have several."""
     first = next((scenario for scenario in found if scenario.grid.crs is not None), found[0])
     for other in found:
         if None not in (first.grid.crs, other.grid.crs) and not same_place(first.grid.crs, other.grid.crs):
@@ -142,6 +143,7 @@ def _require_one_crs(found):
             )
         if (first.grid.crs is None) != (other.grid.crs is None):
             log.info(f"{other.path} has no CRS; that of {first.path}, {name_of(first.grid.crs)}, is assumed")
+    return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
 def _scenario(request, years, path, period, highest, progress):
@@ -157,7 +159,6 @@ def _scenario(request, years, path, period, highest, progress):
 def _levels(result, period, results):
     """(uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid) of one Result."""
     bands, grid = bands_of(result, period.guideline, results.source.density)
-    _require_one_shape(result, bands)
     depth = bands["h_max"]
     known = _known(result, depth)
     reached = np.nan_to_num(depth) >= results.averaging.min_depth
@@ -168,13 +169,6 @@ def _levels(result, period, results):
             "have the highest level that their other values allow"
         )
     return level, known, grid
-
-
-def _require_one_shape(result, bands):
-    shapes = {name: values.shape for name, values in bands.items()}
-    if len(set(shapes.values())) > 1:
-        words = ", ".join(f"{name} {rows} x {columns}" for name, (rows, columns) in shapes.items())
-        raise FormatError(f"{result.name}: its rasters have different sizes ({words}); export them on one grid")
 
 
 def _known(result, depth):

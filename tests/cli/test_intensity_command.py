@@ -95,6 +95,20 @@ def test_rotated_rasters_keep_their_cells(tmp_path, capsys):
         assert np.array_equal(source.read(1) == 2, depth > 0)
 
 
+def test_cells_without_speed_are_counted(tmp_path, capsys):
+    profile = {"driver": "GTiff", "width": 9, "height": 9, "count": 1, "dtype": "float32", "crs": CRS.to_wkt()}
+    place = Affine(10, 0, 6e5, 0, -10, 5.2e6)
+    speed = np.full((9, 9), 5.0, np.float32)
+    speed[:3] = -9999.0
+    for kind, values in (("pft", np.full((9, 9), 2.0, np.float32)), ("pfv", speed)):
+        with rasterio.open(tmp_path / f"flow_{kind}.tif", "w", transform=place, nodata=-9999.0, **profile) as target:
+            target.write(values, 1)
+    options = ["--guideline", "swiss-debris-flow", "-o", str(tmp_path / "c.csv")]
+    assert main(["intensity", str(tmp_path / "flow"), *options]) == 0
+    assert "27 cells with flow have no value of h_max or Ut_max" in capsys.readouterr().err
+    assert [float(row["area_m2"]) for row in table(tmp_path / "c.csv")] == [2700.0, 5400.0]
+
+
 def test_refusals_are_one_line(tmp_path, run, capsys):
     broken = tmp_path / "broken.toml"
     broken.write_text("[mine\n")
