@@ -11,6 +11,7 @@ from ..analysis.guidelines import UNREAD
 from ..analysis.hazard import HazardMatrix, combined
 from ..errors import InputError
 from ..gis.zones import default_area, generalized_zones
+from ..io.raster import open_raster
 from ..messages import log
 from ..reports.hazard import (
     LEAST,
@@ -143,9 +144,10 @@ def _output(request):
 
 
 def _terrain(request, scenarios) -> Terrain | None:
-    """The Terrain of the map: of --dem, else of the first scenario that has one; None where none is known."""
+    """The Terrain of the map: of --dem, else the largest one of the scenarios; None where none is known."""
     source = request.results.source
-    known = source.dem or next((entry.terrain for entry in scenarios if entry.terrain is not None), None)
+    of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
+    known = source.dem or max(of_scenarios, key=_extent, default=None)
     if known is None:
         log.info("no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
                  "without hazard; give it with `dem`")  # fmt: skip
@@ -154,6 +156,16 @@ def _terrain(request, scenarios) -> Terrain | None:
         return known
     crs = next((entry.grid.crs for entry in scenarios if entry.grid.crs is not None), None)
     return terrain_of_rasters(known, crs, source.dem_band, source.to_crs)
+
+
+def _extent(terrain):
+    """Area [m2] of the bounds of a Terrain, or of the raster at a path; that of an export can be a part of the DTM."""
+    if isinstance(terrain, Terrain):
+        west, south, east, north = terrain.grid.bounds
+    else:
+        with open_raster(terrain) as source:
+            west, south, east, north = source.bounds
+    return abs((east - west) * (north - south))
 
 
 def _terrain_known(terrain, grid: Grid) -> np.ndarray:

@@ -44,6 +44,8 @@ class Scenario:
     facts : str
         Release and parameters, as far as the results name them.
     members : int
+    whole : bool
+        Whether the rasters hold all of the flow, so that cells beyond them are dry.
     """
 
     years: float
@@ -56,6 +58,7 @@ class Scenario:
     terrain: object
     facts: str = ""
     members: int = 1
+    whole: bool = False
 
     def words(self) -> str:
         """Return period and name."""
@@ -66,7 +69,7 @@ class Scenario:
         """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
         if same_cells(grid, self.grid):
             return self
-        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, False)))
+        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
         level = np.maximum.reduce(list(_around(self.level, self.grid, grid, 0)))
         shares = None
         if self.shares is not None:
@@ -152,12 +155,14 @@ def _scenario(request, years, path, period, highest, progress):
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
-    level, known, grid = _levels(result, period, request.results)
-    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts_of(path, result))
+    level, known, grid, whole = _levels(result, period, request.results)
+    return Scenario(
+        years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole
+    )  # fmt: skip
 
 
 def _levels(result, period, results):
-    """(uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid) of one Result."""
+    """Of one Result: (uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid, whether it is whole)."""
     bands, grid = bands_of(result, period.guideline, results.source.density)
     depth = bands["h_max"]
     known = _known(result, depth)
@@ -168,7 +173,12 @@ def _levels(result, period, results):
             f"{result.name}: {lacking} cells with flow have no value of {' or '.join(period.guideline.bands)}; they "
             "have the highest level that their other values allow"
         )
-    return level, known, grid
+    return level, known, grid, result.kind in WHOLE and not _meets_edge(depth)
+
+
+def _meets_edge(depth):
+    """Whether flow reaches the outermost cells of a raster, so that it may continue beyond."""
+    return any((np.nan_to_num(side) > 0).any() for side in (depth[0], depth[-1], depth[:, 0], depth[:, -1]))
 
 
 def _known(result, depth):
@@ -190,8 +200,9 @@ def _of_ensemble(request, years, path, period, highest, progress):
     rasters = sorted((path / MEMBERS).glob("*_max.tif"))
     _require_finished(path, record, len(rasters))
     level = known = counts = grid = None
+    whole = True
     for done, raster in enumerate(rasters, 1):
-        member, seen, its_grid = _levels(replace(open_result(raster), kind="run"), period, request.results)
+        member, seen, its_grid, inside = _levels(replace(open_result(raster), kind="run"), period, request.results)
         if grid is not None and not same_cells(grid, its_grid):
             raise FormatError(f"{raster} has other cells than {rasters[0].name}; run the ensemble again")
         above = member[None] >= np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
@@ -199,10 +210,11 @@ def _of_ensemble(request, years, path, period, highest, progress):
             level, known, counts, grid = member, seen, above.astype(np.uint32), its_grid
         else:
             level, known, counts = np.maximum(level, member), known & seen, counts + above
+        whole = whole and inside
         progress(done, len(rasters))
     shares = (counts / len(rasters)).astype(np.float32)
     terrain = next(iter(sorted(path.glob("maps/dtm.tif"))), None)
-    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters))
+    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters), whole)
 
 
 def _refuse_options_of_frames(results, path):
