@@ -32,6 +32,7 @@ SLIMMEST = 0.62  # smallest ratio of the map sides
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
 GREYS = (0.58, 1.0)  # of the darkest and lightest 2 % of the hillshade; light, so that colours stay readable
+LEAST_CONTRAST = 0.02  # [1] of a hillshade between its darkest and lightest 2 %; less is not stretched further
 OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
@@ -168,10 +169,7 @@ def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
     limits = terrain.grid.bounds  # outside, the outermost heights are repeated
     heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
-    shade = shaded_relief(heights, spacing)
-    if np.isfinite(shade).any():
-        darkest, lightest = np.nanpercentile(shade, (2, 98))
-        shade = np.interp(shade, (darkest, lightest + 1e-6), GREYS)
+    shade = _stretched(shaded_relief(heights, spacing))
     half = spacing / 2
     extent = (x[0] - half, x[-1] + half, y[-1] - half, y[0] + half)
     axes.imshow(shade, cmap="gray", vmin=0, vmax=1, extent=extent, zorder=1, interpolation="bicubic")
@@ -188,6 +186,15 @@ def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     heavy = [level for level in lines.levels if round(level / interval) % 5 == 0]
     axes.clabel(lines, heavy, fmt="%g", fontsize=5.5, inline=True, inline_spacing=2)
     return interval
+
+
+def _stretched(shade):
+    """A hillshade stretched to GREYS; where it is nearly the same everywhere, as on a plane, to their middle."""
+    if not np.isfinite(shade).any():
+        return shade
+    darkest, lightest = np.nanpercentile(shade, (2, 98))
+    lacking = 0.5 * max(LEAST_CONTRAST - (lightest - darkest), 0.0)
+    return np.interp(shade, (darkest - lacking, lightest + lacking), GREYS)
 
 
 def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:

@@ -10,7 +10,9 @@ from pyproj import CRS
 
 from mpmgis.errors import OutputError
 from mpmgis.reports.picture import (
+    GREYS,
     SCALE_BAR,
+    _stretched,
     draw_north_arrow,
     draw_scale_bar,
     map_axes,
@@ -71,6 +73,15 @@ def test_slopes_towards_the_light_are_brighter():
     facing_north_west = shaded_relief(0.5 * (x - y), 1.0).mean()
     facing_south_east = shaded_relief(-0.5 * (x - y), 1.0).mean()
     assert facing_north_west > shaded_relief(0 * x, 1.0).mean() > facing_south_east
+
+
+def test_a_plane_is_neither_black_nor_white():
+    """The relief of level ground has no contrast to stretch; it was drawn in the darkest grey."""
+    shade = _stretched(shaded_relief(np.full((20, 20), 100.0), 1.0))
+    assert np.allclose(shade, np.mean(GREYS))
+    x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
+    shade = _stretched(shaded_relief(10 * np.sin(x / 5) * np.cos(y / 7), 1.0))
+    assert (shade.min(), shade.max()) == GREYS
 
 
 @pytest.mark.parametrize(
