@@ -119,3 +119,13 @@ def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
     if cells < FEWEST_CELLS:
         return f"loads are not usable: {found}, wanted at least {FEWEST_CELLS:g}; use a smaller cell_size"
     return f"loads are usable: {found}, wanted at least {FEWEST_CELLS:g}; single peaks depend on the cell size"
+
+
+def missed_crest(history: BarrierHistory, run_up: RunUp | None) -> str:
+    """One sentence where mass passed over a barrier, but in no frame the flow is as high as its crest; '' otherwise."""
+    if run_up is None or run_up.surface >= run_up.crest or not history.overtopping()[0] > 0:
+        return ""
+    return (
+        "its run-up and freeboard are too favourable: mass passed over it, but no frame has a surface above its crest; "
+        "use a smaller frame_interval, or smaller cells"
+    )

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..analysis.frame_values import cells_of
 from ..analysis.profiles import free_surface
 from ..errors import MpmgisError
@@ -42,7 +42,8 @@ def barrier_sections(gathered, folder):
         run_up = None if wall is None else _run_up(flow, wall, history.cell_size)
         verdict = load_verdict(history, run_up) if wall is not None else "its polygons are not there: no verdict"
         rows = figure_rows(history_rows(history, run_up, flow.density))
-        blocks = [Lines((verdict,)), Table(("figure", "value", "unit"), rows)]
+        lines = tuple(filter(None, (verdict, missed_crest(history, run_up))))
+        blocks = [Lines(lines), Table(("figure", "value", "unit"), rows)]
         path = folder / f"barrier_{number}.png"
         write_history_plot(path, history)
         blocks.append(Picture(path.read_bytes(), "Means between frames; overtopped mass so far"))

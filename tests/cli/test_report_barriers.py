@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import shapely
 from slope_site import SCENE, SOUTH, WEST, run, write_shapes, write_site
 from test_report_command import Reader
 
-from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from mpmgis.cli.main import main
 from mpmgis.io.tables import read_barrier_table
 
@@ -121,6 +122,13 @@ def test_the_verdict_follows_cells_solver_and_volume():
 def test_a_barrier_that_was_loaded_between_two_frames_is_not_called_unloaded():
     said = load_verdict(history(), None)
     assert "no load" not in said and "loads are not usable" in said and "frame_interval" in said
+
+
+def test_a_freeboard_above_an_overtopped_crest_is_called_too_favourable():
+    low = replace(RUN_UP, surface=102.5)
+    assert "too favourable" in missed_crest(history(), low)
+    dry = history(**{"overtopped mass [kg]": np.zeros(3)})
+    assert missed_crest(history(), RUN_UP) == missed_crest(dry, low) == missed_crest(history(), None) == ""
 
 
 def test_figures_of_a_known_history():
