@@ -15,7 +15,7 @@ from ..io.results import open_result
 from ..messages import log
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
-from .hazard_facts import facts_of
+from .hazard_facts import end_of, facts_of
 from .intensity import bands_of
 from .opened_results import peaks_of
 
@@ -155,6 +155,9 @@ def _scenario(request, years, path, period, highest, progress):
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
+    end = end_of(path)
+    if end:
+        log.info(f"{path} {end}: levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, request.results)
     return Scenario(
         years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole
@@ -186,6 +189,9 @@ def _known(result, depth):
     missing = np.isnan(depth)
     if result.kind in WHOLE or not missing.any():
         return np.ones(depth.shape, bool)
+    if missing.all():
+        log.info(f"{result.name}: all cells are nodata; where it alone tells, nothing is assessed")
+        return ~missing
     if (depth == 0).any():
         log.info(f"{result.name}: {np.count_nonzero(missing)} cells are nodata, dry ones are 0; nodata is not assessed")
         return ~missing

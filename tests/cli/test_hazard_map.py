@@ -353,33 +353,3 @@ def test_one_file_by_its_suffix(tmp_path, site):
     square = shapely.box(600100, 5199700, 600300, 5199900)
     off = shapely.symmetric_difference(zones.geometry.iloc[0], square).area  # its corners are rounded
     assert off <= 0.03 * square.area
-
-
-def test_an_export_of_the_extent_of_the_flow_is_dry_beyond_it(tmp_path, capsys):
-    """Two exports with cells of 5 m, each cut to its flow: no cell beyond them is 'not assessed'."""
-    for name, places in (("a", (150.0, 250.0)), ("b", (150.0, 450.0))):
-        (tmp_path / name).mkdir()
-        frames = write_block_run(tmp_path / name, places, times=(0.0, 10.0), speeds=(0.0, 10.0))
-        assert main(["export-raster", str(frames), "--no-qgis", "--cs-e", "5"]) == 0
-    options = ["--scenario", f"30={tmp_path}/a/run_gis", "--scenario", f"300={tmp_path}/b/run_gis"]
-    for more in ([], ["--dem", str(tmp_path / "a" / "run" / "terrain.tif")]):
-        capsys.readouterr()
-        found = run("swiss-debris-flow", *options, *more, "--overwrite", "-o", tmp_path / "map.tif")
-        said = capsys.readouterr().err
-        assert found == 0 and "different cells" in said and "not assessed" not in said
-        assert not (levels(tmp_path / "map.tif")[0] == 255).any()
-
-
-def test_beyond_an_export_that_the_flow_leaves_nothing_is_known(tmp_path, capsys):
-    frames = write_block_run(tmp_path, (150.0, 750.0), times=(0.0, 10.0), speeds=(0.0, 10.0))
-    assert main(["export-raster", str(frames), "--no-qgis"]) == 0
-    whole = np.zeros((60, 120))
-    whole[25, 5] = 2.0
-    write_peaks(tmp_path / "b", whole, whole, transform=Affine(10, 0, 400000, 0, -10, 5100500))
-    options = ["--scenario", f"30={tmp_path}/run_gis", "--scenario", f"300={tmp_path}/b"]
-    dtm = write_dtm(tmp_path / "wide.tif", (399900, 5099800, 401400, 5100600))
-    assert run("swiss-debris-flow", *options, "--dem", dtm, "-o", tmp_path / "map.tif") == 0
-    found, place = levels(tmp_path / "map.tif")
-    row, column = np.indices(found.shape)
-    x, _ = place * (column + 0.5, row + 0.5)
-    assert (found[x > 400810] == 255).all()
