@@ -21,6 +21,7 @@ from ..gis.styles import style_document
 from ..gis.symbols import class_renderer, outline_renderer, vector_style_document, write_layer_styles
 from ..gis.zones import Generalized, polygons
 from ..io.atomic import whole_file
+from ..io.libraries import GEOPACKAGE
 from ..io.raster_output import BLOCK, NAMESPACE, write_geotiff
 from ..io.tables import write_records
 from ..terrain.grid import Grid
@@ -186,7 +187,7 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
                 columns = {key: [row[key] for row in rows] for key in (rows[0] if rows else _zone_row(made, 1, "", 0))}
                 table = geopandas.GeoDataFrame(columns | tags, geometry=shapes, crs=crs) if rows else (
                     geopandas.GeoDataFrame(columns, geometry=[], crs=crs))  # fmt: skip
-                older = {} if part.exists() else {"dataset_options": {"VERSION": "1.2"}}  # which all QGIS read
+                older = {} if part.exists() else {"dataset_options": GEOPACKAGE}
                 table.to_file(part, layer=name, driver="GPKG", engine="pyogrio", **older)
                 written[name] = vector_style_document(styles[name], POLYGONS)
         write_layer_styles(part, written)

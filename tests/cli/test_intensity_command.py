@@ -46,6 +46,7 @@ def test_fast_and_deep_is_strong_and_all_files_are_consistent(tmp_path, run, cap
     for found in (shapes.geometry.area, shapes["area_m2"]):
         assert found.tolist() == pytest.approx(cells[1:].tolist())
     with closing(sqlite3.connect(folder / "intensity.gpkg")) as database:
+        assert database.execute("PRAGMA user_version").fetchone() == (10200,)  # GeoPackage 1.2, as in all other files
         ((style,),) = database.execute("SELECT styleQML FROM layer_styles WHERE f_table_name = 'intensity'")
     rules = ElementTree.fromstring(style.partition(">")[2]).findall(".//rule")
     assert [rule.get("filter") for rule in rules] == ['"class" = 1', '"class" = 2']
