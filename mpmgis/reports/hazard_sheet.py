@@ -71,24 +71,28 @@ def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
     InputError
         They do not fit on the paper at this scale.
     """
-    landscape = PAPERS[paper]
-    fitting = []
-    for width, height in (landscape, landscape[::-1]):
-        frame = _frame(width, height, COLUMN[paper])
-        needed = max((bounds[k + 2] - bounds[k]) / ((frame[k + 2] - 2 * AIR) * METRES_PER_MM) for k in (0, 1))
-        fitting.append((needed, width, height, frame))
-    needed, width, height, frame = min(fitting, key=lambda entry: entry[0])
+    needed, width, height, frame = _largest_scale(bounds, paper)
     chosen = scale or next((value for value in SCALES if value >= needed), round_up(needed))
     if chosen < needed:
         least = next((value for value in SCALES if value >= needed), round_up(needed))
         raise InputError(
             f"`scale=1:{scale:g}`: the zones do not fit on {paper} at this scale; give `scale=1:{least:g}`"
-            + (", or `sheet=A3`" if paper == "A4" else "")
+            + (", or `sheet=A3`" if _largest_scale(bounds, "A3")[0] <= chosen else "")
         )
     middle = [0.5 * (bounds[k] + bounds[k + 2]) for k in (0, 1)]
     half = [0.5 * frame[k + 2] * METRES_PER_MM * chosen for k in (0, 1)]
     view = (middle[0] - half[0], middle[1] - half[1], middle[0] + half[0], middle[1] + half[1])
     return Sheet(width, height, COLUMN[paper], chosen, view)
+
+
+def _largest_scale(bounds, paper):
+    """(smallest denominator of the scale, width, height, frame) of the orientation that shows `bounds` largest."""
+    fitting, landscape = [], PAPERS[paper]
+    for width, height in (landscape, landscape[::-1]):
+        frame = _frame(width, height, COLUMN[paper])
+        needed = max((bounds[k + 2] - bounds[k]) / ((frame[k + 2] - 2 * AIR) * METRES_PER_MM) for k in (0, 1))
+        fitting.append((needed, width, height, frame))
+    return min(fitting, key=lambda entry: entry[0])
 
 
 class Print:

@@ -8,6 +8,7 @@ import pytest
 from test_hazard_map import CRS, NORTH_UP
 
 from mpmgis.analysis.hazard import Hazard
+from mpmgis.errors import MpmgisError
 from mpmgis.gis.zones import generalized_zones
 from mpmgis.messages import collected
 from mpmgis.reports.hazard import HazardMap, choose_matrix
@@ -48,3 +49,10 @@ def test_many_scenarios_leave_room_for_the_sources():
         assert any("has no room for" in note for note in notes) == lost
         foot = max(text.get_window_extent().y1 for text in figure.texts if text.get_text() == "N")
         assert min(text.get_window_extent().y0 for text in figure.texts if "years:" in text.get_text()) > foot
+
+
+def test_a_larger_paper_is_named_only_where_the_zones_fit_on_it():
+    for size, fits in ((450.0, True), (900.0, False)):
+        with pytest.raises(MpmgisError, match="scale=1:") as caught:
+            sheet_for((0, 0, size, 300), "A4", 2000.0)
+        assert ("sheet=A3" in str(caught.value)) == fits
