@@ -145,13 +145,16 @@ def map_axes(figure: "Figure", view: tuple) -> "Axes":
 
 def _label_axes(axes, size):
     """Coordinates in kilometres; number of labels from `size` [inch], decimals from their spacing."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
     for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
         most = int(np.clip(length / LABEL_WIDTH, 1, 5))
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         ticks = axis.get_majorticklocs()
         decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
+        if length < LABEL_WIDTH:  # one label in the middle of a slim map, where two would lie on each other
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(FixedLocator([round(0.5 * (low + high), 3 - decimals)]))
         axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value / 1000.0:.{n}f}"))
         axis.set_label_text(f"{word} (km)", fontsize=8.5, color=INK)
     axes.tick_params(labelsize=8, colors=INK, length=3)
@@ -224,6 +227,12 @@ def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
     placed = Affine2D(np.array([[t.a, t.b, t.c], [t.d, t.e, t.f], [0.0, 0.0, 1.0]])) + axes.transData
     axes.imshow(image, extent=(0, columns, rows, 0), transform=placed, zorder=2, interpolation="nearest")
     axes.set(xlim=view[0], ylim=view[1])
+
+
+def beside(axes: "Axes") -> tuple[float, float]:
+    """Upper left corner of a legend right of a map, as a share of its sides; farther away from a slim one."""
+    width = axes.get_position().width * axes.figure.get_figwidth()
+    return 1.0 + max(0.03, (LABEL_WIDTH - width) / width), 1.0
 
 
 def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:
