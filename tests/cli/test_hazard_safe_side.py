@@ -72,3 +72,11 @@ def test_a_run_that_has_not_come_to_rest_is_named(tmp_path, capsys, record, word
     assert run("swiss-debris-flow", "--scenario", f"30={frames}", "-o", tmp_path / "map.tif") == 0
     said = capsys.readouterr().err
     assert words in said and ("would give later" in said) == bool(words)
+
+
+@pytest.mark.parametrize(("which", "warns"), [("frame_000001.h5", True), ("frame_000000.h5", False), ("", False)])
+def test_one_frame_is_not_a_whole_flow(tmp_path, capsys, which, warns):
+    frames = write_block_run(tmp_path, (150.0, 450.0), times=(0.0, 10.0), speeds=(0.0, 10.0))
+    assert run("swiss-debris-flow", "--scenario", f"30={frames / which}", "-o", tmp_path / "map.tif") == 0
+    said = capsys.readouterr().err
+    assert ("frame_000001.h5 is the only frame: maxima are those of t = 10 s alone" in said) == warns
