@@ -114,12 +114,25 @@ def _matrix(name, table, guidelines, where):
     if not 0 < len(table["level"]) <= MOST_LEVELS or not table["period"]:
         raise InputError(f"{where}: expected one or more [[{name}.level]] and [[{name}.period]] tables")
     levels = tuple(_level(entry, f"{where} level {k}") for k, entry in enumerate(table["level"], 1))
+    _require_names([level.name for level in levels], f"{where} level")
     numbers = {NO_ZONE: 0} | {level.name: k for k, level in enumerate(levels, 1)}
     periods = tuple(
         _period(entry, numbers, guidelines, f"{where} period {k}") for k, entry in enumerate(table["period"], 1)
     )
     _require_monotone(periods, where)
+    _require_names([period.name for period in periods], f"{where} period")
     return HazardMatrix(name, *(table.get(key, "") for key in ("title", "source", "note")), levels, periods)
+
+
+def _require_names(names, where):
+    """Refuse a name that is given twice, or that has a meaning of its own in `levels`."""
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise InputError(f"{where} {k + 1}: the name {name!r} is given twice; give each its own")
+        if name == NO_ZONE or SPLIT in name or not name.strip():
+            raise InputError(
+                f"{where} {k + 1}: name is {name!r}, expected a text other than {NO_ZONE!r}, without {SPLIT!r}"
+            )
 
 
 def _level(table, where):
