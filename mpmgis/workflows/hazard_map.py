@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from .. import __version__
 from ..analysis.guidelines import UNREAD
@@ -94,7 +95,7 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
     title = request.title or matrix.title or f"Hazard map: {matrix.name}"
     facts = _facts(request, matrix, scenarios, terrain, sheet, least)
     made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
-    _log(made)
+    _log(made, sheet)
     files = write_answer(request, output, _writers(made, terrain, sheet))
     return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
 
@@ -206,7 +207,7 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
     return tuple((name, words) for name, words in facts if words)
 
 
-def _log(made: HazardMap) -> None:
+def _log(made: HazardMap, sheet: Sheet) -> None:
     """Report all that could make a level too low, and what generalization changed."""
     cell = made.grid.cell_area
     for cells, words in (
@@ -223,6 +224,8 @@ def _log(made: HazardMap) -> None:
             f"minimum mapping area {made.least:.4g} m2: {made.zones.filled} gaps filled and {made.zones.enlarged} "
             "parts enlarged in the zones, which errs to the higher level; the raster is unchanged"
         )
+    if any(zone is not None and not shapely.box(*sheet.view).contains(zone) for zone in made.zones.zones):
+        log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
 
 
 def _writers(made: HazardMap, terrain, sheet) -> dict:

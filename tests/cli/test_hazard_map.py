@@ -343,6 +343,16 @@ def test_the_map_has_the_crs_that_is_assumed(tmp_path, site, capsys, moved):
         assert source.crs.to_epsg() == 32632
 
 
+def test_parts_that_are_enlarged_beyond_the_sheet_are_reported(tmp_path, site, capsys):
+    depth = np.zeros((40, 40))
+    depth[10:12, 10:12] = 2.0
+    write_peaks(tmp_path / "a", depth)
+    options = ["--scenario", f"30={tmp_path / 'a'}", "--dem", site, "-o", tmp_path / "one.png", "--overwrite"]
+    for more, cut in (([], False), (["--min-area", 1e6], True)):
+        assert run("swiss-hillslope-debris-flow", *options, *more) == 0
+        assert ("the sheet cuts off" in capsys.readouterr().err) == cut
+
+
 def test_one_file_by_its_suffix(tmp_path, site):
     depth = np.zeros((40, 40))
     depth[10:30, 10:30] = 2.0
