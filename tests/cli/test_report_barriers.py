@@ -131,6 +131,31 @@ def test_a_freeboard_above_an_overtopped_crest_is_called_too_favourable():
     assert missed_crest(history(), RUN_UP) == missed_crest(dry, low) == missed_crest(history(), None) == ""
 
 
+def test_flow_that_stays_before_a_wall_does_not_load_it(tmp_path):
+    """The release rests 15 m above a dam on the slope: its surface is higher than the crest, because the ground is."""
+    site = write_site(tmp_path)
+    write_shapes(site / "dam.gpkg", [shapely.LineString([(190, 100), (190, 300)])])
+    assert run(site, SCENE.replace("mu = 0.2", "mu = 2.0").replace("= 30", "= 6") + DAM) == 0
+    text = page_of(site).text
+    assert "the flow did not come to it: no load" in text and "freeboard" not in text
+
+
+def test_the_flow_behind_a_wall_is_no_run_up(site, page):
+    """The dam of the site is overtopped: its run-up is west of it, where the flow comes from."""
+    text = page.text[page.text.index("\nBarrier dam\n") :]
+    east = float(re.search(r"\nat\nE ([\d.]+) N", text)[1])
+    assert WEST + 400 < east < WEST + 450
+
+
+def test_a_freeboard_on_a_slope_is_not_known():
+    steep = replace(RUN_UP, rise=1.6, wall=3.0)
+    rows = {name: value for name, value, _ in history_rows(history(), steep, 1000.0)}
+    assert "1.6 m above" in rows["crest above the surface (freeboard)"]
+    assert missed_crest(history(), replace(steep, surface=102.0)) == ""
+    rows = {name: value for name, value, _ in history_rows(history(), replace(steep, rise=-1.4), 1000.0)}
+    assert rows["crest above the surface (freeboard)"] == -1.0
+
+
 def test_figures_of_a_known_history():
     moments = {f"mean moment {axis} [N m]": np.array(values) for axis, values in (
         ("east", [0.0, 3e3, 0.0]), ("north", [0.0, 4e3, 1e3]), ("up", [0.0, 0.0, 0.0]))}  # fmt: skip
