@@ -9,6 +9,7 @@ from ..scene.points import FEWEST_CELLS
 FORCE, PEAK = "mean normal force [N]", "largest normal force of a step so far [N]"
 IMPULSE, OVERTOPPED = "normal impulse [N s]", "overtopped mass [kg]"
 MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
+LEVEL_SHARE = 0.5  # of the height of a wall that the ground of its run-up may be above or below the wall's
 EAST, NORTH = "impulse east [N s]", "impulse north [N s]"
 
 
@@ -57,7 +58,8 @@ class RunUp:
 
     `depth` [m] normal to the bed, at `x`, `y` [m] and `time` [s] (frame number `step`); `surface` and `crest` [m]:
     elevations of the free surface there and of the nearest point of the crest; `typical` [m]: median over the frames
-    with flow of the mean depth in the wet cells.
+    with flow of the mean depth in the wet cells; `rise` [m]: ground there above the ground at the wall; `wall` [m]:
+    height of the crest above the ground at the wall.
     """
 
     depth: float
@@ -68,6 +70,13 @@ class RunUp:
     surface: float
     crest: float
     typical: float
+    rise: float = 0.0
+    wall: float = np.inf
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the ground there is level enough with the wall to compare the surface with the crest."""
+        return abs(self.rise) <= LEVEL_SHARE * self.wall
 
 
 def history_rows(history: BarrierHistory, run_up: RunUp | None, density: float | None) -> list[tuple]:
@@ -93,15 +102,28 @@ def history_rows(history: BarrierHistory, run_up: RunUp | None, density: float |
             ("at", f"E {run_up.x:.1f} N {run_up.y:.1f}, t = {run_up.time:.1f} s", ""),
             ("elevation of the surface there (run-up)", f"{run_up.surface:.2f}", "m"),
             ("elevation of the crest there", f"{run_up.crest:.2f}", "m"),
-            ("crest above the surface (freeboard)", run_up.crest - run_up.surface, "m"),
+            ("crest above the surface (freeboard)", _freeboard(run_up), "m" if run_up.is_level else ""),
         ]
     return rows
 
 
+def _freeboard(run_up):
+    """Freeboard [m]; words where the cell of the largest depth is too far above or below the wall."""
+    if run_up.is_level:
+        return run_up.crest - run_up.surface
+    side = "above" if run_up.rise > 0 else "below"
+    return f"not known: the ground of this cell is {abs(run_up.rise):.1f} m {side} that at the wall; use smaller cells"
+
+
 def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
     """One sentence: cells over the flow depth at the barrier, and whether its loads are usable."""
+    if run_up is None and not history.columns[IMPULSE][-1] > 0:
+        return "the flow did not come to it: no load"
     if run_up is None:
-        return "the flow did not come to it in any frame: no load"
+        return (
+            "loads are not usable: no frame has flow at the barrier, which was loaded between frames; use a smaller "
+            "frame_interval"
+        )
     cells = run_up.typical / history.cell_size
     found = (
         f"{cells:.2g} cells of {history.cell_size:g} m over the flow depth at the barrier ({run_up.typical:.3g} m, "
@@ -114,3 +136,13 @@ def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
     if cells < FEWEST_CELLS:
         return f"loads are not usable: {found}, wanted at least {FEWEST_CELLS:g}; use a smaller cell_size"
     return f"loads are usable: {found}, wanted at least {FEWEST_CELLS:g}; single peaks depend on the cell size"
+
+
+def missed_crest(history: BarrierHistory, run_up: RunUp | None) -> str:
+    """One sentence where mass passed over a barrier, but in no frame the flow is as high as its crest; '' otherwise."""
+    if run_up is None or not run_up.is_level or run_up.surface >= run_up.crest or not history.overtopping()[0] > 0:
+        return ""
+    return (
+        "its run-up and freeboard are too favourable: mass passed over it, but no frame has a surface above its crest; "
+        "use a smaller frame_interval, or smaller cells"
+    )

@@ -37,6 +37,17 @@ def on_cells(change, depth, grid):
     return along @ depth @ across.T
 
 
+def share_beyond(change, mass, grid):
+    """Share [1] of a `mass` per area at the nodes of `change` that lies beyond a Grid; 0 on rotated cells.
+
+    The square of a node on the edge of the DTM is half beyond it.
+    """
+    total = float(np.sum(mass)) * float(np.asarray(change["transform"])[0]) ** 2
+    if grid.is_rotated or total == 0.0:
+        return 0.0
+    return max(1.0 - float(on_cells(change, np.asarray(mass, float), grid).sum()) * grid.cell_area / total, 0.0)
+
+
 def _shares(cells, squares):
     """float64[cells, squares]: share of each cell's length that lies in each square, from the edges of both."""
     low, high = np.minimum(cells[:-1], cells[1:]), np.maximum(cells[:-1], cells[1:])

@@ -19,6 +19,7 @@ QUANTITIES = {
 }
 UNREAD = "not read"
 PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v
+ROUNDING = 1e-6  # relative, of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 MOST_CLASSES = 250  # class numbers fit into a byte
 
@@ -151,6 +152,12 @@ def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarr
     return numbers
 
 
+def without_value(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
+    """bool[rows, columns]: cells with flow without a value of a band of the guideline."""
+    gaps = [np.isnan(bands[name]) for name in guideline.bands]
+    return reached & np.logical_or.reduce(gaps) if gaps else np.zeros(reached.shape, bool)
+
+
 def _at_least(bands, name, least):
     if name in PRODUCTS:
         values = bands["h_max"] * bands["Ut_max"] ** PRODUCTS[name]
@@ -158,7 +165,7 @@ def _at_least(bands, name, least):
         _, band, factor = QUANTITIES[name]
         values = bands[band] * factor
     with np.errstate(invalid="ignore"):
-        return values >= least
+        return values * (1.0 + ROUNDING) >= least
 
 
 def class_areas(guideline: Guideline, numbers: np.ndarray, cell_area: float) -> np.ndarray:

@@ -15,7 +15,6 @@ NO_ZONE = "none"  # cell of a matrix without a level
 SPLIT = "|"  # between the levels of a cell that the guideline divides; the higher one counts
 NOT_ASSESSED = 255  # in rasters of levels
 MOST_LEVELS = 250
-ROUNDING = 1e-6  # relative, of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
@@ -115,12 +114,25 @@ def _matrix(name, table, guidelines, where):
     if not 0 < len(table["level"]) <= MOST_LEVELS or not table["period"]:
         raise InputError(f"{where}: expected one or more [[{name}.level]] and [[{name}.period]] tables")
     levels = tuple(_level(entry, f"{where} level {k}") for k, entry in enumerate(table["level"], 1))
+    _require_names([level.name for level in levels], f"{where} level")
     numbers = {NO_ZONE: 0} | {level.name: k for k, level in enumerate(levels, 1)}
     periods = tuple(
         _period(entry, numbers, guidelines, f"{where} period {k}") for k, entry in enumerate(table["period"], 1)
     )
     _require_monotone(periods, where)
+    _require_names([period.name for period in periods], f"{where} period")
     return HazardMatrix(name, *(table.get(key, "") for key in ("title", "source", "note")), levels, periods)
+
+
+def _require_names(names, where):
+    """Refuse a name that is given twice, or that has a meaning of its own in `levels`."""
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise InputError(f"{where} {k + 1}: the name {name!r} is given twice; give each its own")
+        if name == NO_ZONE or SPLIT in name or not name.strip():
+            raise InputError(
+                f"{where} {k + 1}: name is {name!r}, expected a text other than {NO_ZONE!r}, without {SPLIT!r}"
+            )
 
 
 def _level(table, where):
@@ -203,7 +215,7 @@ def levels_of(period: Period, bands: dict, reached: np.ndarray) -> tuple[np.ndar
     guideline, filled, lacking = period.guideline, {}, np.zeros(reached.shape, bool)
     products = {name for entry in guideline.classes for condition in entry.when for name in condition} & set(PRODUCTS)
     for name in {*guideline.bands, *(("h_max", "Ut_max") if products else ())}:
-        values = bands[name] * (1.0 + ROUNDING)
+        values = bands[name]
         lack = reached & np.isnan(values)
         lacking |= lack
         filled[name] = np.where(lack, np.inf, values)

@@ -17,7 +17,7 @@ from affine import Affine
 
 from ..errors import OutputError, one_line
 from ..io.exported import ExportedRun, moved_corner
-from ..io.libraries import pyogrio
+from ..io.libraries import GEOPACKAGE, pyogrio
 from ..kernels import rings
 from ..particles import Frame
 from ..terrain.grid import Grid
@@ -382,7 +382,7 @@ def _write_layer(path, name, batches, crs):
                 crs=reference_text(crs),
                 append=begun,
                 gdal_tz_offsets={key: np.full(len(geometry), UTC) for key in columns if key.startswith("t_qgis")},
-                **({} if path.exists() else {"dataset_options": {"VERSION": "1.2"}}),
+                **({} if path.exists() else {"dataset_options": GEOPACKAGE}),
             )
             begun = True
     except (DataSourceError, DataLayerError) as error:

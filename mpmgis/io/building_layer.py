@@ -9,6 +9,7 @@ import geopandas
 from ..messages import log
 from ..terrain.elevation import Terrain
 from .atomic import whole_file
+from .libraries import GEOPACKAGE
 from .spatial_inputs import Feature, read_polygons
 
 LAYER = "buildings"
@@ -37,4 +38,4 @@ def write_buildings(path: Path, buildings: Sequence, loads: Sequence, terrain: T
     table = geopandas.GeoDataFrame(columns, geometry=[building.shape for building in buildings], crs=crs)
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a missing CRS is allowed
-        table.to_file(part, layer=LAYER, driver="GPKG", engine="pyogrio")
+        table.to_file(part, layer=LAYER, driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)

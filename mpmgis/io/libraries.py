@@ -16,6 +16,7 @@ LIBRARIES = {  # extra of pyproject.toml: what it installs
     "animation": "imageio[ffmpeg]",
     "pointcloud": "laspy",
 }
+GEOPACKAGE = {"VERSION": "1.2"}  # of a new GeoPackage: older readers warn of what GDAL writes by default
 DETECTED_BY_PYOGRIO = ("pandas", "geopandas", "pyarrow")
 
 

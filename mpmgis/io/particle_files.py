@@ -16,7 +16,7 @@ import pyproj
 from ..errors import OutputError
 from .atomic import whole_file
 from .frames import write_frame_slabs
-from .libraries import needed_for
+from .libraries import GEOPACKAGE, needed_for
 from .tables import append_rows
 
 
@@ -173,7 +173,8 @@ def _write_gpkg(path, frame, count, slabs):
     record = {name: json.dumps(value) for name, value in _record(frame).items()}
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
-        rows.to_file(part, layer="particles", driver="GPKG", engine="pyogrio", dataset_metadata=record)
+        rows.to_file(part, layer="particles", driver="GPKG", engine="pyogrio", dataset_metadata=record,
+                     dataset_options=GEOPACKAGE)  # fmt: skip
 
 
 def _write_parquet(path, frame, count, slabs):

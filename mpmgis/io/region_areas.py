@@ -10,7 +10,7 @@ import shapely
 from ..errors import InputError
 from ..messages import muted
 from .atomic import whole_file
-from .libraries import pyogrio
+from .libraries import GEOPACKAGE, pyogrio
 from .release_areas import parts_of
 from .vector_table import read_table, require_polygons
 
@@ -85,4 +85,4 @@ def _write_layer(path, layer, shapes, columns, crs):
     table = geopandas.GeoDataFrame(columns, geometry=shapes, crs=crs)
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
-        table.to_file(part, layer=layer, driver="GPKG", engine="pyogrio")
+        table.to_file(part, layer=layer, driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)

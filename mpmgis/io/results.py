@@ -217,7 +217,7 @@ def _region(maps):
 
 
 def _extent_of_flow(path):
-    """(first row, end, first column, end) of the cells with data, read in strips."""
+    """(first row, end, first column, end) of the cells with data and one cell around, read in strips."""
     with open_raster(path) as source:
         rows, columns = source.shape
         held, across = [], np.zeros(columns, bool)
@@ -229,7 +229,8 @@ def _extent_of_flow(path):
     if not held:
         raise FormatError(f"{path} has no cell with flow")
     there = np.flatnonzero(across)
-    return held[0], held[-1] + 1, int(there[0]), int(there[-1]) + 1
+    left, right = int(there[0]), int(there[-1]) + 1
+    return max(held[0] - 1, 0), min(held[-1] + 2, rows), max(left - 1, 0), min(right + 1, columns)
 
 
 def _named_bands(path, ending=""):

@@ -12,6 +12,7 @@ from ..terrain.grid import Grid
 from .picture import (
     INK,
     RELEASE_COLOUR,
+    beside,
     draw_outline,
     draw_scale_and_north,
     draw_terrain,
@@ -111,4 +112,4 @@ def _draw_legend(axes, look, classes, outlined, interval):
         entries.append(Line2D([], [], color="#5a4632", alpha=0.6, linewidth=0.8, label=label))
     place = {"loc": "upper left", "borderaxespad": 0.0, "frameon": False, "alignment": "left", "fontsize": 8.5}
     title = look.words[0].upper() + look.words[1:]
-    axes.legend(handles=entries, title=title, bbox_to_anchor=(1.03, 1.0), **place).get_title().set_fontsize(9.5)
+    axes.legend(handles=entries, title=title, bbox_to_anchor=beside(axes), **place).get_title().set_fontsize(9.5)

@@ -13,6 +13,7 @@ from .picture import INK, OPACITY, draw_image, draw_scale_and_north, draw_terrai
 
 DOTS_PER_INCH = 120
 SQUARE_METRES_PER_HECTARE = 1e4
+LEFT_OF_SOURCE, RIGHT_OF_SOURCE, LETTER = 0.85, 0.1, 0.052  # [inch]: margins and mean letter of the line below the map
 WIDTH_OF_WORDS = 36  # [characters] of the legend
 
 
@@ -50,8 +51,9 @@ def write_class_map(
     draw_scale_and_north(axes, view)
     _draw_legend(axes, guideline, areas, interval)
     axes.set_title(f"Intensity classes: {name}", loc="left", fontsize=12, fontweight="bold", pad=10)
-    source = textwrap.shorten(guideline.source, 140, placeholder=" ...")
-    figure.text(0.85 / figure.get_size_inches()[0], 0.01, source, fontsize=6.5, color="#555555", va="bottom")
+    room = figure.get_size_inches()[0] - LEFT_OF_SOURCE - RIGHT_OF_SOURCE
+    source = textwrap.shorten(guideline.source, int(room / LETTER), placeholder=" ...")
+    figure.text(LEFT_OF_SOURCE / figure.get_size_inches()[0], 0.01, source, fontsize=6.5, color="#555555", va="bottom")
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 

@@ -21,6 +21,7 @@ from ..gis.styles import style_document
 from ..gis.symbols import class_renderer, outline_renderer, vector_style_document, write_layer_styles
 from ..gis.zones import Generalized, polygons
 from ..io.atomic import whole_file
+from ..io.libraries import GEOPACKAGE
 from ..io.raster_output import BLOCK, NAMESPACE, write_geotiff
 from ..io.tables import write_records
 from ..terrain.grid import Grid
@@ -186,7 +187,7 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
                 columns = {key: [row[key] for row in rows] for key in (rows[0] if rows else _zone_row(made, 1, "", 0))}
                 table = geopandas.GeoDataFrame(columns | tags, geometry=shapes, crs=crs) if rows else (
                     geopandas.GeoDataFrame(columns, geometry=[], crs=crs))  # fmt: skip
-                older = {} if part.exists() else {"dataset_options": {"VERSION": "1.2"}}  # which all QGIS read
+                older = {} if part.exists() else {"dataset_options": GEOPACKAGE}
                 table.to_file(part, layer=name, driver="GPKG", engine="pyogrio", **older)
                 written[name] = vector_style_document(styles[name], POLYGONS)
         write_layer_styles(part, written)
@@ -212,7 +213,7 @@ def _zone_rows(made):
 
 
 def _deciding(made, number, parts):
-    """For each part of a zone the return periods of the scenarios that have its level there, as text."""
+    """For each part of a zone the return periods of the scenarios that give its cells their level, as text."""
     if not parts:
         return []
     cells = rasterio.features.rasterize(
@@ -221,9 +222,14 @@ def _deciding(made, number, parts):
     )  # fmt: skip
     found = [set() for _ in range(len(parts) + 1)]
     for scenario in made.scenarios:
-        for part in np.unique(cells[scenario.level == number]):
+        for part in np.unique(cells[_gives(made, scenario, number)]):
             found[part].add(scenario.years)
     return [", ".join(f"{years:g}" for years in sorted(years)) for years in found[1:]]
+
+
+def _gives(made, scenario, number):
+    """bool[rows, columns]: cells of a level that a scenario has too, and no scenario a higher one."""
+    return (made.hazard.level == number) & (scenario.level == number)
 
 
 def _band_rows(made):
@@ -248,7 +254,7 @@ def write_hazard_table(path: Path, made: HazardMap) -> None:
     rows = []
     for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
         zone = made.zones.zones[number - 1]
-        years = [f"{scenario.years:g}" for scenario in made.scenarios if (scenario.level == number).any()]
+        years = [f"{scenario.years:g}" for scenario in made.scenarios if _gives(made, scenario, number).any()]
         rows.append((number, level.name, level.meaning, float(area), 0.0 if zone is None else zone.area,
                      ", ".join(dict.fromkeys(years)), made.matrix.name, made.matrix.source))  # fmt: skip
     gap = float(np.count_nonzero(made.hazard.unknown) * made.grid.cell_area)

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.hazard import HazardMatrix
@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 MM = 1.0 / 25.4  # [inch]
 POINT = 25.4 / 72.0  # [mm]
-TEXT, SMALL, HEADING = 6.0, 4.6, 7.2  # [points]
+SMALL, HEADING = 4.6, 7.2  # [points]
+SIZES = (6.0, 5.5, 5.0, 4.6)  # [points] of text: the largest with which all of it fits
 LETTER = 0.54  # mean width of a letter, of its size
 SPACING = 1.3  # of lines, of the size of letters
 OPACITY = 0.68
@@ -25,6 +26,7 @@ class Column:
 
     def __init__(self, figure: "Figure", left: float, top: float, width: float, sheet: float, height: float):
         self.figure, self.left, self.y, self.width, self.sheet, self.height = figure, left, top, width, sheet, height
+        self.size = SIZES[0]
 
     def place(self, x: float, y: float) -> tuple[float, float]:
         """Place of the figure [inch] of a place [mm]."""
@@ -39,13 +41,37 @@ class Column:
         self.y += 1.6
         self._lines(textwrap.wrap(words, self.letters(HEADING * 1.06, self.width)), HEADING, weight="bold")
 
-    def text(self, words: str, least: float = 0.0) -> None:
-        """A wrapped text, of which what would come closer to the lower edge than `least` [mm] is shortened."""
-        lines = textwrap.wrap(words, self.letters(TEXT, self.width), subsequent_indent="  ")
-        room = max(0, int((self.height - least - self.y) / (TEXT * SPACING * POINT)))
+    def text(self, words: str, least: float = 0.0) -> int:
+        """A wrapped text, of which what would come closer to the lower edge than `least` [mm] is left out.
+
+        Returns the number of lines that were left out.
+        """
+        lines = self._wrapped(words)
+        room = max(0, int((self.height - least - self.y) / self._line))
+        shown = lines
         if len(lines) > room:
-            lines = [*lines[: room - 1], lines[room - 1][:-4] + " ..."] if room else []
-        self._lines(lines, TEXT)
+            shown = [*lines[: room - 1], lines[room - 1][:-4] + " ..."] if room else []
+        self._lines(shown, self.size)
+        return len(lines) - len(shown)
+
+    def fit(self, texts: Sequence[str], room: float) -> None:
+        """Choose the largest of SIZES with which all `texts` need at most `room` [mm], else the smallest."""
+        for size in SIZES:
+            self.size = size
+            if self.needed(texts) <= room:
+                return
+
+    def needed(self, texts: Sequence[str]) -> float:
+        """Height of `texts` [mm]."""
+        return sum(len(self._wrapped(words)) for words in texts) * self._line
+
+    @property
+    def _line(self) -> float:
+        """Height of a line of text [mm]."""
+        return self.size * SPACING * POINT
+
+    def _wrapped(self, words: str) -> list[str]:
+        return textwrap.wrap(words, self.letters(self.size, self.width), subsequent_indent="  ")
 
     def _lines(self, lines, size, x=0.0, **look):
         for line in lines:
@@ -58,7 +84,7 @@ class Column:
         """A coloured patch with words beside it."""
         top = self.y
         self.box(0.0, top + 0.3, 6.0, 3.0, **look)
-        self._lines(textwrap.wrap(words, self.letters(TEXT, self.width - 8.0)), TEXT, x=8.0)
+        self._lines(textwrap.wrap(words, self.letters(self.size, self.width - 8.0)), self.size, x=8.0)
         self.y = max(self.y, top + 3.9)
 
     def box(self, x: float, y: float, width: float, height: float, **look: Any) -> None:

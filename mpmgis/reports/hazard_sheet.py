@@ -4,6 +4,7 @@ Scale bar, north arrow and legend stand in the column, where they never cover th
 """
 
 import math
+import textwrap
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,7 @@ from ..errors import InputError
 from ..gis.colours import round_up
 from ..gis.zones import polygons
 from ..io.atomic import whole_file
+from ..messages import log
 from ..terrain.elevation import Terrain
 from .hazard import LEAST, MOST, NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS, HazardMap
 from .hazard_legend import Column, draw_matrix
@@ -30,6 +32,9 @@ SCALES = (500, 1000, 2000, 2500, 5000, 10000, 15000, 20000, 25000, 50000, 100000
 EDGE, TITLE, TICKS, GAP = 8.0, 11.0, 7.0, 4.0  # [mm] margin, title line, labels of coordinates, map to column
 COLUMN = {"A4": 72.0, "A3": 84.0}  # [mm] width of the column of explanations
 AIR = 8.0  # [mm] on paper around the zones
+HEADINGS = 5.0  # [mm] of a heading of the column
+FOOT = EDGE + 24.0  # [mm] under the explanations, for scale and north
+TITLES = (13.0, 11.0, 9.0, 7.5)  # [points]
 DOTS_PER_INCH = 200
 MM = 1.0 / 25.4  # [inch]
 ZONE_OPACITY = 0.68
@@ -66,24 +71,28 @@ def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
     InputError
         They do not fit on the paper at this scale.
     """
-    landscape = PAPERS[paper]
-    fitting = []
-    for width, height in (landscape, landscape[::-1]):
-        frame = _frame(width, height, COLUMN[paper])
-        needed = max((bounds[k + 2] - bounds[k]) / ((frame[k + 2] - 2 * AIR) * METRES_PER_MM) for k in (0, 1))
-        fitting.append((needed, width, height, frame))
-    needed, width, height, frame = min(fitting, key=lambda entry: entry[0])
+    needed, width, height, frame = _largest_scale(bounds, paper)
     chosen = scale or next((value for value in SCALES if value >= needed), round_up(needed))
     if chosen < needed:
         least = next((value for value in SCALES if value >= needed), round_up(needed))
         raise InputError(
             f"`scale=1:{scale:g}`: the zones do not fit on {paper} at this scale; give `scale=1:{least:g}`"
-            + (", or `sheet=A3`" if paper == "A4" else "")
+            + (", or `sheet=A3`" if _largest_scale(bounds, "A3")[0] <= chosen else "")
         )
     middle = [0.5 * (bounds[k] + bounds[k + 2]) for k in (0, 1)]
     half = [0.5 * frame[k + 2] * METRES_PER_MM * chosen for k in (0, 1)]
     view = (middle[0] - half[0], middle[1] - half[1], middle[0] + half[0], middle[1] + half[1])
     return Sheet(width, height, COLUMN[paper], chosen, view)
+
+
+def _largest_scale(bounds, paper):
+    """(smallest denominator of the scale, width, height, frame) of the orientation that shows `bounds` largest."""
+    fitting, landscape = [], PAPERS[paper]
+    for width, height in (landscape, landscape[::-1]):
+        frame = _frame(width, height, COLUMN[paper])
+        needed = max((bounds[k + 2] - bounds[k]) / ((frame[k + 2] - 2 * AIR) * METRES_PER_MM) for k in (0, 1))
+        fitting.append((needed, width, height, frame))
+    return min(fitting, key=lambda entry: entry[0])
 
 
 class Print:
@@ -125,9 +134,20 @@ def _drawn(made, terrain, sheet) -> "Figure":
     _draw_zones(axes, made)
     _draw_coordinates(axes)
     _draw_column(figure, made, sheet, interval, terrain is None)
-    figure.text(left / sheet.width, 1 - (EDGE + 5) / sheet.height, made.title, fontsize=13, fontweight="bold",
-                va="center")  # fmt: skip
+    _draw_title(figure, made.title, sheet)
     return figure
+
+
+def _draw_title(figure, words, sheet):
+    """The title in one line, in the largest of TITLES that fits; what is too long even so is shortened."""
+    left, room = sheet.frame[0], sheet.width - EDGE - sheet.frame[0]
+    title = figure.text(left / sheet.width, 1 - (EDGE + 5) / sheet.height, words, fontweight="bold", va="center")
+    for size in TITLES:
+        title.set_fontsize(size)
+        width = title.get_window_extent().width / figure.dpi / MM
+        if width <= room:
+            return
+    title.set_text(textwrap.shorten(words, int(0.95 * len(words) * room / width), placeholder=" ..."))
 
 
 def _hide_beyond(axes, view, terrain):
@@ -182,12 +202,20 @@ def _draw_column(figure, made, sheet, interval, without_terrain):
     draw_matrix(column, made.matrix, {scenario.period.name for scenario in made.scenarios})
     facts = made.facts + ((("relief", "no terrain was given: no hillshade, gaps of the terrain unknown"),)
                           if without_terrain else ())  # fmt: skip
+    scenarios = [scenario.words() for scenario in made.scenarios]
+    sources = [f"{name}: {words}" for name, words in facts]
+    room = sheet.height - FOOT - column.y - 2 * HEADINGS
+    column.fit((*scenarios, *sources), room)
     column.heading("Scenarios")
-    for scenario in made.scenarios:
-        column.text(scenario.words())
+    least = FOOT + HEADINGS + min(column.needed(sources), 0.5 * room)
+    lost = sum(column.text(words, least) for words in scenarios)
     column.heading("Sources and parameters")
-    for name, words in facts:
-        column.text(f"{name}: {words}", least=EDGE + 24.0)
+    lost += sum(column.text(words, FOOT) for words in sources)
+    if lost:
+        log.info(
+            f"the sheet has no room for {lost} lines of scenarios, sources and parameters; give `sheet=A3`, fewer "
+            "scenarios, or shorter names"
+        )
     _draw_scale(figure, sheet, column.left)
 
 

@@ -16,6 +16,7 @@ from ..gis.outlines import POLYGONS, mask_outline
 from ..gis.styles import style_document
 from ..gis.symbols import class_renderer, vector_style_document, write_layer_styles
 from ..io.atomic import whole_file
+from ..io.libraries import GEOPACKAGE
 from ..io.raster_output import BLOCK, NAMESPACE
 from ..io.tables import write_records
 from ..terrain.grid import Grid
@@ -123,7 +124,7 @@ def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline:
     style = vector_style_document(class_renderer("class", classes), POLYGONS)
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a missing CRS is allowed
-        table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio")
+        table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)
         write_layer_styles(part, {"intensity": style})
 
 

@@ -32,6 +32,7 @@ SLIMMEST = 0.62  # smallest ratio of the map sides
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
 GREYS = (0.58, 1.0)  # of the darkest and lightest 2 % of the hillshade; light, so that colours stay readable
+LEAST_CONTRAST = 0.02  # [1] of a hillshade between its darkest and lightest 2 %; less is not stretched further
 OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
 
@@ -144,13 +145,16 @@ def map_axes(figure: "Figure", view: tuple) -> "Axes":
 
 def _label_axes(axes, size):
     """Coordinates in kilometres; number of labels from `size` [inch], decimals from their spacing."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
     for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
         most = int(np.clip(length / LABEL_WIDTH, 1, 5))
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         ticks = axis.get_majorticklocs()
         decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
+        if length < LABEL_WIDTH:  # one label in the middle of a slim map, where two would lie on each other
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(FixedLocator([round(0.5 * (low + high), 3 - decimals)]))
         axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value / 1000.0:.{n}f}"))
         axis.set_label_text(f"{word} (km)", fontsize=8.5, color=INK)
     axes.tick_params(labelsize=8, colors=INK, length=3)
@@ -168,10 +172,7 @@ def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
     limits = terrain.grid.bounds  # outside, the outermost heights are repeated
     heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
-    shade = shaded_relief(heights, spacing)
-    if np.isfinite(shade).any():
-        darkest, lightest = np.nanpercentile(shade, (2, 98))
-        shade = np.interp(shade, (darkest, lightest + 1e-6), GREYS)
+    shade = _stretched(shaded_relief(heights, spacing))
     half = spacing / 2
     extent = (x[0] - half, x[-1] + half, y[-1] - half, y[0] + half)
     axes.imshow(shade, cmap="gray", vmin=0, vmax=1, extent=extent, zorder=1, interpolation="bicubic")
@@ -188,6 +189,15 @@ def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     heavy = [level for level in lines.levels if round(level / interval) % 5 == 0]
     axes.clabel(lines, heavy, fmt="%g", fontsize=5.5, inline=True, inline_spacing=2)
     return interval
+
+
+def _stretched(shade):
+    """A hillshade stretched to GREYS; where it is nearly the same everywhere, as on a plane, to their middle."""
+    if not np.isfinite(shade).any():
+        return shade
+    darkest, lightest = np.nanpercentile(shade, (2, 98))
+    lacking = 0.5 * max(LEAST_CONTRAST - (lightest - darkest), 0.0)
+    return np.interp(shade, (darkest - lacking, lightest + lacking), GREYS)
 
 
 def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
@@ -217,6 +227,12 @@ def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
     placed = Affine2D(np.array([[t.a, t.b, t.c], [t.d, t.e, t.f], [0.0, 0.0, 1.0]])) + axes.transData
     axes.imshow(image, extent=(0, columns, rows, 0), transform=placed, zorder=2, interpolation="nearest")
     axes.set(xlim=view[0], ylim=view[1])
+
+
+def beside(axes: "Axes") -> tuple[float, float]:
+    """Upper left corner of a legend right of a map, as a share of its sides; farther away from a slim one."""
+    width = axes.get_position().width * axes.figure.get_figwidth()
+    return 1.0 + max(0.03, (LABEL_WIDTH - width) / width), 1.0
 
 
 def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:

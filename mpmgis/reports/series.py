@@ -210,7 +210,8 @@ def _draw_energy_line(axes, found):
 def _draw_centre(axes, found):
     if found.centre is not None:
         way = [(state.along, state.z) for state in found.states]
-        label = f"centre of mass, {found.centre[2]:.1f}° from start to end"
+        angle = found.centre[2]
+        label = f"centre of mass, {angle:.1f}° from start to end" if np.isfinite(angle) else "centre of mass"
         axes.plot(*np.array(way).T, color=MASS_COLOUR, linewidth=1.2, zorder=4, label=label)
         ends = np.array([way[0], way[-1]]).T
         axes.plot(*ends, "^", color=MASS_COLOUR, markersize=6, markeredgecolor="white", zorder=5)

@@ -35,9 +35,9 @@ def forest_values(forests: Any, grid: Any) -> np.ndarray:
     for number, table, files in forests:
         where, covers = f"[[forest]] number {number}", False
         for mask, values in _stands(table, files, x, y, where):
-            trees = mask & inner & np.isfinite(values).all(axis=-1)
+            trees = inner[mask] & np.isfinite(values).all(axis=-1)
             _require_in_range(table, values[trees], where)
-            found = np.where(trees[..., None], values, found)
+            found[mask] = np.where(trees[:, None], values, found[mask])
             covers = covers or trees.any()
         if not covers:
             raise InputError(f"{where} covers no node of the terrain; check its CRS and its values")
@@ -45,7 +45,7 @@ def forest_values(forests: Any, grid: Any) -> np.ndarray:
 
 
 def _stands(table, files, x, y, where):
-    """(bool nodes, values at the nodes) of each polygon of a table, or of its mask."""
+    """(bool nodes, values [n, FOREST_ENTRIES] at these) of each polygon of a table, or of its mask."""
     values = np.zeros((*x.shape, FOREST_ENTRIES))
     columns = {}
     for key, entry in ENTRY.items():
@@ -63,13 +63,14 @@ def _stands(table, files, x, y, where):
         mask = np.ones(x.shape, bool)
         if files.raster is not None:
             mask = np.nan_to_num(cell_values(*files.raster, x, y)) != 0
-        yield mask, values
+        yield mask, values[mask]
         return
     for feature in files.features:
-        own = values.copy()
+        mask = within(feature.shape, x, y)
+        own = values[mask]
         for key, column in columns.items():
-            own[..., ENTRY[key]] = feature.number(column)
-        yield within(feature.shape, x, y), own
+            own[:, ENTRY[key]] = feature.number(column)
+        yield mask, own
 
 
 def _require_in_range(table, values, where):
@@ -80,6 +81,6 @@ def _require_in_range(table, values, where):
         if not own.size:
             continue
         if own.min() < low or own.max() > high or (limits[key]["above"] and own.min() <= low):
-            worst = own.min() if own.min() <= low else own.max()
+            worst = own.max() if own.max() > high else own.min()
             above = "above " if limits[key]["above"] else ""
             raise SceneError(f"{where}: {key} reaches {worst:g}, expected {above}{low:g} to {high:g}")

@@ -1,5 +1,6 @@
 """Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -56,12 +57,27 @@ def building_loads(results, path, drag, min_depth, output, progress=lambda done,
     cells, places = np.unique(pieces, return_inverse=True)
     found = flow.at_cells(cells, BANDS, range(len(flow.times)), progress)
     loads = []
-    for outline, place in zip(outlines, np.split(places, ends[:-1]), strict=True):
+    outside = [float((part < 0).mean()) for part in np.split(pieces, ends[:-1])]
+    for outline, place, share in zip(outlines, np.split(places, ends[:-1]), outside, strict=True):
         values = {name: found[name][:, place] for name in BANDS}
-        loads.append(largest_loads(outline, flow.times, values, flow.density, drag, min_depth))
+        own = largest_loads(outline, flow.times, values, flow.density, drag, min_depth)
+        loads.append(dict.fromkeys(own, math.nan) if share == 1.0 and flow.entries else own)
+    _log_outside(flow, outside)
     hit = sum(one["flow_force"] > 0 for one in loads)
     log.info(
         f"{hit} of {len(buildings)} buildings are reached; their loads are estimates from the undisturbed flow "
         f"(C_d = {drag:g})"
     )
     return buildings, loads, flow.terrain
+
+
+def _log_outside(flow, shares):
+    """Report buildings of whose outline `shares` are outside the cells: frames cover the DTM, exports their flow."""
+    whole, partly = sum(share == 1.0 for share in shares), sum(0.0 < share < 1.0 for share in shares)
+    if not whole and not partly:
+        return
+    where, how = ("DTM", "without loads") if flow.entries else ("cells of the export", "as not reached")
+    log.info(
+        f"{whole} of {len(shares)} buildings are outside the {where} and are written {how}; of {partly} a part is "
+        "outside, which is not loaded"
+    )

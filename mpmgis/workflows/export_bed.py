@@ -2,13 +2,15 @@
 
 import numpy as np
 
-from ..analysis.bed_change import eroded_depth, largest_rate, on_cells
+from ..analysis.bed_change import eroded_depth, largest_rate, on_cells, share_beyond
 from ..fields import BAND
 from ..io.raster_output import SparseBands, write_geotiff
+from ..messages import log
 
 BED_BANDS = ("eroded", "erosion_rate_max", "deposit")
 FOREST_BANDS = ("detrained", "broken_forest")
 SURFACE_BANDS = ("surface_new", "bed_new")
+BEYOND_SHARE = 1e-3  # of a mass that lies beyond the edge of the DTM, above which it is reported
 
 
 def bed_bands(change):
@@ -38,6 +40,7 @@ def write_bed_rasters(plan, rasters, values, tags, cog):
     if not change:
         return {}
     grid = plan.averaging.grid
+    _log_beyond(change, grid)
     eroded = eroded_depth(change, grid)
     times = [entry.time for entry in plan.entries]
     rate = largest_rate((entry.read_bed_change() for entry in plan.entries), times, grid)
@@ -55,6 +58,17 @@ def write_bed_rasters(plan, rasters, values, tags, cog):
         arrays = [(BAND[name], bands[name].astype(np.float32)) for name in names]
         write_geotiff(rasters / f"{plan.name}_{word}.tif", grid, arrays, named, cog)
     return {name: float(np.nanmax(bands[name])) for name in bed_bands(change)}
+
+
+def _log_beyond(change, grid):
+    """Report mass at nodes on the edge of the DTM, which the rasters have only in part."""
+    for key, words in (("eroded_mass", "eroded mass"), ("detrained_mass", "mass that stopped in forest")):
+        share = share_beyond(change, change[key], grid) if key in change else 0.0
+        if share > BEYOND_SHARE:
+            log.info(
+                f"{100 * share:.2g} % of the {words} is not in the rasters: the outermost nodes stand for half a cell "
+                "beyond the edge of the DTM"
+            )
 
 
 def _forest_bands(change, plan, grid):

@@ -143,7 +143,10 @@ def _crossing_text(plan, crossing):
 
 
 def _warn_of_crossing(plan, crossing):
-    """Warn if maxima from the frames alone miss cells because the frames are farther apart than Eq 17 requires."""
+    """Warn if maxima from the frames alone miss cells: farther apart than Eq 17 requires, or one frame alone."""
+    if len(plan.entries) == 1 and plan.entries[0].time > 0 and not _has_all_maxima(plan):
+        entry = plan.entries[0]
+        log.info(f"warning: {entry.path.name} is the only frame: maxima are those of t = {entry.time:.4g} s alone")
     word = _crossing_text(plan, crossing)
     if word and not _has_all_maxima(plan):
         required = automatic_time_step(plan.averaging.grid.cell_size, crossing.fastest)

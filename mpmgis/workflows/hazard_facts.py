@@ -1,5 +1,6 @@
 """Facts about the results of a scenario for the block of sources of a printed map."""
 
+import math
 from pathlib import Path
 
 from ..errors import MpmgisError
@@ -10,19 +11,44 @@ from ..io.run_folder import read_record
 from ..terrain.elevation import Terrain
 
 TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
+MOVING_ENERGY, MOVING_SPEED = 0.01, 0.1  # of the peak; [m s-1]: more at the end of a run is reported
 FRICTION_SKIPPED = ("law", "use")
 
 
 def facts_of(path: Path, result=None) -> str:
     """Release, friction and end of a run or ensemble; what the tags of an export name; "" where nothing is known."""
-    try:
-        record = read_ensemble_record(path) if path.is_dir() else None
-        record = record or (read_record(path) if path.is_dir() else {})
-    except MpmgisError:
-        return ""
+    record = _record_at(path)
     if isinstance(record.get("scene"), dict):
         return "; ".join(filter(None, _of_record(record)))
     return _of_tags(result)
+
+
+def _record_at(path):
+    """The record of the run or ensemble in a folder; {} for anything else."""
+    try:
+        record = read_ensemble_record(path) if path.is_dir() else None
+        return record or (read_record(path) if path.is_dir() else {})
+    except MpmgisError:
+        return {}
+
+
+def end_of(path: Path) -> str:
+    """How a run ended that had not come to rest; "" for others, and where nothing is known of it.
+
+    It moves if its kinetic energy is above MOVING_ENERGY of its peak, and its mass faster than MOVING_SPEED in the
+    mean.
+    """
+    record = _record_at(path)
+    if record.get("state") not in (None, "finished"):
+        return f"is {record['state']}"
+    names = ("kinetic_energy", "kinetic_energy_peak", "mass_now")
+    energy, peak, mass = ((record.get("balances") or {}).get(name) for name in names)
+    if not all(isinstance(value, int | float) for value in (energy, peak, mass)) or mass <= 0:
+        return ""
+    speed = math.sqrt(2.0 * energy / mass)
+    if energy <= MOVING_ENERGY * peak or speed <= MOVING_SPEED:
+        return ""
+    return f"ended at t = {record.get('time', math.nan):.4g} s with a mean speed of {speed:.2g} m/s"
 
 
 def _of_record(record):

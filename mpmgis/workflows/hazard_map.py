@@ -5,12 +5,14 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from .. import __version__
 from ..analysis.guidelines import UNREAD
 from ..analysis.hazard import HazardMatrix, combined
 from ..errors import InputError
 from ..gis.zones import default_area, generalized_zones
+from ..io.raster import open_raster
 from ..messages import log
 from ..reports.hazard import (
     LEAST,
@@ -93,7 +95,7 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
     title = request.title or matrix.title or f"Hazard map: {matrix.name}"
     facts = _facts(request, matrix, scenarios, terrain, sheet, least)
     made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
-    _log(made)
+    _log(made, sheet)
     files = write_answer(request, output, _writers(made, terrain, sheet))
     return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
 
@@ -143,9 +145,10 @@ def _output(request):
 
 
 def _terrain(request, scenarios) -> Terrain | None:
-    """The Terrain of the map: of --dem, else of the first scenario that has one; None where none is known."""
+    """The Terrain of the map: of --dem, else the largest one of the scenarios; None where none is known."""
     source = request.results.source
-    known = source.dem or next((entry.terrain for entry in scenarios if entry.terrain is not None), None)
+    of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
+    known = source.dem or max(of_scenarios, key=_extent, default=None)
     if known is None:
         log.info("no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
                  "without hazard; give it with `dem`")  # fmt: skip
@@ -154,6 +157,16 @@ def _terrain(request, scenarios) -> Terrain | None:
         return known
     crs = next((entry.grid.crs for entry in scenarios if entry.grid.crs is not None), None)
     return terrain_of_rasters(known, crs, source.dem_band, source.to_crs)
+
+
+def _extent(terrain):
+    """Area [m2] of the bounds of a Terrain, or of the raster at a path; that of an export can be a part of the DTM."""
+    if isinstance(terrain, Terrain):
+        west, south, east, north = terrain.grid.bounds
+    else:
+        with open_raster(terrain) as source:
+            west, south, east, north = source.bounds
+    return abs((east - west) * (north - south))
 
 
 def _terrain_known(terrain, grid: Grid) -> np.ndarray:
@@ -194,7 +207,7 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
     return tuple((name, words) for name, words in facts if words)
 
 
-def _log(made: HazardMap) -> None:
+def _log(made: HazardMap, sheet: Sheet) -> None:
     """Report all that could make a level too low, and what generalization changed."""
     cell = made.grid.cell_area
     for cells, words in (
@@ -211,6 +224,8 @@ def _log(made: HazardMap) -> None:
             f"minimum mapping area {made.least:.4g} m2: {made.zones.filled} gaps filled and {made.zones.enlarged} "
             "parts enlarged in the zones, which errs to the higher level; the raster is unchanged"
         )
+    if any(zone is not None and not shapely.box(*sheet.view).contains(zone) for zone in made.zones.zones):
+        log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
 
 
 def _writers(made: HazardMap, terrain, sheet) -> dict:

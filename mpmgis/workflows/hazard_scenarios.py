@@ -15,7 +15,7 @@ from ..io.results import open_result
 from ..messages import log
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
-from .hazard_facts import facts_of
+from .hazard_facts import end_of, facts_of
 from .intensity import bands_of
 from .opened_results import peaks_of
 
@@ -44,6 +44,8 @@ class Scenario:
     facts : str
         Release and parameters, as far as the results name them.
     members : int
+    whole : bool
+        Whether the rasters hold all of the flow, so that cells beyond them are dry.
     """
 
     years: float
@@ -56,6 +58,7 @@ class Scenario:
     terrain: object
     facts: str = ""
     members: int = 1
+    whole: bool = False
 
     def words(self) -> str:
         """Return period and name."""
@@ -66,7 +69,7 @@ class Scenario:
         """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
         if same_cells(grid, self.grid):
             return self
-        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, False)))
+        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
         level = np.maximum.reduce(list(_around(self.level, self.grid, grid, 0)))
         shares = None
         if self.shares is not None:
@@ -119,7 +122,7 @@ def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: N
         _scenario(request, years, path, period, len(matrix.levels), progress)
         for (years, path), period in zip(given, periods, strict=True)
     ]
-    _require_one_crs(found)
+    found = _in_one_crs(found)
     grids = [scenario.grid for scenario in found]
     if all(same_cells(grid, grids[0]) for grid in grids):
         return found
@@ -131,7 +134,8 @@ def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: N
     return [scenario.on(grid) for scenario in found]
 
 
-def _require_one_crs(found):
+def _in_one_crs(found):
+    """The scenarios, all with the CRS of the first one that has one; GeoreferenceError where they have several."""
     first = next((scenario for scenario in found if scenario.grid.crs is not None), found[0])
     for other in found:
         if None not in (first.grid.crs, other.grid.crs) and not same_place(first.grid.crs, other.grid.crs):
@@ -142,6 +146,7 @@ def _require_one_crs(found):
             )
         if (first.grid.crs is None) != (other.grid.crs is None):
             log.info(f"{other.path} has no CRS; that of {first.path}, {name_of(first.grid.crs)}, is assumed")
+    return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
 def _scenario(request, years, path, period, highest, progress):
@@ -150,14 +155,18 @@ def _scenario(request, years, path, period, highest, progress):
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
-    level, known, grid = _levels(result, period, request.results)
-    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts_of(path, result))
+    end = end_of(path)
+    if end:
+        log.info(f"{path} {end}: levels that its flow would give later are not in the map")
+    level, known, grid, whole = _levels(result, period, request.results)
+    return Scenario(
+        years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole
+    )  # fmt: skip
 
 
 def _levels(result, period, results):
-    """(uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid) of one Result."""
+    """Of one Result: (uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid, whether it is whole)."""
     bands, grid = bands_of(result, period.guideline, results.source.density)
-    _require_one_shape(result, bands)
     depth = bands["h_max"]
     known = _known(result, depth)
     reached = np.nan_to_num(depth) >= results.averaging.min_depth
@@ -167,14 +176,12 @@ def _levels(result, period, results):
             f"{result.name}: {lacking} cells with flow have no value of {' or '.join(period.guideline.bands)}; they "
             "have the highest level that their other values allow"
         )
-    return level, known, grid
+    return level, known, grid, result.kind in WHOLE and not _meets_edge(depth)
 
 
-def _require_one_shape(result, bands):
-    shapes = {name: values.shape for name, values in bands.items()}
-    if len(set(shapes.values())) > 1:
-        words = ", ".join(f"{name} {rows} x {columns}" for name, (rows, columns) in shapes.items())
-        raise FormatError(f"{result.name}: its rasters have different sizes ({words}); export them on one grid")
+def _meets_edge(depth):
+    """Whether flow reaches the outermost cells of a raster, so that it may continue beyond."""
+    return any((np.nan_to_num(side) > 0).any() for side in (depth[0], depth[-1], depth[:, 0], depth[:, -1]))
 
 
 def _known(result, depth):
@@ -182,6 +189,9 @@ def _known(result, depth):
     missing = np.isnan(depth)
     if result.kind in WHOLE or not missing.any():
         return np.ones(depth.shape, bool)
+    if missing.all():
+        log.info(f"{result.name}: all cells are nodata; where it alone tells, nothing is assessed")
+        return ~missing
     if (depth == 0).any():
         log.info(f"{result.name}: {np.count_nonzero(missing)} cells are nodata, dry ones are 0; nodata is not assessed")
         return ~missing
@@ -196,8 +206,9 @@ def _of_ensemble(request, years, path, period, highest, progress):
     rasters = sorted((path / MEMBERS).glob("*_max.tif"))
     _require_finished(path, record, len(rasters))
     level = known = counts = grid = None
+    whole = True
     for done, raster in enumerate(rasters, 1):
-        member, seen, its_grid = _levels(replace(open_result(raster), kind="run"), period, request.results)
+        member, seen, its_grid, inside = _levels(replace(open_result(raster), kind="run"), period, request.results)
         if grid is not None and not same_cells(grid, its_grid):
             raise FormatError(f"{raster} has other cells than {rasters[0].name}; run the ensemble again")
         above = member[None] >= np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
@@ -205,10 +216,11 @@ def _of_ensemble(request, years, path, period, highest, progress):
             level, known, counts, grid = member, seen, above.astype(np.uint32), its_grid
         else:
             level, known, counts = np.maximum(level, member), known & seen, counts + above
+        whole = whole and inside
         progress(done, len(rasters))
     shares = (counts / len(rasters)).astype(np.float32)
     terrain = next(iter(sorted(path.glob("maps/dtm.tif"))), None)
-    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters))
+    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters), whole)
 
 
 def _refuse_options_of_frames(results, path):

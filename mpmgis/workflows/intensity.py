@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..analysis.guidelines import Guideline, class_areas, classify
+from ..analysis.guidelines import Guideline, class_areas, classify, without_value
 from ..errors import InputError
 from ..io.building_layer import write_buildings
 from ..io.results import Result
@@ -77,6 +77,7 @@ def intensity(request: IntensityRequest, progress=lambda done, total: None) -> I
         least = request.results.averaging.min_depth
         raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller `min_depth`")
     numbers = classify(guideline, bands, reached)
+    _log_gaps(result, guideline, np.count_nonzero(without_value(guideline, bands, reached)))
     areas = class_areas(guideline, numbers, grid.cell_area)
     tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.averaging.min_depth:g}"}
     writers = {
@@ -93,6 +94,15 @@ def intensity(request: IntensityRequest, progress=lambda done, total: None) -> I
         loaded = building_loads(request.results, request.buildings, request.drag, least, output)
         writers[BUILDING_FILE] = lambda path: write_buildings(path, *loaded)
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
+
+
+def _log_gaps(result, guideline, cells):
+    """Report cells whose class can be too low, because a value is missing."""
+    if cells:
+        log.info(
+            f"{result.name}: {cells} cells with flow have no value of {' or '.join(guideline.bands)}; their class is "
+            "that of their other values, which can be too low"
+        )
 
 
 def _require_folder(request, output):

@@ -9,7 +9,7 @@ from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, cells_of, frame_at_cells
 from ..analysis.quantities import PRODUCTS
 from ..analysis.sampling import export_grid
-from ..errors import InputError
+from ..errors import FormatError, InputError
 from ..interop.frame_list import list_frames
 from ..io.exported import ExportedSteps, is_export, open_steps
 from ..io.results import names_rasters, open_result
@@ -19,6 +19,8 @@ from ..terrain.grid import Grid
 from .export_inputs import log_unused_options, release_density, run_terrain, terrain_of_rasters
 from .export_raster import peaks_of_frames
 from .parallel import frame_pool
+
+SAME_CELLS = 0.01  # [cells] by which the corners of rasters of one result may differ
 
 
 @dataclass(frozen=True)
@@ -247,19 +249,37 @@ def read_peaks(result, names, density=None):
     """(Band -> float[rows, columns] of the `names` that exist in a Result, their Grid).
 
     A missing pressure is computed from the largest speed and the `density` [kg m-3].
+
+    Raises
+    ------
+    MpmgisError
+        An unreadable raster, or rasters on several grids.
     """
     bands, grid = {}, None
     for name in names:
         if name in result.bands:
-            bands[name], grid = result.read(name, grid)
+            bands[name], own = result.read(name, grid)
+            grid = grid or own
+            _require_same_cells(result, name, own, grid, next(iter(bands)))
     if density is None or result.kind in ("export", "run") or "p_max" not in names:
         return bands, grid
     if "p_max" in bands:
         log.info(f"{result.name} contains the pressure; `density={density:g}` is not used")
     elif "Ut_max" in result.bands:
-        speed, grid = result.read("Ut_max", grid)
+        speed, own = result.read("Ut_max", grid)
+        grid = grid or own
+        _require_same_cells(result, "Ut_max", own, grid, next(iter(bands), "Ut_max"))
         bands["p_max"] = density * speed**2
     return bands, grid
+
+
+def _require_same_cells(result, name, grid, first, first_name):
+    """Refuse a raster whose corners are off those of the first one by more than SAME_CELLS."""
+    if grid.shape == first.shape and np.abs(grid.corners() - first.corners()).max() <= SAME_CELLS * first.cell_size:
+        return
+    words = (f"{band} {own.shape[0]} x {own.shape[1]} cells of {own.cell_size:.6g} m from E {own.bounds[0]:.8g} "
+             f"N {own.bounds[1]:.8g}" for band, own in ((first_name, first), (name, grid)))  # fmt: skip
+    raise FormatError(f"{result.name}: its rasters have different grids ({', '.join(words)}); export them on one grid")
 
 
 def require_on_grid(flow, x, y, names, what):

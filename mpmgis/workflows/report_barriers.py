@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..analysis.frame_values import cells_of
 from ..analysis.profiles import free_surface
 from ..errors import MpmgisError
@@ -39,10 +39,11 @@ def barrier_sections(gathered, folder):
     walls = _walls(flow) if histories else {}
     for number, history in enumerate(histories):
         wall = walls.get(history.name)
-        run_up = None if wall is None else _run_up(flow, wall, history.cell_size)
+        run_up = None if wall is None else _run_up(flow, wall, history)
         verdict = load_verdict(history, run_up) if wall is not None else "its polygons are not there: no verdict"
         rows = figure_rows(history_rows(history, run_up, flow.density))
-        blocks = [Lines((verdict,)), Table(("figure", "value", "unit"), rows)]
+        lines = tuple(filter(None, (verdict, missed_crest(history, run_up))))
+        blocks = [Lines(lines), Table(("figure", "value", "unit"), rows)]
         path = folder / f"barrier_{number}.png"
         write_history_plot(path, history)
         blocks.append(Picture(path.read_bytes(), "Means between frames; overtopped mass so far"))
@@ -89,10 +90,14 @@ def _walls(flow):
         return {}
 
 
-def _run_up(flow, wall, cell_size):
-    """The RunUp in the cells near a Wall; None where no flow came."""
-    reach = NEAR_CELLS * max(cell_size, flow.grid.cell_size)
+def _run_up(flow, wall, history):
+    """The RunUp in the cells near a Wall, on the side that the flow comes from; None where it never loaded the wall."""
+    if history.direction is None:
+        return None
+    reach = NEAR_CELLS * max(history.cell_size, flow.grid.cell_size)
     cells, x, y = _near(flow.grid, wall.footprint, reach)
+    before = _towards(wall.footprint, x, y) @ history.direction > 0
+    cells, x, y = cells[before], x[before], y[before]
     if not len(cells):
         return None
     depth = np.nan_to_num(flow.at_cells(cells, ("h",), range(len(flow.times)))["h"])
@@ -103,9 +108,21 @@ def _run_up(flow, wall, cell_size):
     step, k = int(step), int(k)
     surface = free_surface(flow.terrain, x[k : k + 1], y[k : k + 1], depth[step : step + 1, k : k + 1])[0, 0]
     means = [row[of_row].mean() for row, of_row in zip(depth, wet, strict=True) if of_row.any()]
-    crest = _crest(flow.terrain, wall, _nearest(wall, x[k], y[k]))
+    foot = _nearest(wall, x[k], y[k])
+    crest = _crest(flow.terrain, wall, foot)
+    there, at_wall = flow.terrain.sample(np.array([x[k], foot[0]]), np.array([y[k], foot[1]]))
     places = float(x[k]), float(y[k]), float(flow.times[step])
-    return RunUp(float(depth[step, k]), *places, step, float(surface), crest, float(np.median(means)))
+    return RunUp(
+        float(depth[step, k]), *places, step, float(surface), crest, float(np.median(means)), float(there - at_wall),
+        float(crest - at_wall),
+    )  # fmt: skip
+
+
+def _towards(footprint, x, y):
+    """float64[n, 2] [m]: from map points to the nearest points of a footprint."""
+    lines = shapely.shortest_line(shapely.points(x, y), footprint)
+    ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
+    return ends[:, 1] - ends[:, 0]
 
 
 def _near(grid, footprint, reach):
@@ -155,10 +172,7 @@ def _section(gathered, wall, history, run_up, path):
     """The section through the barrier nearest to the largest depth, in the direction of the force."""
     flow, foot = gathered.flow, _nearest(wall, run_up.x, run_up.y)
     direction = history.direction
-    if direction is None:
-        direction = (foot - (run_up.x, run_up.y)) / np.hypot(*(foot - (run_up.x, run_up.y)))
-    above = run_up.crest - float(flow.terrain.sample(foot[:1], foot[1:])[0])
-    length = max(SECTION_CELLS * gathered.grid.cell_size, SECTION_HEIGHTS * above)
+    length = max(SECTION_CELLS * gathered.grid.cell_size, SECTION_HEIGHTS * run_up.wall)
     fine = min(0.1 * gathered.grid.cell_size, 0.1 * half_thickness(wall.footprint))
     spacing = max(fine, 1.5 * length / MOST_PLACES)
     along = np.arange(-length, 0.5 * length, spacing)

@@ -39,6 +39,14 @@ def test_cells_have_the_class_of_the_document(name, values, wanted):
     assert classes(name, **values) == wanted
 
 
+def test_a_limit_in_single_precision_belongs_to_the_higher_class():
+    """As in a hazard map: 0.7 m and 30 kPa of a raster are 0.69999999 m and may be 29999.998 Pa."""
+    deposit, pressure = float(np.float32(0.7)), float(np.nextafter(np.float32(30e3), np.float32(0))) / 1000.0
+    assert deposit < 0.7 and pressure < 30.0
+    assert classes("austrian-torrent-deposit", deposit=deposit) == ["red"]
+    assert classes("swiss-avalanche", p=pressure) == ["strong"]
+
+
 def test_every_shipped_guideline_names_its_document():
     for guideline in read_guidelines().values():
         assert guideline.source and guideline.title and guideline.bands is not None

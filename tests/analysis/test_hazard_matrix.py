@@ -27,8 +27,8 @@ def names(matrix, years, h=1.0, v=1.0, p=0.0, deposit=0.0):
 
 # every field of each matrix once: return period -> levels of its intensity classes, from the lowest
 FIELDS = {
-    "swiss-avalanche": ({"p": [2.9, 3, 30]}, {
-        30: ["moderate", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["low", "moderate", "high"],
+    "swiss-avalanche": ({"p": [2.9, 3, 30]}, {  # weak: of flowing avalanches
+        30: ["high", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["moderate", "moderate", "high"],
         1000: ["residual"] * 3}),
     "swiss-flood": ({"h": [0.4, 0.5, 2], "v": [1, 1, 0]}, {
         30: ["moderate", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["low", "moderate", "high"],
@@ -93,7 +93,7 @@ def test_flow_without_a_needed_value_has_the_highest_possible_level_and_is_count
     matrix = SHIPPED["swiss-avalanche"]
     bands = {"p_max": np.array([[np.nan, np.nan, 1e3]])}
     levels, lacking = levels_of(matrix.period(300), bands, np.array([[True, False, True]]))
-    assert levels.tolist() == [[4, 0, 2]] and lacking == 1
+    assert levels.tolist() == [[4, 0, 3]] and lacking == 1
 
 
 def test_together_the_highest_level_counts_and_gaps_are_not_none():
@@ -130,6 +130,10 @@ PERIOD = {"name": "p", "up_to": 30, "intensity": "swiss-avalanche", "levels": ["
         ({"period": [PERIOD | {"levels": ["b", "a", "b"]}]}, "higher intensity class has a lower level"),
         ({"period": [PERIOD, PERIOD | {"up_to": 100, "levels": ["b", "b", "b"]}]}, "higher level than p"),
         ({"period": [PERIOD, PERIOD]}, "expected ascending"),
+        ({"period": [PERIOD, PERIOD | {"up_to": 100}]}, "period 2: the name 'p' is given twice"),
+        ({"level": [{"name": "a", "colour": "#000000"}] * 2}, "level 2: the name 'a' is given twice"),
+        ({"level": [{"name": "none", "colour": "#000000"}]}, "other than 'none'"),
+        ({"level": [{"name": "a|b", "colour": "#000000"}]}, "without '|'"),
         ({"period": [PERIOD | {"levels": ["a", "b"]}]}, "one for each class of swiss-avalanche"),
         ({"period": [PERIOD | {"levels": ["a", "b", "c"]}]}, "unknown level 'c'"),
         ({"period": [PERIOD | {"intensity": "snow"}]}, "'snow' is unknown"),

@@ -110,3 +110,24 @@ def test_a_resumed_run_has_the_same_bed(eroded, tmp_path):
     )
     assert main(["run", str(site / "scene.toml"), "--resume"]) == 0
     assert np.array_equal(read_bed_change(last)["eroded_mass"], before)
+
+
+def test_mass_beyond_the_edge_of_the_dtm_is_reported(tmp_path, capsys):
+    """The flow erodes where it leaves: half of the squares of the outermost nodes is not in the rasters."""
+    write_site(tmp_path)
+    write_shapes(tmp_path / "release.geojson", [shapely.box(650, 150, 750, 250)])
+    write_shapes(tmp_path / "loose.gpkg", [shapely.box(-50, -50, 900, 500)], depth=[0.5])
+    scene = SCENE.replace("thickness = 2.0", "thickness = 2.0\nvelocity = [20, 0]").replace("= 30", "= 8")
+    assert run(tmp_path, scene + EROSION) == 0
+    entrained = record(tmp_path)["balances"]["mass_entrained"]
+    for cell, beyond in ((None, False), ("7", True)):  # cells of 7 m reach beyond the edge
+        capsys.readouterr()
+        words = ["export-raster", str(tmp_path / "results"), "-o", str(tmp_path / "maps"), "--overwrite", "--no-qgis"]
+        assert main([*words, *(["--cs-e", cell] if cell else [])]) == 0
+        with rasterio.open(tmp_path / "maps" / "rasters" / "results_bed.tif") as file:
+            lost = float(file.read(1).astype(float).sum()) * abs(file.transform.a * file.transform.e) * BED_DENSITY
+        said = capsys.readouterr().err
+        if beyond:
+            assert lost == pytest.approx(entrained, rel=1e-5) and "eroded mass is not" not in said
+        else:
+            assert f"{100 * (1 - lost / entrained):.2g} % of the eroded mass is not in the rasters" in said

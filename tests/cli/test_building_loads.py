@@ -124,3 +124,14 @@ def test_the_map_shows_every_class_in_its_colour_and_nothing_lies_on_it(tmp_path
     for colour in ((0xFF, 0xB0, 0x00), (0xC1, 0x27, 0x2D)):
         near = (np.abs(picture - np.array(colour)[:, None, None]).max(axis=0) < 60).sum()
         assert near > 0.02 * share * picture[0].size
+
+
+def test_buildings_outside_the_dtm_have_no_loads(tmp_path, run, capsys):
+    """800 m x 400 m of DTM: nothing is known of a house beyond it, and of the outer part of one on its edge."""
+    path, beyond = tmp_path / "houses.gpkg", affinity.translate(SQUARE, 500.0, 0.0)
+    write_shapes(path, [SQUARE, beyond, shapely.box(790, 200, 820, 220)], owner=["a", "b", "c"])
+    assert ask(run, path, tmp_path / "found") == 0
+    assert "1 of 3 buildings are outside the DTM and are written without loads; of 1 a part" in capsys.readouterr().err
+    table = geopandas.read_file(tmp_path / "found" / "buildings.gpkg").set_index("owner")
+    assert np.isnan(table.loc["b", "flow_force"]) and np.isnan(table.loc["b", "flow_depth"])
+    assert table.loc["a", "flow_force"] > 0 and table.loc["c", "flow_force"] == 0

@@ -197,6 +197,16 @@ def test_what_is_refused(tmp_path, capsys, change, words):
     assert words in refused(tmp_path, capsys, SCENE + FOREST.replace(*change))
 
 
+def test_a_value_outside_its_range_is_named(tmp_path, capsys):
+    """The smallest value, 0, is within the range of drag; the largest is not."""
+    wooded(tmp_path)
+    drag = np.zeros((ROWS, COLUMNS))
+    drag[:, 40:] = 200.0
+    write_raster(tmp_path / "drag.tif", drag)
+    said = refused(tmp_path, capsys, SCENE + FOREST.replace("drag = 0.01", 'drag = "drag.tif"'))
+    assert "drag reaches 200, expected 0 to 100" in said
+
+
 def test_a_forest_off_the_terrain_is_refused(tmp_path, capsys):
     write_site(tmp_path)
     write_shapes(tmp_path / "forest.gpkg", [shapely.box(5000, 0, 5100, 100)], strength=[1e4])

@@ -301,10 +301,56 @@ def test_refusals_are_one_line(tmp_path, site, capsys):
     assert not (tmp_path / "hazard_map").exists()
 
 
-def test_rasters_of_different_sizes_are_refused(tmp_path, site, capsys):
-    write_peaks(tmp_path / "a", np.full((20, 20), 2.0), np.full((10, 20), 2.0))
-    assert run("swiss-flood", "--scenario", f"30={tmp_path / 'a'}", "--dem", site, "-o", tmp_path / "map") == 2
-    assert "different sizes" in capsys.readouterr().err
+@pytest.mark.parametrize(("rows", "moved"), [(10, 0.0), (20, 30.0)], ids=["other size", "other place"])
+def test_rasters_on_different_grids_are_refused(tmp_path, site, capsys, rows, moved):
+    write_peaks(tmp_path / "a", np.full((20, 20), 2.0))
+    place = NORTH_UP * Affine.translation(moved / 10, 0)
+    write_raster(tmp_path / "a" / "flow_pfv.tif", np.full((rows, 20), 2.0), place)
+    for words in (
+        ["report", "--map", "swiss-flood", "--scenario", f"30={tmp_path / 'a'}"],
+        ["intensity", str(tmp_path / "a"), "--guideline", "swiss-flood"],
+    ):
+        assert main([*words, "--dem", str(site), "-o", str(tmp_path / "map")]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 1 and "h_max 20 x 20 cells" in said[0] and "different grids" in said[0]
+
+
+def test_scenarios_that_decide_are_those_of_the_cells_of_a_level(tmp_path, site):
+    """30 years are moderate only where 300 years are high, so that they decide nowhere."""
+    rare, often = np.zeros((40, 40)), np.zeros((40, 40))
+    rare[10:30, 10:20], rare[10:30, 20:30] = 2.5, 0.6
+    often[10:30, 10:20] = 0.2
+    write_peaks(tmp_path / "a", often, 0 * often)
+    write_peaks(tmp_path / "b", rare, 0 * rare)
+    options = ["--scenario", f"30={tmp_path / 'a'}", "--scenario", f"300={tmp_path / 'b'}", "--dem", site]
+    assert run("swiss-flood", *options, "-o", tmp_path / "map") == 0
+    zones = geopandas.read_file(tmp_path / "map" / "hazard.gpkg", layer="zones").set_index("name")
+    assert zones["scenarios"].to_dict() == {"moderate": "300", "high": "300"}
+    rows = {row["name"]: row["scenarios"] for row in table(tmp_path / "map" / "hazard.csv")}
+    assert rows["moderate"] == rows["high"] == "300"
+
+
+@pytest.mark.parametrize("moved", [0.0, 5.0], ids=["same cells", "other cells"])
+def test_the_map_has_the_crs_that_is_assumed(tmp_path, site, capsys, moved):
+    depth = np.zeros((40, 40))
+    depth[10:30, 10:30] = 2.0
+    write_peaks(tmp_path / "a", depth, crs=None)
+    write_peaks(tmp_path / "b", depth, transform=Affine.translation(moved, 0) * NORTH_UP)
+    options = ["--scenario", f"30={tmp_path / 'a'}", "--scenario", f"300={tmp_path / 'b'}", "--dem", site]
+    assert run("swiss-hillslope-debris-flow", *options, "-o", tmp_path / "map.tif") == 0
+    assert "EPSG:32632" in capsys.readouterr().err
+    with rasterio.open(tmp_path / "map.tif") as source:
+        assert source.crs.to_epsg() == 32632
+
+
+def test_parts_that_are_enlarged_beyond_the_sheet_are_reported(tmp_path, site, capsys):
+    depth = np.zeros((40, 40))
+    depth[10:12, 10:12] = 2.0
+    write_peaks(tmp_path / "a", depth)
+    options = ["--scenario", f"30={tmp_path / 'a'}", "--dem", site, "-o", tmp_path / "one.png", "--overwrite"]
+    for more, cut in (([], False), (["--min-area", 1e6], True)):
+        assert run("swiss-hillslope-debris-flow", *options, *more) == 0
+        assert ("the sheet cuts off" in capsys.readouterr().err) == cut
 
 
 def test_one_file_by_its_suffix(tmp_path, site):

@@ -46,6 +46,7 @@ def test_fast_and_deep_is_strong_and_all_files_are_consistent(tmp_path, run, cap
     for found in (shapes.geometry.area, shapes["area_m2"]):
         assert found.tolist() == pytest.approx(cells[1:].tolist())
     with closing(sqlite3.connect(folder / "intensity.gpkg")) as database:
+        assert database.execute("PRAGMA user_version").fetchone() == (10200,)  # GeoPackage 1.2, as in all other files
         ((style,),) = database.execute("SELECT styleQML FROM layer_styles WHERE f_table_name = 'intensity'")
     rules = ElementTree.fromstring(style.partition(">")[2]).findall(".//rule")
     assert [rule.get("filter") for rule in rules] == ['"class" = 1', '"class" = 2']
@@ -93,6 +94,20 @@ def test_rotated_rasters_keep_their_cells(tmp_path, capsys):
     with rasterio.open(tmp_path / "c.tif") as source:
         assert source.transform.almost_equals(place)
         assert np.array_equal(source.read(1) == 2, depth > 0)
+
+
+def test_cells_without_speed_are_counted(tmp_path, capsys):
+    profile = {"driver": "GTiff", "width": 9, "height": 9, "count": 1, "dtype": "float32", "crs": CRS.to_wkt()}
+    place = Affine(10, 0, 6e5, 0, -10, 5.2e6)
+    speed = np.full((9, 9), 5.0, np.float32)
+    speed[:3] = -9999.0
+    for kind, values in (("pft", np.full((9, 9), 2.0, np.float32)), ("pfv", speed)):
+        with rasterio.open(tmp_path / f"flow_{kind}.tif", "w", transform=place, nodata=-9999.0, **profile) as target:
+            target.write(values, 1)
+    options = ["--guideline", "swiss-debris-flow", "-o", str(tmp_path / "c.csv")]
+    assert main(["intensity", str(tmp_path / "flow"), *options]) == 0
+    assert "27 cells with flow have no value of h_max or Ut_max" in capsys.readouterr().err
+    assert [float(row["area_m2"]) for row in table(tmp_path / "c.csv")] == [2700.0, 5400.0]
 
 
 def test_refusals_are_one_line(tmp_path, run, capsys):

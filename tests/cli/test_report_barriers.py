@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import shapely
 from slope_site import SCENE, SOUTH, WEST, run, write_shapes, write_site
 from test_report_command import Reader
 
-from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict
+from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from mpmgis.cli.main import main
 from mpmgis.io.tables import read_barrier_table
 
@@ -114,7 +115,45 @@ def test_the_verdict_follows_cells_solver_and_volume():
     assert load_verdict(history(cell=2.0), RUN_UP).startswith("loads are not usable: 1 cells of 2 m")
     assert "lost their volume" in load_verdict(history(kept=False), RUN_UP)
     assert "estimates" in load_verdict(history("columns"), RUN_UP)
-    assert "no load" in load_verdict(history(), None)
+    nothing = dict.fromkeys(("mean normal force [N]", "normal impulse [N s]"), np.zeros(3))
+    assert "no load" in load_verdict(history(**nothing), None)
+
+
+def test_a_barrier_that_was_loaded_between_two_frames_is_not_called_unloaded():
+    said = load_verdict(history(), None)
+    assert "no load" not in said and "loads are not usable" in said and "frame_interval" in said
+
+
+def test_a_freeboard_above_an_overtopped_crest_is_called_too_favourable():
+    low = replace(RUN_UP, surface=102.5)
+    assert "too favourable" in missed_crest(history(), low)
+    dry = history(**{"overtopped mass [kg]": np.zeros(3)})
+    assert missed_crest(history(), RUN_UP) == missed_crest(dry, low) == missed_crest(history(), None) == ""
+
+
+def test_flow_that_stays_before_a_wall_does_not_load_it(tmp_path):
+    """The release rests 15 m above a dam on the slope: its surface is higher than the crest, because the ground is."""
+    site = write_site(tmp_path)
+    write_shapes(site / "dam.gpkg", [shapely.LineString([(190, 100), (190, 300)])])
+    assert run(site, SCENE.replace("mu = 0.2", "mu = 2.0").replace("= 30", "= 6") + DAM) == 0
+    text = page_of(site).text
+    assert "the flow did not come to it: no load" in text and "freeboard" not in text
+
+
+def test_the_flow_behind_a_wall_is_no_run_up(site, page):
+    """The dam of the site is overtopped: its run-up is west of it, where the flow comes from."""
+    text = page.text[page.text.index("\nBarrier dam\n") :]
+    east = float(re.search(r"\nat\nE ([\d.]+) N", text)[1])
+    assert WEST + 400 < east < WEST + 450
+
+
+def test_a_freeboard_on_a_slope_is_not_known():
+    steep = replace(RUN_UP, rise=1.6, wall=3.0)
+    rows = {name: value for name, value, _ in history_rows(history(), steep, 1000.0)}
+    assert "1.6 m above" in rows["crest above the surface (freeboard)"]
+    assert missed_crest(history(), replace(steep, surface=102.0)) == ""
+    rows = {name: value for name, value, _ in history_rows(history(), replace(steep, rise=-1.4), 1000.0)}
+    assert rows["crest above the surface (freeboard)"] == -1.0
 
 
 def test_figures_of_a_known_history():

@@ -124,3 +124,13 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
         assert len(lines) == 1 and words in lines[0], lines
     assert (tmp_path / "taken" / "letter.txt").read_text() == "mine" and (written / "line.gpkg").exists()
     assert not (tmp_path / "run_runout").exists()
+
+
+def test_a_flow_of_which_the_centre_did_not_move_has_no_angle_of_nan(tmp_path, monkeypatch):
+    labels = []
+    from mpmgis.reports import series
+
+    monkeypatch.setattr(series, "legend", lambda axes, **_: labels.extend(axes.get_legend_handles_labels()[1]))
+    folder = write_block_run(tmp_path, (600.0, 600.0), times=(0.0, 10.0))
+    assert main(["runout", str(folder), "-o", str(tmp_path / "r.png")]) == 0
+    assert "centre of mass" in labels and not any("nan" in label for label in labels)

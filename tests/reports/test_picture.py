@@ -1,16 +1,23 @@
 """Positions of the elements of the picture."""
 
+import itertools
+
 import matplotlib.image
 import numpy as np
 import pytest
 import qgis_run
 import shapely
 from affine import Affine
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from pyproj import CRS
 
 from mpmgis.errors import OutputError
 from mpmgis.reports.picture import (
+    GREYS,
     SCALE_BAR,
+    _stretched,
+    beside,
     draw_north_arrow,
     draw_scale_bar,
     map_axes,
@@ -73,6 +80,15 @@ def test_slopes_towards_the_light_are_brighter():
     assert facing_north_west > shaded_relief(0 * x, 1.0).mean() > facing_south_east
 
 
+def test_a_plane_is_neither_black_nor_white():
+    """The relief of level ground has no contrast to stretch; it was drawn in the darkest grey."""
+    shade = _stretched(shaded_relief(np.full((20, 20), 100.0), 1.0))
+    assert np.allclose(shade, np.mean(GREYS))
+    x, y = np.meshgrid(np.arange(50.0), np.arange(50.0))
+    shade = _stretched(shaded_relief(10 * np.sin(x / 5) * np.cos(y / 7), 1.0))
+    assert (shade.min(), shade.max()) == GREYS
+
+
 @pytest.mark.parametrize(
     "transform", [Affine(5, 0, 686000, 0, 5, 5211400), Affine(3.6, 3.4, 686000, 3.4, -3.6, 5211700)]
 )
@@ -103,8 +119,6 @@ def test_a_failed_write_leaves_no_file(tmp_path):
 
 @pytest.mark.parametrize("view", [(0, 0, 800, 600), (0, 0, 90, 1000), (0, 0, 30_000, 900), (0, 0, 0.7, 0.7)])
 def test_scale_bar_and_north_arrow_are_beside_the_map(view):
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(1, 1))
     axes = map_axes(figure, view)
@@ -120,7 +134,6 @@ def test_scale_bar_and_north_arrow_are_beside_the_map(view):
 
 
 def test_the_scale_bar_has_a_round_length_that_is_true_to_scale():
-    from matplotlib.figure import Figure
 
     figure, view = Figure(figsize=(1, 1)), (0, 0, 7300, 5000)
     axes = map_axes(figure, view)
@@ -130,3 +143,17 @@ def test_the_scale_bar_has_a_round_length_that_is_true_to_scale():
     assert metres == pytest.approx(1000.0, rel=1e-6)
     assert [text.get_text() for text in figure.texts] == ["0", "1 km"]
     assert sum(half.get_width() for half in halves) <= SCALE_BAR
+
+
+@pytest.mark.parametrize("view", [(500000, 4999900, 500002, 4999990), (500000, 4999998, 500090, 5000000)])
+def test_coordinates_of_a_slim_map_do_not_lie_on_each_other(view):
+    """A flume of 90 m x 2 m: the map is 4 mm wide."""
+    figure = Figure(figsize=(1, 1))
+    FigureCanvasAgg(figure)
+    axes = map_axes(figure, view)
+    figure.canvas.draw()
+    for labels in (axes.get_xticklabels(), axes.get_yticklabels()):
+        boxes = [label.get_window_extent() for label in labels if label.get_text()]
+        assert boxes and not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    left = axes.transAxes.transform(beside(axes))[0]
+    assert left >= axes.transData.transform((view[0], view[1]))[0] + 0.6 * figure.dpi
