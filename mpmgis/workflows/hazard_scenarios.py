@@ -190,7 +190,7 @@ def _known(result, depth):
     if result.kind in WHOLE or not missing.any():
         return np.ones(depth.shape, bool)
     if missing.all():
-        log.info(f"{result.name}: all cells are nodata; where it alone tells, nothing is assessed")
+        log.info(f"{result.name}: all cells are nodata; cells that no other result covers are not assessed")
         return ~missing
     if (depth == 0).any():
         log.info(f"{result.name}: {np.count_nonzero(missing)} cells are nodata, dry ones are 0; nodata is not assessed")
