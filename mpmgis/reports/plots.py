@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..io.atomic import whole_file
-from .picture import INK
+from .picture import INK, LETTER, POINTS_PER_INCH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-DOTS_PER_INCH, POINTS_PER_INCH = 110, 72
-TITLE, LETTER = 11, 0.66  # [points]; mean width of a bold letter, of its size
+DOTS_PER_INCH = 110
+TITLE = 11  # [points]
 COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
 GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
 
