@@ -16,6 +16,7 @@ from .picture import (
     draw_outline,
     draw_scale_and_north,
     draw_terrain,
+    draw_title,
     draw_values,
     map_axes,
     map_view,
@@ -80,7 +81,7 @@ def write_band_map(
     _draw_marks(axes, marks)
     draw_scale_and_north(axes, view)
     _draw_legend(axes, look, classes, (bool(release), bool(walls)), interval)
-    axes.set_title(title, loc="left", fontsize=12, fontweight="bold", pad=10)
+    draw_title(axes, title)
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 

@@ -15,7 +15,7 @@ def write_history_plot(path: Path, history: BarrierHistory) -> None:
     with plot_file(path, (9.0, 2.4 * rows), rows=rows) as axes:
         panels = list(axes[:, 0])
         _means(panels[0], times, history.columns[FORCE] / 1e3, "force [kN]", COLOURS[0])
-        panels[0].set_title(f"{history.name}: means between frames", loc="left", fontsize=11, fontweight="bold")
+        dress(panels[0], "force [kN]", title=f"{history.name}: means between frames")
         if moment is not None:
             _means(panels[1], times, moment / 1e3, "moment [kN m]", COLOURS[2])
         panels[-1].plot(times, history.columns[OVERTOPPED] / 1e3, color=COLOURS[3], linewidth=1.5)
@@ -63,6 +63,6 @@ def write_section_plot(
         low, high = np.nanmin(shown), np.nanmax(shown)
         panel.set_ylim(low - 0.05 * (high - low), high + 0.12 * (high - low))
         panel.set_xlim(along[0], along[-1])
-        title = f"{name}: section in the direction of the force (heights exaggerated)"
+        title = f"{name}: section in the direction of the force (heights not to scale)"
         dress(panel, "elevation [m]", "distance from the barrier [m]", title)
         legend(panel, loc="upper right")

@@ -9,7 +9,7 @@ from ..analysis.guidelines import Guideline
 from ..io.atomic import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
-from .picture import INK, OPACITY, draw_image, draw_scale_and_north, draw_terrain, map_axes, map_view
+from .picture import INK, OPACITY, draw_image, draw_scale_and_north, draw_terrain, draw_title, map_axes, map_view
 
 DOTS_PER_INCH = 120
 SQUARE_METRES_PER_HECTARE = 1e4
@@ -50,7 +50,7 @@ def write_class_map(
     draw_image(axes, grid, np.array(colours)[numbers])
     draw_scale_and_north(axes, view)
     _draw_legend(axes, guideline, areas, interval)
-    axes.set_title(f"Intensity classes: {name}", loc="left", fontsize=12, fontweight="bold", pad=10)
+    draw_title(axes, f"Intensity classes: {name}")
     room = figure.get_size_inches()[0] - LEFT_OF_SOURCE - RIGHT_OF_SOURCE
     source = textwrap.shorten(guideline.source, int(room / LETTER), placeholder=" ...")
     figure.text(LEFT_OF_SOURCE / figure.get_size_inches()[0], 0.01, source, fontsize=6.5, color="#555555", va="bottom")

@@ -1,6 +1,7 @@
 """Picture of a run for readers without a GIS: map with hillshade, largest speed, release and deposit."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ LABEL_WIDTH = 0.7  # [inch] along the axis
 LEGEND_WIDTH = 2.6  # [inch]
 SCALE_BAR = 1.5  # [inch], its greatest length
 MARGIN = 0.12  # around the flow, as a share of its longer side
+POINTS_PER_INCH, LETTER = 72.0, 0.66  # mean width of a bold letter, of its size
 SLIMMEST = 0.62  # smallest ratio of the map sides
 LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
 LIGHT_HEIGHT = 45.0  # [degrees]
@@ -85,7 +87,7 @@ def write_picture(
     draw_north_arrow(axes)
     _draw_legend(axes, classes, bool(release), deposit is not None, min_depth, interval)
     if title:
-        axes.set_title(title, loc="left", fontsize=13, fontweight="bold", pad=10)
+        draw_title(axes, title, 13.0)
     if credit:
         figure.text(axes.get_position().x0, 0.012, credit, fontsize=6.5, color="#555555", ha="left", va="bottom")
     with whole_file(path) as part:
@@ -162,6 +164,13 @@ def _label_axes(axes, size):
         label.set(rotation=90, va="center")
     for spine in axes.spines.values():
         spine.set(color=INK, linewidth=0.8)
+
+
+def draw_title(axes: "Axes", words: str, size: float = 12.0) -> None:
+    """Write a title of a `size` [points] over map and legend, in lines as long as the figure, two at most."""
+    room = axes.figure.get_figwidth() * (1.0 - axes.get_position().x0) * POINTS_PER_INCH
+    lines = textwrap.wrap(words, max(int(room / (LETTER * size)), 10), max_lines=2, placeholder=" ...")
+    axes.set_title("\n".join(lines), loc="left", fontsize=size, fontweight="bold", pad=10 if len(lines) < 2 else 4)
 
 
 def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:

@@ -1,5 +1,6 @@
 """Common style of all figures except maps."""
 
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..io.atomic import whole_file
-from .picture import INK
+from .picture import INK, LETTER, POINTS_PER_INCH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 DOTS_PER_INCH = 110
+TITLE = 11  # [points]
 COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
 GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
 
@@ -40,12 +42,14 @@ def plot_file(
 
 
 def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
-    """Set labels, title, grid and frame."""
+    """Set labels, title (in lines as long as the axes), grid and frame."""
     axes.set_ylabel(up, fontsize=9, color=INK)
     if across:
         axes.set_xlabel(across, fontsize=9, color=INK)
     if title:
-        axes.set_title(title, loc="left", fontsize=11, fontweight="bold")
+        columns = axes.get_subplotspec().get_gridspec().ncols
+        letters = int(axes.figure.get_figwidth() * POINTS_PER_INCH / (LETTER * TITLE * columns))
+        axes.set_title(textwrap.fill(title, letters), loc="left", fontsize=TITLE, fontweight="bold")
     axes.grid(True, linewidth=0.35, color="#dddddd")
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, colors=INK, length=3)

@@ -1,6 +1,6 @@
 """`mpmgis report`: one HTML file about a run, or a hazard map of several scenarios."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
@@ -171,7 +171,7 @@ class HazardMapOptions(HazardOptions, shared.QuestionOptions, total=False):
 
 def hazard_map(
     matrix: str,
-    scenarios: Mapping[float, PathLike],
+    scenarios: Mapping[float, PathLike] | Iterable[tuple[float, PathLike]],
     output: PathLike | None = None,
     **options: Unpack[HazardMapOptions],
 ) -> "HazardFound":
@@ -181,8 +181,9 @@ def hazard_map(
     ----------
     matrix : str
         A shipped one, for example "swiss-avalanche", or one of the file `matrices`.
-    scenarios : dict of float to path
-        Return period [years] -> frames, an export, rasters of another code, or an ensemble.
+    scenarios : dict of float to path, or iterable of (float, path)
+        Return period [years] -> frames, an export, rasters of another code, or an ensemble; pairs for several results
+        of one return period.
     output : path, optional
         Folder for all files, or one file by its suffix; default ``hazard_map`` beside the first results.
     **options
@@ -202,5 +203,6 @@ def hazard_map(
     --------
     >>> mpmgis.hazard_map("swiss-debris-flow", {30: "run_30", 300: "run_300"}, "map", scale="1:5000")  # doctest: +SKIP
     """
-    given = tuple(f"{years:g}={path}" for years, path in scenarios.items())
+    pairs = scenarios.items() if isinstance(scenarios, Mapping) else scenarios
+    given = tuple(f"{years}={path}" for years, path in pairs)
     return called(VERB, {**options, "map": matrix, "scenario": given, "frames": (), "output": output})

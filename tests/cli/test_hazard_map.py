@@ -234,6 +234,18 @@ def test_python_gives_the_same(tmp_path, site):
     assert {file.name for file in found.files} == FILES
 
 
+def test_python_takes_several_results_of_one_return_period(tmp_path, site):
+    for name, rows in (("a", slice(5, 10)), ("b", slice(20, 30))):
+        depth = np.zeros((40, 40))
+        depth[rows, 10:30] = 2.0
+        write_peaks(tmp_path / name, depth)
+    pairs = [(30, tmp_path / "a"), (30.0, tmp_path / "b")]
+    found = mpmgis.hazard_map("swiss-hillslope-debris-flow", pairs, tmp_path / "map.tif", dem=site)
+    assert found.areas[3] == pytest.approx(15 * 20 * 100.0)
+    with pytest.raises(mpmgis.MpmgisError, match="expected a return period in years"):
+        mpmgis.hazard_map("swiss-flood", {"often": tmp_path / "a"}, tmp_path / "other", dem=site)
+
+
 def test_the_sheet_has_the_scale_and_nothing_covers_the_map(tmp_path):
     from mpmgis.analysis.hazard import Hazard
     from mpmgis.gis.zones import generalized_zones

@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 
+import matplotlib.image
 import numpy as np
 import pytest
 import shapely
@@ -14,6 +15,7 @@ from test_report_command import Reader
 from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from mpmgis.cli.main import main
 from mpmgis.io.tables import read_barrier_table
+from mpmgis.reports.barrier_plots import write_history_plot, write_section_plot
 
 DAM = '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 3\n'
 RUN_UP = RunUp(4.0, 0.0, 0.0, 2.0, 1, 104.0, 103.0, 2.0)
@@ -174,3 +176,13 @@ def test_a_table_that_is_none_is_refused(tmp_path):
     (tmp_path / "b.csv").write_text("a,b\n1,2\n")
     with pytest.raises(FormatError, match="not a table of barriers"):
         read_barrier_table(tmp_path / "b.csv")
+
+
+def test_a_long_name_stays_on_its_plot(tmp_path):
+    name = "the dam above the village with a name that is longer than the section through it, by far"
+    along = np.linspace(-10.0, 10.0, 50)
+    write_section_plot(tmp_path / "s.png", name, along, 0 * along, {"surface": 0 * along + 1}, abs(along) < 1, 3.0)
+    write_history_plot(tmp_path / "h.png", replace(history(), name=name * 2))
+    for file in ("s.png", "h.png"):
+        right = matplotlib.image.imread(tmp_path / file)[:, -3:, :3]
+        assert (right == 1.0).all(), file

@@ -20,6 +20,7 @@ from mpmgis.reports.picture import (
     beside,
     draw_north_arrow,
     draw_scale_bar,
+    draw_title,
     map_axes,
     map_view,
     shaded_relief,
@@ -157,3 +158,15 @@ def test_coordinates_of_a_slim_map_do_not_lie_on_each_other(view):
         assert boxes and not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
     left = axes.transAxes.transform(beside(axes))[0]
     assert left >= axes.transData.transform((view[0], view[1]))[0] + 0.6 * figure.dpi
+
+
+@pytest.mark.parametrize("view", [(0, 0, 100, 100), (0, 0, 62, 100)])
+@pytest.mark.parametrize("words", [4, 12, 60])
+def test_a_title_stays_on_the_picture(view, words):
+    figure = Figure(figsize=(1, 1))
+    FigureCanvasAgg(figure)
+    axes = map_axes(figure, view)
+    draw_title(axes, "mudflow " * words)
+    figure.canvas.draw()
+    box = axes.title.get_window_extent() if axes.get_title() else axes._left_title.get_window_extent()
+    assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
