@@ -43,14 +43,14 @@ def with_few(code):
 
 @pytest.mark.parametrize("name", ABSENT)
 def test_the_others_are_absent(name):
-    told = with_few(f"try:\n    import {name}\nexcept ModuleNotFoundError as error:\n    print(error.name)")
-    assert told.split() == [name]
+    imported = with_few(f"try:\n    import {name}\nexcept ModuleNotFoundError as error:\n    print(error.name)")
+    assert imported.split() == [name]
 
 
 def test_every_module_of_kernels_effects_and_solvers_is_imported():
-    told = with_few(EVERY_MODULE).split()
-    assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(told)
-    assert len(told) > 80
+    imported = with_few(EVERY_MODULE).split()
+    assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(imported)
+    assert len(imported) > 80
 
 
 def test_runs_of_plain_arrays_and_their_frames_are_the_same_to_the_bit(tmp_path):
