@@ -31,6 +31,7 @@ for name in ("kernels", "effects", "solvers"):
     for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         importlib.import_module(found.name)
         print(found.name)
+importlib.import_module("mpmgis.io.frames")
 """
 
 
@@ -47,7 +48,7 @@ def test_the_others_are_absent(name):
     assert imported.split() == [name]
 
 
-def test_every_module_of_kernels_effects_and_solvers_is_imported():
+def test_every_module_of_kernels_effects_and_solvers_and_that_of_frames_is_imported():
     imported = with_few(EVERY_MODULE).split()
     assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(imported)
     assert len(imported) > 80
