@@ -13,6 +13,7 @@ After any change of the host arrays (insertion, restart, other laws) make a new 
 Arrays whose size depends on the flow grow when a step does not fit: nothing of the step is done before that is known.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -347,7 +348,7 @@ class DevicePoints:
 
     def _add_up(self, kernel, sums):
         """Sum the reports of all threads, from one array of `sums` to the next."""
-        for many, few in zip(sums, sums[1:], strict=False):
+        for many, few in pairwise(sums):
             kernel.of(self._real)[few.shape[0], few.shape[1]](self._d_run, many, few)
 
 
