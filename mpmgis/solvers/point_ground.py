@@ -6,7 +6,6 @@ from scipy import ndimage
 from ..kernels.point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
 from ..kernels.point_ground import FOLD_LEVELS
 from ..kernels.point_rows import GHOSTS
-from ..spatial.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes
 from ..spatial.node_grid import bed_at_nodes
 from .barrier_faces import face_arrays
 
@@ -46,6 +45,8 @@ def barrier_nodes(walls, grid, floor, ground, folds):
     float64[rows, columns, POINT_BARRIER_ENTRIES], float64[faces, FACE_ENTRIES], int
         The last one is the number of levels of the faces.
     """
+    from ..spatial.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes  # with shapely
+
     x, y = grid.node_axes()
     inner = (slice(GHOSTS - 1, -GHOSTS - 1),) * 2
     bed = ground[inner][..., 0]

@@ -7,7 +7,6 @@ anywhere in memory. All numbers of a state are therefore checked before use.
 import hashlib
 
 import numpy as np
-import shapely
 
 from ..errors import FormatError
 from ..kernels.point_contact import MOST_YIELD
@@ -49,7 +48,7 @@ def start_digest(terrain, frame, events, *places, shapes=()):
         given = {name: values for name, values in vars(known).items() if isinstance(values, np.ndarray)}
         _add(digest, **given)
     for shape in shapes:
-        _add(digest, shape=np.frombuffer(shapely.to_wkb(shape), np.uint8))
+        _add(digest, shape=np.frombuffer(shape.wkb, np.uint8))
     return digest.hexdigest()
 
 

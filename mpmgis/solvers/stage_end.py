@@ -1,12 +1,14 @@
 """End conditions of a stage: a time, a distance to a feature, or a calm flow."""
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import shapely
 
 from ..terrain.reach import takes_off
+
+if TYPE_CHECKING:
+    import shapely
 
 LOOK_SECONDS = 0.25  # simulated time between two checks of the flow, also after a restart
 DEPTHS, SECONDS = 3.0, 2.0  # near: within 3 flow depths, or the distance of 2 s
@@ -24,11 +26,13 @@ class Near(NamedTuple):
     """
 
     words: str
-    shape: shapely.Geometry
+    shape: "shapely.Geometry"
     least: float = 0.0
 
     def share(self, flow):
         """Share of the mass of a Flow that is near [1]."""
+        import shapely
+
         flow = flow.take(flow.depth > self.least)
         if not len(flow):
             return 0.0

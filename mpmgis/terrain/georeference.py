@@ -9,6 +9,7 @@ import pyproj
 
 from ..errors import GeoreferenceError, InputError, one_line
 from ..messages import log
+from .crs_name import name_of
 
 LOCAL, AUTO = "local", "auto"
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
@@ -59,14 +60,6 @@ def crs_of_text(text):
         raise InputError(
             f"crs is {one_line(word)[:40]!r}, expected EPSG:n, WKT or a PROJ string ({one_line(error)[:60]})"
         ) from error
-
-
-def name_of(crs):
-    """Short name of a CRS for messages: EPSG:n where it has one, else its name."""
-    if crs is None:
-        return "a local frame"
-    epsg = crs.to_epsg()
-    return f"EPSG:{epsg}" if epsg else one_line(crs.name)
 
 
 def horizontal(crs):

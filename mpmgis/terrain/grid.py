@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from affine import Affine
+
+if TYPE_CHECKING:
+    from affine import Affine
 
 
 @dataclass(frozen=True)
@@ -23,12 +25,14 @@ class Grid:
     """
 
     crs: Any
-    transform: Affine
+    transform: "Affine"
     shape: tuple
 
     @classmethod
     def north_up(cls, crs, west, north, cell_size, shape):
         """A north-up square grid from its upper left corner (`west`, `north`) [m]."""
+        from affine import Affine
+
         return cls(crs, Affine(cell_size, 0.0, west, 0.0, -cell_size, north), tuple(shape))
 
     @cached_property
@@ -85,7 +89,7 @@ class Grid:
     def moved(self, east, north):
         """The same pixels, `east` and `north` [m] further; places near (0, 0) keep their digits there."""
         t = self.transform
-        return Grid(self.crs, Affine(t.a, t.b, t.c + east, t.d, t.e, t.f + north), self.shape)
+        return Grid(self.crs, type(t)(t.a, t.b, t.c + east, t.d, t.e, t.f + north), self.shape)
 
     @property
     def is_north_up(self):
@@ -140,7 +144,7 @@ class Grid:
 
     def part(self, row, column, shape):
         """The grid of `shape` whose first pixel is pixel (row, column) of this one."""
-        return Grid(self.crs, self.transform * Affine.translation(int(column), int(row)), tuple(shape))
+        return Grid(self.crs, self.transform * self.transform.translation(int(column), int(row)), tuple(shape))
 
     @cached_property
     def bounds(self):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from .georeference import name_of
+from .crs_name import name_of
 from .grid import Grid
 
 RESAMPLING = "bilinear"
