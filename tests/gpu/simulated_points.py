@@ -46,20 +46,24 @@ def slab(precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0)
 def at_cliff(precision, contact=COULOMB):
     """Points at a cliff, whose ground folds."""
     terrain = terrain_of(lambda x, y: np.where(x < 60.0, 30.0, 15.0), 120.0, 40.0, 5.0)
-    frame = block_of((1.5, 1, 1), 0.5, (58.6, 12.0, 30.0), velocity=(6.0, 0.0, -6.0))
+    frame = block_of((1.5, 1, 1), 0.5, (56.6, 12.0, 29.6), velocity=(6.0, 0.0, -6.0))
+    place = frame.particles.position
+    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
     return points_on(terrain, frame, 1.0, SOIL, contact, SOFT, precision=precision, maxima=True)
 
 
 def into_wall(precision):
-    """Points that run into a wall on the eastern edge."""
-    return slab(precision, x=197.4, velocity=(40.0, 0.0, 0.0), edges="wall")
+    """Points that run into a wall on the eastern edge, some of them already beyond it."""
+    solver = slab(precision, x=198.4, velocity=(40.0, 0.0, 0.0), edges="wall")
+    solver._rows[::4, row.X] = 4.0 + 0.2  # the edge is at 4 in its block
+    return solver
 
 
 def out_of_domain(precision):
-    """Points that leave over the southern edge in the first steps."""
+    """Points of which some leave over the southern edge in the first step."""
     solver = slab(precision, x=100.0, velocity=(0.0, -60.0, 0.0))
-    solver._keys[:] = (solver._keys & ~(0x1FFFFF << 42)) | (1 << 42)
-    solver._rows[:, row.Y] = np.linspace(0.55, 1.1, len(solver._rows))
+    solver._keys[:] = solver._keys & ((1 << 42) - 1)  # the block row of the edge, at 4 in it
+    solver._rows[:, row.Y] = np.linspace(4.02, 4.45, len(solver._rows))
     return restarted(solver)
 
 
