@@ -279,7 +279,7 @@ def press_column(
         return
     heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
     if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
-        lower = floor(centre + 0.5)
+        lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - lower
     u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
