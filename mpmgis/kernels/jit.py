@@ -156,7 +156,7 @@ def law_method(name, inlined=False):
 
     @overload_method(types.BaseNamedTuple, name, jit_options=options)
     def specialise(law, *arguments):
-        method = _of_precision(getattr(law.instance_class, name), (law, *arguments))
+        method = of_precision(getattr(law.instance_class, name), (law, *arguments))
         method = register_jitable(**options)(method) if options else register_jitable(method)
         return lambda law, *arguments: method(law, *arguments)
 
@@ -167,10 +167,10 @@ def law_function(function, inlined=True):
 
     @overload(function, jit_options=options, strict=False)
     def specialise(*arguments):
-        return _of_precision(function, arguments)
+        return of_precision(function, arguments)
 
 
-def _of_precision(function, arguments):
+def of_precision(function, arguments):
     """`function`, or where it works in single precision the same with float32 for every constant in it.
 
     So laws write 0.5 once: of a float32 and a Python float numba would make a float64, at half the speed.

@@ -1,8 +1,6 @@
 """Rigid barriers in the 3D solver: what moves into one is held and slowed, what it takes up is booked (note 4.8)."""
 
-from math import sqrt
-
-import numpy as np
+from math import floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
@@ -70,9 +68,9 @@ def _flow_before(flow, ground, barriers, j, i, side, per_metre):
     """
     step_x, step_y = side * barriers[j, i, WALL_X], side * barriers[j, i, WALL_Y]
     thickness, speed = 0.0, 0.0
-    for k in range(1, LOOK):
-        near_j, near_i = int(np.floor(j + k * step_y + 0.5)), int(np.floor(i + k * step_x + 0.5))
-        far_j, far_i = int(np.floor(j + (k + 1) * step_y + 0.5)), int(np.floor(i + (k + 1) * step_x + 0.5))
+    for k in range(1, LOOK):  # floor gives a float on CUDA devices
+        near_j, near_i = int(floor(j + k * step_y + 0.5)), int(floor(i + k * step_x + 0.5))  # noqa: RUF046
+        far_j, far_i = int(floor(j + (k + 1) * step_y + 0.5)), int(floor(i + (k + 1) * step_x + 0.5))  # noqa: RUF046
         if min(near_j, near_i, far_j, far_i) < 0:
             break
         if max(near_j, far_j) >= flow.shape[0] or max(near_i, far_i) >= flow.shape[1]:

@@ -250,6 +250,63 @@ def _face_at(place, height, wall_x, wall_y):
     return wall_x, wall_y
 
 
+@jit_borrowing
+def press_column(
+    t, column, grid, window, ground, zone_values, barriers, yields, step, mine, dt, settings, contact, zones, barrier
+):  # fmt: skip
+    """`press_on_ground` for node `column` (0 to 15) of touched block `t`; `mine` is the report of its chunk."""
+    nodes, touched = grid.nodes, grid.touched
+    slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
+    dx, density, signal_speed, gravity = settings.dx, settings.density, settings.signal_speed, settings.gravity
+    wall, cells_x, cells_y = settings.wall, settings.cells_x, settings.cells_y
+    before, after = yields[(step - 1) % 2], yields[step % 2]
+    back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
+    row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
+    first = block_level * BLOCK
+    place = ((row - window.south) * width + block_column - window.west) * depth
+    up = block_level - lowest[row, block_column, 0]
+    below = slots[place + up - 1] if up > 0 else -1
+    above = slots[place + up + 1] if up + 1 < depth else -1
+    jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    level, foot = foot_of(height, dx)
+    if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
+        return
+    if fold_at(ground.folds, jj, ii)[2] > 0:
+        return
+    if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
+        return
+    heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
+    if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
+        lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
+        level, foot = level + lower, centre - lower
+    u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
+    if here < LEAST_SHARE * heaviest or give <= 0.0:
+        return
+    law = zones.local(contact, zone_values, jj, ii)
+    into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
+    wall_x, wall_y = 0.0, 0.0
+    if wall:
+        inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
+        wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
+    if barrier.barrier_active():
+        wall_x, wall_y = _face_at(barriers[jj, ii], height, wall_x, wall_y)
+    if wall_x != 0.0 or wall_y != 0.0:
+        u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
+    normal = max(into, 0.0) / push_give
+    if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
+        thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
+        weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
+        yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx, weighed)
+        impedance = signal_speed * heaviest / (dx * nz)
+        normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
+        after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
+    jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
+    jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
+    _push(nodes, below, t, above, first, column, level, foot, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
+
+
 @jit_parallel
 def press_on_ground(
     grid, window, free, ground, zone_values, barriers, yields, step, report, dt, settings, contact, zones, barrier
@@ -276,59 +333,13 @@ def press_on_ground(
     step : int
         Number of this step, from 1.
     """
-    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
-    slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
-    dx, density, signal_speed, gravity = settings.dx, settings.density, settings.signal_speed, settings.gravity
-    wall, cells_x, cells_y = settings.wall, settings.cells_x, settings.cells_y
-    before, after = yields[(step - 1) % 2], yields[step % 2]
-    back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
+    n_touched = grid.count
     for c in prange(CHUNKS):
-        mine = report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             if free[t] == 1:
                 continue
-            row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
-            first = block_level * BLOCK
-            place = ((row - window.south) * width + block_column - window.west) * depth
-            up = block_level - lowest[row, block_column, 0]
-            below = slots[place + up - 1] if up > 0 else -1
-            above = slots[place + up + 1] if up + 1 < depth else -1
             for column in range(BLOCK * BLOCK):
-                jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
-                ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
-                height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
-                level, foot = foot_of(height, dx)
-                if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
-                    continue
-                if fold_at(ground.folds, jj, ii)[2] > 0:
-                    continue
-                if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
-                    continue
-                heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
-                if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
-                    lower = floor(centre + 0.5)
-                    level, foot = level + lower, centre - lower
-                u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
-                if here < LEAST_SHARE * heaviest or give <= 0.0:
-                    continue
-                law = zones.local(contact, zone_values, jj, ii)
-                into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
-                wall_x, wall_y = 0.0, 0.0
-                if wall:
-                    inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
-                    wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
-                if barrier.barrier_active():
-                    wall_x, wall_y = _face_at(barriers[jj, ii], height, wall_x, wall_y)
-                if wall_x != 0.0 or wall_y != 0.0:
-                    u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
-                normal = max(into, 0.0) / push_give
-                if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
-                    thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
-                    weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
-                    yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx, weighed)
-                    impedance = signal_speed * heaviest / (dx * nz)
-                    normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
-                    after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
-                jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
-                jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-                _push(nodes, below, t, above, first, column, level, foot, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
+                press_column(
+                    t, column, grid, window, ground, zone_values, barriers, yields, step, report[c], dt, settings,
+                    contact, zones, barrier,
+                )  # fmt: skip

@@ -18,26 +18,33 @@ BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
 RIM = 5.0 / 6.0
 
 
+@jit_inline
+def column_contact(block, touched, t, j, i, ground, dx, clearance):
+    """(mass that touches the ground, mass) [kg] of node column [j, i] of touched block `t`."""
+    j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
+    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
+    height, _, _, flat = plane_at(ground.nodes, jj, ii)
+    first, lowest, levels = fold_at(ground.folds, jj, ii)
+    touching = whole = 0.0
+    for k in range(BLOCK):
+        mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
+        away = ((k_first + k - GHOSTS) * dx - height) * flat
+        if levels > 0:
+            away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
+        touching += mass if away <= clearance else 0.0
+        whole += mass
+    return touching, whole
+
+
 @jit_parallel
 def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
     """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block, part = nodes[t], masses[t]
-            j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
                 for i in range(BLOCK):
-                    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
-                    height, _, _, flat = plane_at(ground.nodes, jj, ii)
-                    first, lowest, levels = fold_at(ground.folds, jj, ii)
-                    touching = whole = 0.0
-                    for k in range(BLOCK):
-                        mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
-                        away = ((k_first + k - GHOSTS) * dx - height) * flat
-                        if levels > 0:
-                            away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
-                        touching += mass if away <= clearance else 0.0
-                        whole += mass
+                    touching, whole = column_contact(block, touched, t, j, i, ground, dx, clearance)
                     part[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
                     part[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
 

@@ -161,6 +161,35 @@ def _touches(layers, count):
     return here > 0.0 and here >= LEAST_SHARE * heaviest
 
 
+@jit_borrowing
+def couple_column(
+    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report, dt, settings, contact, zones,
+    barrier,
+):  # fmt: skip
+    """`couple_layers` for node `column` (0 to 15) of touched block `t`; `layers` is a work array."""
+    nodes, touched = grid.nodes, grid.touched
+    slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
+    row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
+    first, base = block_level * BLOCK, lowest[row, block_column, 0]
+    place = ((row - window.south) * window.width + block_column - window.west) * depth
+    below = slots[place + block_level - base - 1] if block_level > base else -1
+    jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    level, foot = foot_of(height, dx)
+    if not is_column_of_block(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
+        return
+    covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
+    if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+        top = int(barriers[jj, ii, CREST] / dx) + GHOSTS
+    full = covered * settings.density * dx * dx * dx
+    count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
+    if count == 0 or covered <= 0.0 or not _touches(layers, count):
+        return
+    law = zones.local(contact, zone_values, jj, ii)
+    _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report)
+
+
 @jit_parallel
 def couple_layers(
     grid, window, ground, zone_values, barriers, column_mass, report, dt, settings, contact, zones, barrier
@@ -177,29 +206,12 @@ def couple_layers(
     window : BlockWindow
     column_mass : float64[rows, columns, COLUMN_MASSES] [kg]
     """
-    nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
-    slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
+    n_touched, depth = grid.count, window.depth
     for c in prange(CHUNKS):
-        part = report[c]
         layers = np.zeros((LAYER_ENTRIES, depth * BLOCK))
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
-            first, base = block_level * BLOCK, lowest[row, block_column, 0]
-            place = ((row - window.south) * window.width + block_column - window.west) * depth
-            below = slots[place + block_level - base - 1] if block_level > base else -1
             for column in range(BLOCK * BLOCK):
-                jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
-                ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
-                height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
-                level, foot = foot_of(height, dx)
-                if not is_column_of_block(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
-                    continue
-                covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
-                if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
-                    top = int(barriers[jj, ii, CREST] / dx) + GHOSTS
-                full = covered * settings.density * dx * dx * dx
-                count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
-                if count == 0 or covered <= 0.0 or not _touches(layers, count):
-                    continue
-                law = zones.local(contact, zone_values, jj, ii)
-                _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, part)
+                couple_column(
+                    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report[c], dt,
+                    settings, contact, zones, barrier,
+                )  # fmt: skip

@@ -225,6 +225,57 @@ def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, d
                 mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))
 
 
+@jit_borrowing
+def hold_column(
+    t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, booked, dt, settings, contact, zones, barrier
+):  # fmt: skip
+    """`hold_nodes` for node column [j, i] of touched block `t`; `mine` and `booked` are the reports of its chunk."""
+    block, touched = grid.nodes[t], grid.touched
+    dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
+    j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
+    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
+    height, gx, gy, gz = plane_at(ground.nodes, jj, ii)
+    first, lowest, levels = fold_at(ground.folds, jj, ii)
+    law, drag = zones.local(contact, zone_values, jj, ii), 0.0
+    if contact.drag_active() and levels > 0:
+        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
+    passing = 1.0
+    if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
+        passing = passing_share(flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier)
+    touching = clearance if levels > 0 else -BENEATH * dx * gz
+    for k in range(BLOCK):
+        n = ((k * BLOCK + j) * BLOCK + i) * 4
+        mass = block[n + NODE_MASS]
+        if mass <= 0.0:
+            continue
+        u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
+        away = ((k_first + k - GHOSTS) * dx - height) * gz
+        ox, oy, oz = gx, gy, gz
+        if levels > 0:
+            away, ox, oy, oz = exact_at(ground.exact, first, lowest, levels, k_first + k)
+        if away <= touching:
+            u1, v1, w1 = _on_ground(u, v, w, ox, oy, oz, law, drag)
+            jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
+            mine[GROUND_X] += jx
+            mine[GROUND_Y] += jy
+            mine[GROUND_Z] += jz
+            into = (jx * ox + jy * oy + jz * oz) * (u1 * ox + v1 * oy + w1 * oz)
+            work = jx * u1 + jy * v1 + jz * w1
+            mine[GROUND_WORK] -= work
+            mine[FRICTION_WORK] -= work - into
+            u, v, w = u1, v1, w1
+        if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+            height_here = (k_first + k - GHOSTS) * dx
+            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier)
+            mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
+            u, v, w = u1, v1, w1
+            into = u * ox + v * oy + w * oz
+            if away <= touching and into < 0.0 and oz > STEEPEST_LIFT:
+                mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
+                w -= into / oz
+        block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
+
+
 @jit_parallel
 def hold_nodes(
     grid, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dt, settings, contact, zones,
@@ -238,63 +289,19 @@ def hold_nodes(
     node columns, which limit what passes openings.
     """
     nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
-    dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
     wall, nx, ny = settings.wall, settings.cells_x, settings.cells_y
     for c in prange(CHUNKS):
         mine = report[c]
-        booked = barrier_report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             if free[t] == 1:
                 continue
             block = nodes[t]
-            j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
             for j in range(BLOCK):
                 for i in range(BLOCK):
-                    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
-                    height, gx, gy, gz = plane_at(ground.nodes, jj, ii)
-                    first, lowest, levels = fold_at(ground.folds, jj, ii)
-                    law, drag = zones.local(contact, zone_values, jj, ii), 0.0
-                    if contact.drag_active() and levels > 0:
-                        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
-                    passing = 1.0
-                    if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
-                        passing = passing_share(
-                            flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier
-                        )
-                    touching = clearance if levels > 0 else -BENEATH * dx * gz
-                    for k in range(BLOCK):
-                        n = ((k * BLOCK + j) * BLOCK + i) * 4
-                        mass = block[n + NODE_MASS]
-                        if mass <= 0.0:
-                            continue
-                        u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
-                        away = ((k_first + k - GHOSTS) * dx - height) * gz
-                        ox, oy, oz = gx, gy, gz
-                        if levels > 0:
-                            away, ox, oy, oz = exact_at(ground.exact, first, lowest, levels, k_first + k)
-                        if away <= touching:
-                            u1, v1, w1 = _on_ground(u, v, w, ox, oy, oz, law, drag)
-                            jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
-                            mine[GROUND_X] += jx
-                            mine[GROUND_Y] += jy
-                            mine[GROUND_Z] += jz
-                            into = (jx * ox + jy * oy + jz * oz) * (u1 * ox + v1 * oy + w1 * oz)
-                            work = jx * u1 + jy * v1 + jz * w1
-                            mine[GROUND_WORK] -= work
-                            mine[FRICTION_WORK] -= work - into
-                            u, v, w = u1, v1, w1
-                        if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
-                            height_here = (k_first + k - GHOSTS) * dx
-                            u1, v1, w1 = at_barrier(
-                                u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier
-                            )
-                            mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
-                            u, v, w = u1, v1, w1
-                            into = u * ox + v * oy + w * oz
-                            if away <= touching and into < 0.0 and oz > STEEPEST_LIFT:
-                                mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
-                                w -= into / oz
-                        block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
+                    hold_column(
+                        t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, barrier_report[c], dt,
+                        settings, contact, zones, barrier,
+                    )  # fmt: skip
             if wall and _is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
                 _stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
             mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))

@@ -90,6 +90,41 @@ def _folded_mass(own, nodes, window, row, column, nx, ny):
     return mass
 
 
+@jit_borrowing
+def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings):
+    """`accumulate_point_peaks` for the block column whose lowest touched block is `t`; `part` is a work array."""
+    nodes, touched, density = grid.nodes, grid.touched, settings.density
+    per_mass = 1.0 / (density * settings.dx * settings.dx)
+    lone = settings.lone_thickness * (1.0 + LONE_ROUNDING)
+    depth, nx, ny = window.depth, settings.cells_x, settings.cells_y
+    row, column = touched[t, 0], touched[t, 1]
+    place = ((row - window.south) * window.width + column - window.west) * depth
+    if not _is_lowest(window.slots, place, touched[t, 2] - window.lowest[row, column, 0]):
+        return
+    _sum_columns(part, nodes, window.slots, place, depth)
+    for j in range(max(row * BLOCK, GHOSTS), min((row + 1) * BLOCK, GHOSTS + ny + 1)):
+        for i in range(max(column * BLOCK, GHOSTS), min((column + 1) * BLOCK, GHOSTS + nx + 1)):
+            s = ((j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
+            mass = part[s + NODE_MASS]
+            if mass <= 0.0:
+                continue
+            folded = mass
+            if settings.wall:
+                folded = _folded_mass(mass, nodes, window, j, i, nx, ny)
+            thickness = folded * per_mass
+            peaks[j, i, THICKNESS] = max(peaks[j, i, THICKNESS], thickness)
+            if thickness < settings.arrival_thickness or mass * per_mass <= lone:
+                continue
+            u, v, w = part[s + NODE_X] / mass, part[s + NODE_Y] / mass, part[s + NODE_Z] / mass
+            _, gx, gy, gz = plane_at(ground_nodes, j, i)
+            away = u * gx + v * gy + w * gz
+            speed2 = u * u + v * v + w * w
+            peaks[j, i, SPEED] = max(peaks[j, i, SPEED], sqrt(max(speed2 - away * away, 0.0)))
+            peaks[j, i, PRESSURE] = max(peaks[j, i, PRESSURE], density * speed2)
+            if peaks[j, i, ARRIVAL] < 0.0:
+                peaks[j, i, ARRIVAL] = time
+
+
 @jit_parallel
 def accumulate_point_peaks(peaks, sums, grid, window, ground_nodes, time, settings):
     """Running peaks over the node columns: thickness [m], speed [m s-1], pressure rho |v|^2 [Pa], first arrival [s].
@@ -108,36 +143,7 @@ def accumulate_point_peaks(peaks, sums, grid, window, ground_nodes, time, settin
     grid : NodeBlocks
     window : BlockWindow
     """
-    nodes, touched, n_touched, density = grid.nodes, grid.touched, grid.count, settings.density
-    per_mass = 1.0 / (density * settings.dx * settings.dx)
-    lone = settings.lone_thickness * (1.0 + LONE_ROUNDING)
-    depth, nx, ny = window.depth, settings.cells_x, settings.cells_y
+    n_touched = grid.count
     for c in prange(CHUNKS):
-        part = sums[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            row, column = touched[t, 0], touched[t, 1]
-            place = ((row - window.south) * window.width + column - window.west) * depth
-            if not _is_lowest(window.slots, place, touched[t, 2] - window.lowest[row, column, 0]):
-                continue
-            _sum_columns(part, nodes, window.slots, place, depth)
-            for j in range(max(row * BLOCK, GHOSTS), min((row + 1) * BLOCK, GHOSTS + ny + 1)):
-                for i in range(max(column * BLOCK, GHOSTS), min((column + 1) * BLOCK, GHOSTS + nx + 1)):
-                    s = ((j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
-                    mass = part[s + NODE_MASS]
-                    if mass <= 0.0:
-                        continue
-                    folded = mass
-                    if settings.wall:
-                        folded = _folded_mass(mass, nodes, window, j, i, nx, ny)
-                    thickness = folded * per_mass
-                    peaks[j, i, THICKNESS] = max(peaks[j, i, THICKNESS], thickness)
-                    if thickness < settings.arrival_thickness or mass * per_mass <= lone:
-                        continue
-                    u, v, w = part[s + NODE_X] / mass, part[s + NODE_Y] / mass, part[s + NODE_Z] / mass
-                    _, gx, gy, gz = plane_at(ground_nodes, j, i)
-                    away = u * gx + v * gy + w * gz
-                    speed2 = u * u + v * v + w * w
-                    peaks[j, i, SPEED] = max(peaks[j, i, SPEED], sqrt(max(speed2 - away * away, 0.0)))
-                    peaks[j, i, PRESSURE] = max(peaks[j, i, PRESSURE], density * speed2)
-                    if peaks[j, i, ARRIVAL] < 0.0:
-                        peaks[j, i, ARRIVAL] = time
+            note_block_peaks(peaks, sums[c], t, grid, window, ground_nodes, time, settings)

@@ -189,11 +189,15 @@ class PointSolver(PointBalances):
             self._give_impulses()
         if abs(clock[entry.TIME] + clock[entry.STEP_NOW] - until) > TIME_ROUNDING * max(1.0, abs(until)):
             clock[entry.HITS] = 0.0  # the step was chosen for another end, that of the previous run
+        return self._take_steps(float(until), float(after), int(max_steps))
+
+    def _take_steps(self, until, after, max_steps):
+        """`advance`, once the points push on the nodes."""
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
             self._barrier_sums, self._peaks, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
-            self._barriers, self._yields, self._faces, self._face_yields, float(until), float(after), int(max_steps),
+            self._barriers, self._yields, self._faces, self._face_yields, until, after, max_steps,
             self._settings, self._effects, self._watched,
         )  # fmt: skip
 

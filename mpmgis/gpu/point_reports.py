@@ -1,0 +1,120 @@
+"""Reports of all threads, summed in a fixed order, and the clock of the run on the device."""
+
+from numba import cuda, int64
+
+from ..kernels import point_report as entry
+from ..kernels.block_order import REORDER_STEPS
+from ..kernels.point_blocks import key_column, key_level, key_row
+from ..kernels.point_clock import (
+    ALIVE,
+    BAD,
+    FASTEST_TIME,
+    FASTEST_X,
+    FASTEST_Y,
+    FASTEST_Z,
+    IMPULSE_GRAVITY,
+    LEAKED,
+    MASS_NOW,
+    NOT_FINITE_STATE,
+    SINCE_REORDER,
+    SPEED_WORST,
+    STEP,
+    TIME,
+    TOTAL_MASS,
+    WINDOW_FIRST,
+    collect,
+    collect_nodes,
+    set_next_step,
+)
+from ..kernels.point_nodes import FASTEST2
+from ..kernels.point_rows import BLOCK, GHOSTS, X, Y, Z
+from .compiled import Kernel
+from .grid_to_points import STAY2, STAY_POINT
+from .launch import AFTER, DT, END, STATUS, UNTIL
+
+GROUPS = 1024  # groups of threads whose reports are summed at the same time, before the CHUNKS of the CPU
+
+
+@Kernel
+def sum_node_reports(run, reports, sums):
+    """Sum the node reports of a group of threads; one thread block per row of `sums`, one thread per entry."""
+    if run[STATUS] != 0:
+        return
+    c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
+    total = 0.0
+    for r in range(c * n // count, (c + 1) * n // count):
+        total = max(total, reports[r, k]) if k == FASTEST2 else total + reports[r, k]
+    sums[c, k] = total
+
+
+@Kernel
+def sum_point_reports(run, reports, sums):
+    """As `sum_node_reports`, of points: sums, largest and smallest values, and places of what is largest."""
+    if run[STATUS] != 0:
+        return
+    c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
+    first = c * n // count
+    if first >= (c + 1) * n // count:
+        return
+    total, most = reports[first, k], reports[first, STAY2]
+    for r in range(first + 1, (c + 1) * n // count):
+        value = reports[r, k]
+        if k == entry.BAD_X or k == entry.BAD_Y:
+            if reports[r, entry.NOT_FINITE] > 0.0:
+                total = value
+        elif k == STAY_POINT:
+            if reports[r, STAY2] > most:
+                total, most = value, reports[r, STAY2]
+        elif k == entry.BLOCK_WEST or k == entry.BLOCK_SOUTH:
+            total = min(total, value)
+        elif (
+            k == entry.SHEAR_MAX
+            or k == entry.SPEED2_MAX
+            or k == STAY2
+            or k == entry.BLOCK_EAST
+            or k == entry.BLOCK_NORTH
+            or k == entry.BLOCK_TALL
+        ):
+            total = max(total, value)
+        else:
+            total += value
+    sums[c, k] = total
+
+
+@Kernel
+def choose_step(run, stage, clock, counts, report, settings):
+    """Clock after the nodes moved, and the length of the next step; one thread."""
+    if run[STATUS] != 0:
+        return
+    collect_nodes(report, clock)
+    clock[IMPULSE_GRAVITY] += stage[DT] * settings.gravity * clock[MASS_NOW]
+    set_next_step(clock, counts, stage[END], stage[UNTIL], stage[AFTER], settings)
+
+
+@Kernel
+def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, settings):
+    """Clock, counts and ledger after the points moved, and reasons to stop; one thread."""
+    if run[STATUS] != 0:
+        return
+    counts[STEP] += 1
+    clock[TIME] = stage[END]
+    before, dx = counts[ALIVE], settings.dx
+    fastest2, most, p = clock[SPEED_WORST] * clock[SPEED_WORST], -1.0, int64(0)
+    for c in range(report.shape[0]):
+        fastest2 = max(fastest2, report[c, entry.SPEED2_MAX])
+        if report[c, STAY2] > most:
+            most, p = report[c, STAY2], int64(report[c, STAY_POINT])
+    if fastest2 > clock[SPEED_WORST] * clock[SPEED_WORST] and most >= 0.0:
+        row, column = key_row(keys[p]), key_column(keys[p])
+        level = key_level(keys[p]) + lowest[row, column, 0]
+        clock[FASTEST_X] = (float(rows[p, X]) + (BLOCK * column - GHOSTS)) * dx
+        clock[FASTEST_Y] = (float(rows[p, Y]) + (BLOCK * row - GHOSTS)) * dx
+        clock[FASTEST_Z] = (float(rows[p, Z]) + (BLOCK * level - GHOSTS)) * dx
+        clock[FASTEST_TIME] = clock[TIME]
+    taken_up = collect(report, ledger, clock, counts, counts[WINDOW_FIRST:])
+    if counts[BAD] > 0:
+        run[STATUS] = NOT_FINITE_STATE
+    elif taken_up > settings.leak_stop * clock[TOTAL_MASS]:
+        run[STATUS] = LEAKED
+    elif counts[ALIVE] < before:
+        counts[SINCE_REORDER] = REORDER_STEPS  # they are removed from memory at the next step

@@ -1,0 +1,362 @@
+"""Time loop of the 3D MPM on a CUDA device; what `kernels.points.advance` is on the CPU.
+
+Interface (used by the solver):
+
+    device = DevicePoints(state, places, settings, effects)   # copies everything to the device
+    reason = device.advance(until, after, max_steps)          # as `kernels.points.advance`; rows stay on the device
+    device.download()                                         # all of `state` on the host is current again
+
+`state` holds the solver's own host arrays: `advance` keeps `clock` and `counts` current in them, `download` all others.
+After any change of the host arrays (insertion, restart, other laws) make a new DevicePoints.
+`unsupported(...)` names what a device cannot take, before the run.
+
+Arrays whose size depends on the flow grow when a step does not fit: nothing of the step is done before that is known.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import cuda
+
+from ..kernels import point_clock as entry
+from ..kernels.block_order import CHUNKS
+from ..kernels.left_cells import LEFT_MASS
+from ..kernels.point_barriers import COLUMN_FLOW, POINT_BARRIER_SUMS
+from ..kernels.point_drag import BLOCK_COLUMNS, COLUMN_MASSES
+from ..kernels.point_layers import LAYER_ENTRIES
+from ..kernels.point_nodes import NODE_REPORT
+from ..kernels.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
+from ..kernels.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
+from . import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
+from .compiled import SIMULATED
+from .launch import (
+    ACTIVE,
+    AFTER,
+    DEPTH,
+    NEEDS_ROOM,
+    ROOM_ACTIVE,
+    ROOM_DEPTH,
+    ROOM_PLACES,
+    ROOM_TOUCHED,
+    RUN_ENTRIES,
+    SIZE,
+    SMALL,
+    STAGE_ENTRIES,
+    STATUS,
+    TOUCHED,
+    UNTIL,
+    Launch,
+)  # fmt: skip
+
+EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
+COLUMNS = point_nodes.COLUMNS
+
+
+class PointState(NamedTuple):
+    """Arrays of a run that change, as in `kernels.points.advance`; they belong to the host and keep their identity."""
+
+    rows: np.ndarray
+    ids: np.ndarray
+    keys: np.ndarray
+    clock: np.ndarray
+    counts: np.ndarray
+    ledger: np.ndarray
+    left_cells: np.ndarray
+    peaks: np.ndarray
+    yields: np.ndarray
+
+
+class PointPlaces(NamedTuple):
+    """Ground and map of a run, as in `kernels.points.advance`."""
+
+    ground: NamedTuple  # `kernels.point_ground.Ground`
+    lowest: np.ndarray
+    inside: np.ndarray
+    zone_values: np.ndarray
+    watched: np.ndarray
+
+
+def unsupported(effects, walls=()):
+    """What a device cannot take of a 3D run, as a tuple of names; empty if it takes all of it.
+
+    Parameters
+    ----------
+    effects : PointEffects
+    walls : sequence of Wall
+        Rigid barriers.
+    """
+    names = []
+    if walls or effects.barrier.barrier_active():
+        names.append("rigid barriers")
+    return tuple(names)
+
+
+class DevicePoints:
+    """The points of a run on the device.
+
+    Parameters
+    ----------
+    state : PointState
+    places : PointPlaces
+    settings : kernels.point_arrays.Settings
+    effects : PointEffects
+        Material and softening in the precision of the rows.
+    launch : Launch, optional
+        Sizes of launches; by default those for a card, in the simulator small ones.
+
+    Raises
+    ------
+    ValueError
+        With what a device cannot take (see `unsupported`).
+    """
+
+    def __init__(self, state, places, settings, effects, launch=None):
+        names = unsupported(effects)
+        if names:
+            raise ValueError(f"a CUDA device cannot take {', '.join(names)}; use device = 'cpu'")
+        self.state, self._settings, self._effects = state, settings, effects
+        self._launch = launch or (SMALL if SIMULATED else Launch())
+        self._real = state.rows.dtype.type
+        self._drags = effects.contact.drag_active()
+        self._upload(places)
+        self._make_reports()
+        self._run = np.zeros(RUN_ENTRIES, np.int64)
+        self._stage = np.zeros(STAGE_ENTRIES)
+        self._d_run, self._d_stage = cuda.to_device(self._run), cuda.to_device(self._stage)
+        self._grow()
+
+    def _upload(self, places):
+        """Copy state and map to the device."""
+        state = self.state
+        for name in ("rows", "ids", "keys", "clock", "counts", "ledger", "peaks", "yields"):
+            setattr(self, f"_{name}", cuda.to_device(np.ascontiguousarray(getattr(state, name))))
+        n = len(state.rows)
+        self._order, self._loose = cuda.device_array(n, np.int32), cuda.device_array(n, np.int32)
+        self._strip = cuda.device_array((n, point_sort.STRIP), self._real)
+        self._names = cuda.device_array((n, 2), np.int64)
+        ground = places.ground
+        self._ground = tuple(map(cuda.to_device, map(np.ascontiguousarray, (ground.nodes, ground.folds, ground.exact))))
+        self._lowest, self._inside = cuda.to_device(places.lowest), cuda.to_device(places.inside.astype(np.uint8))
+        self._zone_values = cuda.to_device(np.ascontiguousarray(places.zone_values))
+        watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
+        self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
+        self._barriers, self._booked = (
+            cuda.to_device(np.zeros((1, 1, 1))),
+            cuda.to_device(np.zeros((1, POINT_BARRIER_SUMS))),
+        )
+        self._flow = cuda.to_device(np.zeros((1, 1, COLUMN_FLOW)))
+        rows, columns = ground.nodes.shape[:2] if self._drags else (1, 1)
+        self._column_mass = cuda.to_device(np.zeros((rows, columns, COLUMN_MASSES)))
+        self._units = left_units(
+            state.left_cells, state.clock[entry.TOTAL_MASS], places.inside.shape, self._settings.dx
+        )
+        self._left = cuda.to_device(np.rint(state.left_cells / self._units).astype(np.int64))
+        self._d_units = cuda.to_device(self._units)
+
+    def _make_reports(self):
+        """Reports of all threads, and the arrays in which they are summed."""
+        threads = self._launch.workers * self._launch.width
+        self._pieces = cuda.to_device(np.zeros((threads, 2), np.int64))
+        self._node_sums = [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in self._summed(threads)]
+        nothing = np.zeros(grid_to_points.POINT_REPORT)
+        nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
+        nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, grid_to_points.STAY2]] = -1.0
+        self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in self._summed(threads)]
+
+    @staticmethod
+    def _summed(threads):
+        """Numbers of rows of reports, from those of all threads to the CHUNKS of the CPU."""
+        return (threads, point_reports.GROUPS, CHUNKS) if threads > 4 * point_reports.GROUPS else (threads, CHUNKS)
+
+    def _grow(self):
+        """Make arrays in which the present step fits, with half as much in addition."""
+        run, old = self._run, self._run.copy()
+        for room, needed, least in (
+            (ROOM_PLACES, SIZE, 1024), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 256), (ROOM_DEPTH, DEPTH, 8),
+        ):  # fmt: skip
+            if run[needed] > run[room] or not old[room]:
+                run[room] = max(int(run[needed]) * 3 // 2, least)
+        if run[ROOM_PLACES] != old[ROOM_PLACES]:
+            size = int(run[ROOM_PLACES])
+            self._histogram, self._flags, self._slots = (cuda.device_array(size, np.int32) for _ in range(3))
+        if run[ROOM_ACTIVE] != old[ROOM_ACTIVE]:
+            size = int(run[ROOM_ACTIVE])
+            self._block, self._start = cuda.device_array(size, np.int32), cuda.device_array(size + 1, np.int64)
+            self._targets, self._blocks = (cuda.device_array((size, k), np.int32) for k in (8, 3))
+            self._tiles = cuda.device_array((size, TILE_SIZE), self._real)
+        if run[ROOM_TOUCHED] != old[ROOM_TOUCHED]:
+            size = int(run[ROOM_TOUCHED])
+            self._nodes, self._free = (
+                cuda.device_array((size, BLOCK_SIZE), self._real),
+                cuda.device_array(size, np.uint8),
+            )
+            self._touched, self._sources = (cuda.device_array((size, k), np.int32) for k in (3, 8))
+            self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), np.float64)
+        if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
+            threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
+            levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
+            self._layers = cuda.device_array((threads, LAYER_ENTRIES, levels), np.float64)
+        run[STATUS] = 0
+        self._d_run.copy_to_device(run)
+
+    def advance(self, until, after=np.inf, max_steps=1 << 62):
+        """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `kernels.points.advance`.
+
+        `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
+        """
+        state, first = self.state, int(self.state.counts[entry.STEP])
+        self._clock.copy_to_device(state.clock)
+        self._counts.copy_to_device(state.counts)
+        self._stage[UNTIL], self._stage[AFTER] = until, after
+        self._d_stage.copy_to_device(self._stage)
+        self._run[STATUS] = 0
+        self._d_run.copy_to_device(self._run)
+        while state.counts[entry.STEP] - first < max_steps:
+            for _ in range(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first)))):
+                self._step()
+            self._d_run.copy_to_host(self._run)
+            self._counts.copy_to_host(state.counts)
+            if self._run[STATUS] == NEEDS_ROOM:
+                self._grow()
+            elif self._run[STATUS] != 0:
+                break
+        self._clock.copy_to_host(state.clock)
+        if self._run[STATUS] != 0:
+            return int(self._run[STATUS])
+        return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
+
+    def download(self):
+        """Copy all that changes into the arrays of the host state."""
+        state = self.state
+        for name in ("rows", "ids", "keys", "clock", "counts", "ledger", "peaks", "yields"):
+            values = getattr(state, name)
+            values[...] = getattr(self, f"_{name}").copy_to_host()
+        state.left_cells[...] = self._left.copy_to_host() * self._units
+
+    def _all(self, kernel, *arguments):
+        """Launch a kernel whose threads share the work."""
+        kernel.of(self._real)[self._launch.workers, self._launch.width](*arguments)
+
+    def _one(self, kernel, *arguments):
+        """Launch a kernel of one thread."""
+        kernel.of(self._real)[1, 1](*arguments)
+
+    def _step(self):
+        """Launch the kernels of one step."""
+        self._sort()
+        self._reorder()
+        self._sum_to_nodes()
+        self._contact()
+        self._move_points()
+
+    def _sort(self):
+        run, lowest, launch = self._d_run, self._lowest, self._launch
+        self._one(point_sort.begin_step, run, self._d_stage, self._clock, self._counts)
+        self._all(point_sort.clear_window, run, self._histogram, self._flags)
+        self._all(point_sort.count_points, run, self._counts, self._keys, self._histogram)
+        self._all(point_sort.sum_pieces, run, self._histogram, self._pieces)
+        scanners = min(point_sort.SCANNERS, launch.workers * launch.width)
+        point_sort.scan_pieces.of(self._real)[1, scanners](run, self._pieces, True)
+        self._all(point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
+        self._all(point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose)
+        self._all(point_sort.rank_points, run, self._start, self._loose, self._order)
+        self._all(point_sort.mark_touched, run, self._block, lowest, self._flags)
+        self._all(point_sort.sum_pieces, run, self._flags, self._pieces)
+        point_sort.scan_pieces.of(self._real)[1, scanners](run, self._pieces, False)
+        self._all(
+            point_sort.rank_touched, run, self._flags, self._pieces, lowest, self._watched, self._slots, self._touched,
+            self._sources,
+        )  # fmt: skip
+        self._all(
+            point_sort.link_blocks, run, self._block, lowest, self._slots, self._sources, self._targets, self._blocks
+        )
+
+    def _reorder(self):
+        run, rows, ids, keys = self._d_run, self._rows, self._ids, self._keys
+        self._one(point_sort.decide_order, run, self._counts)
+        for first in range(0, rows.shape[1], point_sort.STRIP):
+            self._all(point_sort.take_strip, run, rows, ids, keys, self._order, self._strip, self._names, first)
+            self._all(point_sort.give_strip, run, rows, ids, keys, self._strip, self._names, first)
+        self._all(point_sort.note_order, run, self._counts, self._order)
+
+    def _sum_to_nodes(self):
+        run, settings, launch = self._d_run, self._settings, self._launch
+        points_to_grid.points_to_grid.of(self._real)[8 * launch.workers, launch.shares * points_to_grid.COLUMNS](
+            run, self._rows, self._order, self._start, self._tiles
+        )
+        self._all(point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
+        if self._drags:
+            self._all(point_nodes.weigh_contact, run, self._nodes, self._touched, *self._ground, self._masses, settings)
+            self._all(
+                point_nodes.spread_contact, run, self._masses, self._touched, self._slots, self._lowest,
+                self._column_mass,
+            )  # fmt: skip
+        self._all(point_nodes.move_nodes, run, self._d_stage, self._nodes, settings)
+
+    def _contact(self):
+        """Ground, walls and layers; then peaks, and the length of the next step."""
+        run, stage, settings, ground = self._d_run, self._d_stage, self._settings, self._ground
+        laws = settings, self._effects.contact, self._effects.zones, self._effects.barrier
+        nodes, touched, slots, lowest, reports = (
+            self._nodes,
+            self._touched,
+            self._slots,
+            self._lowest,
+            self._node_sums[0],
+        )
+        places = *ground, self._zone_values, self._barriers
+        self._all(
+            point_nodes.find_contacts, run, nodes, touched, self._free, *ground, self._barriers, reports, settings,
+            self._effects.barrier,
+        )  # fmt: skip
+        if self._drags:
+            self._all(
+                point_nodes.couple_layers, run, stage, nodes, touched, slots, lowest, *places, self._column_mass,
+                self._layers, reports, *laws,
+            )  # fmt: skip
+        self._all(
+            point_nodes.press_on_ground, run, stage, self._counts, nodes, touched, slots, lowest, self._free, *places,
+            self._yields, reports, *laws,
+        )  # fmt: skip
+        self._all(
+            point_nodes.hold_nodes, run, stage, nodes, touched, self._free, *places, self._column_mass, self._flow,
+            self._booked, reports, *laws,
+        )  # fmt: skip
+        self._all(point_nodes.finish_nodes, run, nodes, touched, self._free, *ground, reports, settings)
+        if self._drags:
+            self._all(point_nodes.clear_contact, run, touched, self._column_mass)
+        if settings.keep_peaks:
+            self._all(
+                point_nodes.note_peaks, run, stage, nodes, touched, slots, lowest, ground[0], self._peaks, settings
+            )
+        self._add_up(point_reports.sum_node_reports, self._node_sums)
+        self._one(point_reports.choose_step, run, stage, self._clock, self._counts, self._node_sums[-1], settings)
+
+    def _move_points(self):
+        run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
+        self._all(
+            grid_to_points.grid_to_points, run, stage, self._clock, self._rows, self._keys, self._order, self._start,
+            self._blocks, self._targets, self._nodes, self._ground[0], self._lowest, self._inside, self._left,
+            self._d_units, self._point_sums[0], settings, effects.material, effects.softening, effects.transfer,
+        )  # fmt: skip
+        self._add_up(point_reports.sum_point_reports, self._point_sums)
+        self._one(
+            point_reports.finish_step, run, stage, self._clock, self._counts, self._ledger, self._point_sums[-1],
+            self._rows, self._keys, self._lowest, settings,
+        )  # fmt: skip
+
+    def _add_up(self, kernel, sums):
+        """Sum the reports of all threads, from one array of `sums` to the next."""
+        for many, few in pairwise(sums):
+            kernel.of(self._real)[few.shape[0], few.shape[1]](self._d_run, many, few)
+
+
+def left_units(left_cells, mass, cells, dx):
+    """float64[LEFT_ENTRIES]: units [kg, kg m, kg m], powers of two, in which outflow is summed in whole numbers.
+
+    Sums of twice the `mass` [kg] of a run on a domain of `cells` [ny, nx] of `dx` [m] stay exact in float64.
+    """
+    ny, nx = cells
+    most = 2.0 * max(float(mass), float(left_cells[..., LEFT_MASS].sum()), 1e-300)
+    return np.array([2.0 ** np.ceil(np.log2(most * length / EXACT)) for length in (1.0, nx * dx, ny * dx)])

@@ -1,0 +1,135 @@
+"""The 3D solver with its points on a CUDA device.
+
+The arrays of the host are those of `PointSolver`. They are copied from the device when they are read after a step, and
+to it before a step once they were changed: a frame costs one copy, a step none.
+"""
+
+from ..errors import SceneError
+from ..gpu.available import CPU_INSTEAD, require_device
+from ..kernels.point_rows import ROW_LONG, ROW_SHORT
+from .points import PointSolver
+
+ROW_COPIES = 1.2  # of the rows on the device: the rows themselves, and strips and order of the sort
+BYTES_PER_POINT = 45  # ids, keys and names of points on the device
+BYTES_PER_BLOCK = 12_000  # tile, nodes and lists of a block, in float32; twice as much in float64
+POINTS_PER_BLOCK = 100  # fewest, of a flow that is thin
+
+
+class _OnDevice:
+    """An array of the host that is current after it is read through this attribute."""
+
+    def __set_name__(self, owner, name):
+        self._name = f"{name}_of_host"
+
+    def __get__(self, solver, owner=None):
+        if solver is None:
+            return self
+        solver.download()
+        return getattr(solver, self._name)
+
+    def __set__(self, solver, values):
+        setattr(solver, self._name, values)
+
+
+def refused(effects, walls=()):
+    """Names of what a device cannot take of `effects` (PointEffects) and `walls`; empty if it takes all."""
+    from ..gpu.points import unsupported
+
+    return unsupported(effects, walls)
+
+
+def device_memory(points, precision, material):
+    """Memory [bytes] on the device of a number of `points` of a `material` in `precision`, estimated from above."""
+    size, numbers = 4 if precision == "float32" else 8, ROW_SHORT if material.state_count() <= 4 else ROW_LONG
+    blocks = points / POINTS_PER_BLOCK * BYTES_PER_BLOCK * size / 4
+    return points * (ROW_COPIES * numbers * size + BYTES_PER_POINT) + blocks
+
+
+class DevicePointSolver(PointSolver):
+    """As `PointSolver`, with the steps on a CUDA device.
+
+    Parameters
+    ----------
+    frame, terrain, effects, numerics, ...
+        As of `PointSolver`.
+
+    Raises
+    ------
+    SceneError
+        There is no device, or something that a device cannot take; with its name.
+    """
+
+    _device, _ahead = None, False  # DevicePoints, and whether its arrays are newer than those of the host
+    _rows, _ids, _keys, _ledger, _left, _peaks, _yields = (_OnDevice() for _ in range(7))
+
+    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
+        require_device(device_memory(len(frame.particles), numerics.precision, effects.material))
+        self._require_supported(effects, walls)
+        super().__init__(frame, terrain, effects, numerics, stress, zone_values, walls, affine)
+
+    @staticmethod
+    def _require_supported(effects, walls):
+        names = refused(effects, walls)
+        if names:
+            raise SceneError(f"device = 'cuda' cannot compute {', '.join(names)}; {CPU_INSTEAD}")
+
+    def download(self):
+        """Copy what the device has computed into the arrays of the host."""
+        if self._ahead:
+            self._ahead = False
+            self._device.download()
+
+    def _forget(self):
+        """Leave the device with what it has computed, because the host is about to change arrays or settings."""
+        self.download()
+        self._device = None
+
+    def _take_steps(self, until, after, max_steps):
+        if self._device is None:
+            self._device = self._on_device()
+        self._ahead = True
+        return self._device.advance(until, after, max_steps)
+
+    def _on_device(self):
+        """The DevicePoints of the present arrays."""
+        from ..gpu import laws  # noqa: F401  (kernels call methods of laws)
+        from ..gpu.points import DevicePoints, PointPlaces, PointState
+
+        state = PointState(
+            self._rows, self._ids, self._keys, self._clock, self._counts, self._ledger, self._left, self._peaks,
+            self._yields,
+        )  # fmt: skip
+        places = PointPlaces(self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._watched)
+        return DevicePoints(state, places, self._settings, self._effects)
+
+    def _give_impulses(self):
+        self._forget()
+        super()._give_impulses()
+
+    def _integrate_with(self, effects, places, walls):
+        self._require_supported(effects, walls)
+        self._forget()
+        super()._integrate_with(effects, places, walls)
+
+    def _mark_watched(self):
+        self._forget()
+        super()._mark_watched()
+
+    def _update_mass_limits(self):
+        self._forget()
+        super()._update_mass_limits()
+
+    def share_step(self, share):
+        """As of `PointSolver`."""
+        self._forget()
+        super().share_step(share)
+
+    def restore(self, frame, known=False):
+        """As of `PointSolver`; the frame may be of a run on the processor."""
+        self._forget()
+        super().restore(frame, known)
+
+    def insert(self, frame, stress=None, affine=None):
+        """As of `PointSolver`."""
+        self._forget()
+        super().insert(frame, stress, affine)

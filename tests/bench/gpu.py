@@ -1,0 +1,296 @@
+"""The 3D solver on a CUDA device against the processor of the same machine: `python tests/bench/gpu.py OUT`.
+
+It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
+the processor for every material in both precisions, and equal bits of two runs; compute-sanitizer where it is
+installed; copy bandwidth of the device; time of a step by CUDA events for each number of points, with memory; time of a
+step on the processor. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no
+agreement. The kernels of the processor compile for half a minute per material and precision; `--materials` and
+`--precisions` choose some of them.
+"""
+
+import argparse
+import json
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+
+from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
+from mpmgis.effects.fluid import Fluid  # noqa: E402
+from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
+from mpmgis.effects.slots import PointEffects  # noqa: E402
+from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
+from mpmgis.gpu.available import found_device  # noqa: E402
+from mpmgis.machine import available_memory  # noqa: E402
+from mpmgis.particles import Frame, Particles  # noqa: E402
+from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
+from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
+from mpmgis.solvers.points import PointSolver  # noqa: E402
+from mpmgis.terrain.elevation import Terrain  # noqa: E402
+from mpmgis.terrain.grid import Grid  # noqa: E402
+
+SLOPE, DEPTH = 0.5, 8  # of the plane; of the slab [cells], with 8 points in a cell of 1 m
+DENSITY = 2000.0
+SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
+MATERIALS = {
+    "elastic": (Elastic(6.7e6, 4e6), NoSoftening(), CoulombContact(0.4)),
+    "Drucker-Prager": (SOIL, NoSoftening(), CoulombContact(0.4)),
+    "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0), CoulombContact(0.4)),
+    "mu(I)": (MuI(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening(), VoellmyContact(0.2, 900.0)),
+    "cohesive mu(I)": (
+        cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6), NoSoftening(),
+        CoulombContact(0.4),
+    ),
+    "fluid": (Fluid(7.1e6, 0.0, 0.0), NoSoftening(), VoellmyContact(0.1, 900.0)),
+}  # fmt: skip
+AGREES = {"float64": 1e-9, "float32": 2e-3}  # largest difference of places [cells] and of speeds over the largest
+CHECKED_POINTS, CHECKED_STEPS = 4096, 60
+STEPS, REPEATS, WARM_UP = 20, 5, 40
+LARGEST_ON_PROCESSOR = 10_000_000  # points
+HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
+SANITIZER_SECONDS = 900
+
+
+class Cells(NamedTuple):
+    """Cells of 1 m, as the affine of a raster has them."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+
+
+def slab(points):
+    """(Terrain, Frame) of a slab of about `points` on a plane that falls to the east."""
+    side = max(2, round((points / (8 * DEPTH)) ** 0.5))
+    high = DEPTH if points >= 8 * DEPTH * 4 else 2
+    rows, columns = side + 16, 2 * side + 32
+    top = SLOPE * columns
+    height = np.tile(top - SLOPE * (np.arange(columns) + 0.5), (rows, 1))
+    terrain = Terrain(Grid(None, Cells(1.0, 0.0, 0.0, 0.0, -1.0, float(rows)), (rows, columns)), height)
+    n = (2 * side) * (2 * side) * (2 * high)
+    place = np.empty((n, 3))
+    k = np.arange(n)
+    place[:, 0] = 8.25 + 0.5 * (k % (2 * side))
+    place[:, 1] = 8.25 + 0.5 * (k // (2 * side) % (2 * side))
+    place[:, 2] = 0.25 + 0.5 * (k // (4 * side * side)) + top - SLOPE * place[:, 0]
+    volume = np.full(n, 0.125)
+    particles = Particles(place, np.zeros((n, 3)), DENSITY * volume, volume, id=k.astype(np.uint64))
+    return terrain, Frame(particles, dimension=3)
+
+
+def solver_of(kind, points, material="Drucker-Prager", precision="float32", maxima=False):
+    """A solver of `kind` with the slab of about `points`."""
+    law, soft, contact = MATERIALS[material]
+    terrain, frame = slab(points)
+    numerics = PointNumerics(1.0, density=DENSITY, precision=precision, maxima=maxima)
+    return kind(frame, terrain, PointEffects(law, soft, contact), numerics)
+
+
+def state_after(kind, points, steps, material, precision):
+    """(places, velocities) of all points after `steps`, in the order of their ids."""
+    solver = solver_of(kind, points, material, precision, maxima=True)
+    solver.advance(1e9, max_steps=steps)
+    particles = solver.frame().particles
+    order = np.argsort(particles.id)
+    return particles.position[order], particles.velocity[order]
+
+
+def agreement(points, steps, materials, precisions):
+    """Rows of the comparison with the processor, for each material and precision."""
+    for material in materials:
+        for precision in precisions:
+            allowed = AGREES[precision]
+            task = (points, steps, material, precision)
+            known, found, again = (state_after(kind, *task) for kind in (PointSolver, *2 * [DevicePointSolver]))
+            place = float(np.abs(found[0] - known[0]).max())
+            speed = float(np.abs(found[1] - known[1]).max() / max(np.abs(known[1]).max(), 1e-300))
+            repeated = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
+            yield {
+                "material": material, "precision": precision, "points": len(known[0]), "steps": steps,
+                "place_cells": place, "speed_relative": speed, "allowed": allowed, "same_bits": repeated,
+                "agrees": bool(max(place, speed) <= allowed and repeated),
+            }  # fmt: skip
+
+
+def sanitized():
+    """What compute-sanitizer says of a short run; why it was not run where it was not."""
+    tool = shutil.which("compute-sanitizer")
+    if tool is None:
+        return {"ran": False, "reason": "compute-sanitizer is not installed"}
+    command = [tool, "--tool", "memcheck", "--error-exitcode", "9", sys.executable, __file__, "--only-steps"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SANITIZER_SECONDS)
+    except subprocess.TimeoutExpired:
+        return {"ran": False, "reason": f"stopped after {SANITIZER_SECONDS} s"}
+    lines = (done.stdout + done.stderr).splitlines()
+    return {"ran": True, "clean": done.returncode == 0, "last_lines": lines[-5:]}
+
+
+def event_seconds(work):
+    """Time [s] of `work()` on the device, between two CUDA events."""
+    from numba import cuda
+
+    start, end = cuda.event(timing=True), cuda.event(timing=True)
+    start.record()
+    work()
+    end.record()
+    end.synchronize()
+    return 1e-3 * float(cuda.event_elapsed_time(start, end))
+
+
+def copy_bandwidth(size=1 << 30, times=10):
+    """Bandwidth [B s-1] of copies on the device, bytes read and written."""
+    from numba import cuda
+
+    one, other = cuda.device_array(size, np.uint8), cuda.device_array(size, np.uint8)
+
+    def copies():
+        for _ in range(times):
+            other.copy_to_device(one)
+
+    copies()
+    return 2.0 * size * times / min(event_seconds(copies) for _ in range(3))
+
+
+def timed_on_device(points, precision):
+    """Row of a run on the device: ns per point and step, with the memory that it takes."""
+    from numba import cuda
+
+    lack = no_room(points, precision)
+    if lack:
+        return {"points": points, "precision": precision, "not_run": lack}
+    free = cuda.current_context().get_memory_info()[0]
+    solver = solver_of(DevicePointSolver, points, precision=precision)
+    solver.advance(1e9, max_steps=WARM_UP)
+    taken = free - cuda.current_context().get_memory_info()[0]
+    before = solver.step
+    seconds = [event_seconds(lambda: solver.advance(1e9, max_steps=STEPS)) for _ in range(REPEATS)]
+    if solver.step - before != REPEATS * STEPS:
+        return {"points": points, "precision": precision, "not_run": f"stopped after {solver.step - before} steps"}
+    each = np.array(seconds) / (STEPS * solver.points) * 1e9
+    return {
+        "points": solver.points, "precision": precision, "ns": float(np.median(each)), "ns_least": float(each.min()),
+        "ns_most": float(each.max()), "bytes_per_point": taken / solver.points,
+    }  # fmt: skip
+
+
+def timed_on_processor(points, precision):
+    """Row of a run on all cores of the processor."""
+    if points > LARGEST_ON_PROCESSOR or HOST_BYTES_PER_POINT * points > 0.8 * available_memory():
+        return {"points": points, "precision": precision, "not_run": "too large for the processor"}
+    solver = solver_of(PointSolver, points, precision=precision)
+    solver.advance(1e9, max_steps=5)
+    each = []
+    for _ in range(3):
+        began = time.perf_counter()
+        solver.advance(1e9, max_steps=5)
+        each.append((time.perf_counter() - began) / (5 * solver.points) * 1e9)
+    return {"points": solver.points, "precision": precision, "ns": float(np.median(each))}
+
+
+def no_room(points, precision):
+    """Why a run does not fit into the memory of the host or of the device; "" if it does."""
+    device = found_device().device
+    if HOST_BYTES_PER_POINT * points > 0.8 * available_memory():
+        return f"the host has {available_memory() / 1e9:.3g} GB free"
+    needed = device_memory(points, precision, SOIL)
+    return f"the device has {device.free / 1e9:.3g} GB free" if needed > device.free and not device.simulated else ""
+
+
+def machine():
+    """What this is measured on."""
+    from importlib.metadata import version
+
+    names = ("numba", "numba-cuda", "numpy", "scipy", "h5py")
+    return {
+        "device": found_device().line(), "processor": platform.processor() or platform.machine(),
+        "threads": numba.config.NUMBA_NUM_THREADS, "python": platform.python_version(),
+        **{name: version(name) for name in names},
+    }  # fmt: skip
+
+
+def text_of(found):
+    """The results as lines of text."""
+    yield from (f"{name}: {value}" for name, value in found["machine"].items())
+    for row in found["agreement"]:
+        verdict, repeated = "agrees" if row["agrees"] else "DIFFERS", "equal" if row["same_bits"] else "DIFFERENT"
+        yield (
+            f"{verdict}: {row['material']}, {row['precision']}, {row['points']} points, {row['steps']} steps: places "
+            f"{row['place_cells']:.1e} cells, speeds {row['speed_relative']:.1e}, bits of two runs {repeated}"
+        )
+    if "sanitizer" in found:
+        yield f"compute-sanitizer: {found['sanitizer']}"
+    if "copy_bandwidth" in found:
+        yield f"copy bandwidth: {found['copy_bandwidth'] / 1e12:.3g} TB/s"
+    for where in ("device", "processor"):
+        for row in found.get(f"on_{where}", ()):
+            words = row.get("not_run") or ", ".join(
+                f"{k} {v:.4g}" for k, v in row.items() if k.startswith(("ns", "by"))
+            )
+            yield f"{where}: {row['points']} points, {row['precision']}: {words}"
+
+
+def write(found, folder):
+    """Write what is known so far to `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "gpu.json").write_text(json.dumps(found, indent=1) + "\n")
+    (folder / "gpu.txt").write_text("".join(f"{line}\n" for line in text_of(found)))
+
+
+def measure(folder, sizes, checked, steps, materials, precisions):
+    """All parts into `folder`, for `sizes` [points]; returns whether device and processor agree."""
+    found = {"machine": machine(), "agreement": []}
+    for row in agreement(checked, steps, materials, precisions):
+        found["agreement"].append(row)
+        write(found, folder)
+    if not numba.config.ENABLE_CUDASIM:
+        found["sanitizer"] = sanitized()
+        found["copy_bandwidth"] = copy_bandwidth()
+        write(found, folder)
+        for where, timed in (("device", timed_on_device), ("processor", timed_on_processor)):
+            rows = found[f"on_{where}"] = []
+            for points in sizes:
+                for precision in precisions:
+                    rows.append(timed(points, precision))
+                    write(found, folder)
+    print((folder / "gpu.txt").read_text(), end="")
+    return all(row["agrees"] for row in found["agreement"])
+
+
+def main():
+    """The command; returns its status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for gpu.json and gpu.txt")
+    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="numbers of points")
+    parser.add_argument("--checked", type=int, default=CHECKED_POINTS, help="points of the comparison")
+    parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
+    parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), help="of the comparison")
+    parser.add_argument("--precisions", nargs="+", choices=AGREES, default=["float32", "float64"], help="of all parts")
+    parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
+    given = parser.parse_args()
+    found = found_device()
+    if found.device is None:
+        print(f"nothing is measured: {found.lack}", file=sys.stderr)
+        return 1
+    if given.only_steps:
+        solver_of(DevicePointSolver, CHECKED_POINTS).advance(1e9, max_steps=WARM_UP)
+        return 0
+    sizes = [round(1e6 * size) for size in given.millions]
+    agrees = measure(given.out, sizes, given.checked, given.steps, given.materials, given.precisions)
+    return 0 if agrees else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,280 @@
+"""Cases of the 3D solver in the CUDA simulator against the CPU's kernels; prints what it found as JSON.
+
+Run as `python simulated_points.py` with NUMBA_ENABLE_CUDASIM=1 (`test_device_points.py` does): numba reads it once.
+"""
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
+from column_scenes import terrain_of
+from point_scenes import block_of, plane, points_on
+
+from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.material import drucker_prager
+from mpmgis.effects.softening import softening
+from mpmgis.effects.zones import FrictionZones
+from mpmgis.gpu.launch import Launch
+from mpmgis.gpu.points import DevicePoints, PointPlaces, PointState
+from mpmgis.kernels import point_clock as entry
+from mpmgis.kernels import point_rows as row
+from mpmgis.kernels.block_order import GONE
+
+sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, and wait for each other often
+SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
+SOFT = softening((35.0, 500.0), (20.0, 0.0), 10.0)
+STRETCH = np.array([[-3.0, 1.0, 0.0], [0.5, -1.0, 0.5], [2.0, 0.0, -8.0]])  # [s-1]
+COULOMB, VOELLMY = CoulombContact(0.3), VoellmyContact(0.2, 300.0)
+NARROW = Launch(2, 8, 1, 4, 3)
+NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "yields")
+WIDE = Launch(3, 16, 2, 8, 5)
+
+
+def slab(precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, **more):
+    """Points that fall on a plane of 30 degrees and strain; 8 a cell of 1 m."""
+    frame = block_of(size, 0.5, (x, 12.2, 0.0), velocity=velocity)
+    place = frame.particles.position
+    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
+    place[:, 2] += 120.0 - np.tan(np.radians(30.0)) * place[:, 0]
+    return points_on(plane(30.0), frame, 1.0, SOIL, contact, SOFT, precision=precision, maxima=True, **more)
+
+
+def at_cliff(precision, contact=COULOMB):
+    """Points at a cliff, whose ground folds."""
+    terrain = terrain_of(lambda x, y: np.where(x < 60.0, 30.0, 15.0), 120.0, 40.0, 5.0)
+    frame = block_of((1.5, 1, 1), 0.5, (56.6, 12.0, 29.6), velocity=(6.0, 0.0, -6.0))
+    place = frame.particles.position
+    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
+    return points_on(terrain, frame, 1.0, SOIL, contact, SOFT, precision=precision, maxima=True)
+
+
+def into_wall(precision):
+    """Points that run into a wall on the eastern edge, some of them already beyond it."""
+    solver = slab(precision, x=198.4, velocity=(40.0, 0.0, 0.0), edges="wall")
+    solver._rows[::4, row.X] = 4.0 + 0.2  # the edge is at 4 in its block
+    return solver
+
+
+def out_of_domain(precision):
+    """Points of which some leave over the southern edge in the first step."""
+    solver = slab(precision, x=100.0, velocity=(0.0, -60.0, 0.0))
+    solver._keys[:] = solver._keys & ((1 << 42) - 1)  # the block row of the edge, at 4 in it
+    solver._rows[:, row.Y] = np.linspace(4.02, 4.45, len(solver._rows))
+    return restarted(solver)
+
+
+def under_ground(precision):
+    """Some of the points are more than a cell below the ground."""
+    solver = slab(precision)
+    solver._rows[::5, row.Z] = 0.55
+    return restarted(solver)
+
+
+def restarted(solver):
+    """`solver` with the window of its changed keys."""
+    from mpmgis.kernels.point_blocks import window_of
+
+    window_of(solver._keys, solver._lowest, solver._counts[entry.WINDOW_FIRST :])
+    return solver
+
+
+def zoned(precision):
+    """Friction from a map."""
+    solver = slab(precision)
+    values = np.full((*solver._ground.shape[:2], 1), 0.3)
+    values[::2] = 0.6
+    solver._zone_values = values
+    solver._effects = solver._effects._replace(zones=FrictionZones())
+    return solver
+
+
+def device_of(solver, launch=NARROW):
+    """DevicePoints of the arrays of `solver`."""
+    places = PointPlaces(solver._known_ground, solver._lowest, solver.grid.inside, solver._zone_values, solver._watched)
+    state = PointState(*(getattr(solver, f"_{name}") for name in NAMES))
+    return DevicePoints(state, places, solver._settings, solver._effects, launch)
+
+
+def begun(solver):
+    """`solver` whose first step is chosen."""
+    solver.advance(solver.time, max_steps=0)
+    return solver
+
+
+def advanced(solver, steps, until=1e9, launch=NARROW, pauses=1):
+    """The reason after `steps` on the device, with all arrays back; `pauses`: as often through the host between."""
+    for _ in range(pauses):
+        device = device_of(begun(solver), launch)
+        reason = device.advance(until, np.inf, steps // pauses)
+        device.download()
+    return reason
+
+
+def difference(one, other):
+    """Largest differences of the state of two solvers, by name, over the size of what is compared."""
+    here = {}
+    alive = one._keys[: one._counts[entry.ROWS]] != GONE
+    a, b = (s._rows[: s._counts[entry.ROWS]][alive].astype(float) for s in (one, other))
+    affine = [k + axis for k in (row.AXX, row.AXY, row.AXZ) for axis in range(3)]
+    state = [k for k in row.STATE if k < a.shape[1]]
+    groups = {"place": [row.X, row.Y, row.Z], "momentum": [row.PX, row.PY, row.PZ], "affine": affine, "state": state}
+    for name, columns in groups.items():
+        scale = 1.0 if name == "place" else np.abs(a[:, columns]).max(initial=1e-300)
+        scale = max(scale, 1e-3 * np.abs(a[:, groups["momentum"]]).max(initial=0.0)) if name == "affine" else scale
+        here[name] = float(np.abs(a[:, columns] - b[:, columns]).max(initial=0.0) / scale)
+    for name in ("peaks", "yields", "ledger", "left"):
+        x, y = getattr(one, f"_{name}"), getattr(other, f"_{name}")
+        here[name] = float(np.abs(x - y).max() / max(np.abs(x).max(), 1e-300))
+    clock, there = one._clock, other._clock
+    here["time"] = float(np.abs(clock[entry.TIME] - there[entry.TIME]) / max(clock[entry.TIME], 1e-300))
+    impulses = slice(entry.IMPULSE_GROUND_X, entry.IMPULSE_GRAVITY + 1)
+    most = np.abs(clock[impulses]).max()
+    here["impulse"] = float(np.abs(clock[impulses] - there[impulses]).max() / max(most, 1e-300))
+    losses = [entry.GROUND_LOSS, entry.PLASTIC_LOSS, entry.LIMIT_LOSS, entry.LAYER_LOSS, entry.FRICTION_LOSS,
+              entry.LIFTED_ENERGY]  # fmt: skip
+    most = np.abs(clock[losses]).max()
+    here["losses"] = float(np.abs(clock[losses] - there[losses]).max() / max(most, 1e-300))
+    counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,
+               entry.LIMITED_TOTAL, entry.POINT_STEPS]  # fmt: skip
+    here["counted"] = float(np.abs(clock[counted] - there[counted]).max())
+    here["exact"] = bool(
+        np.array_equal(one._keys, other._keys)
+        and np.array_equal(one._ids, other._ids)
+        and np.array_equal(one._counts, other._counts)
+    )
+    fastest = slice(entry.FASTEST_X, entry.FASTEST_TIME + 1)
+    here["fastest"] = float(np.abs(clock[fastest] - there[fastest]).max())
+    here["clips"] = {
+        name: float(clock[getattr(entry, name)]) for name in ("LIFTED_TOTAL", "WALL_TOTAL", "LIMITED_TOTAL")
+    }
+    here["out"] = float(one._ledger[:, 0].sum())
+    here["alive"] = int(one._counts[entry.ALIVE])
+    return here
+
+
+def compared(make, precision, steps):
+    """What differs after `steps` on CPU and device, and the reasons to stop."""
+    one, other = make(precision), make(precision)
+    reason = begun(one).advance(1e9, max_steps=steps)
+    here = difference(one, other) if advanced(other, steps) == reason else {"exact": False}
+    return here
+
+
+def bits(solver):
+    """All that changes, as bytes."""
+    return b"".join(getattr(solver, f"_{name}").tobytes() for name in NAMES)
+
+
+def permuted(make, precision, steps):
+    """Whether `steps` with thread blocks and threads begun in another order give the same bits."""
+    from numba.cuda.simulator import kernel
+
+    one, other = make(precision), make(precision)
+    advanced(one, steps)
+    numpy, rng = kernel.np, np.random.default_rng(3)
+
+    class Shuffled:
+        def __getattr__(self, name):
+            return getattr(numpy, name)
+
+        @staticmethod
+        def ndindex(*shape):
+            places = list(numpy.ndindex(*shape))
+            rng.shuffle(places)
+            return [tuple(place) for place in places]
+
+    kernel.np = Shuffled()
+    try:
+        advanced(other, steps)
+    finally:
+        kernel.np = numpy
+    return {"same": bits(one) == bits(other)}
+
+
+def resumed(make, precision, steps):
+    """Whether a run through the host in its middle gives the same bits."""
+    one, other = make(precision), make(precision)
+    advanced(one, steps)
+    advanced(other, steps, pauses=2)
+    return {"same": bits(one) == bits(other)}
+
+
+def other_launch(make, precision, steps):
+    """Whether the motion is the same with another number of threads (sums of reports may differ in the last bits)."""
+    one, other = make(precision), make(precision)
+    advanced(one, steps)
+    advanced(other, steps, launch=WIDE._replace(shares=1))
+    return {"same": one._rows.tobytes() + one._keys.tobytes() == other._rows.tobytes() + other._keys.tobytes()}
+
+
+def reasons():
+    """Reasons to stop: time reached, watched blocks, all points gone."""
+    here = {}
+    solver = begun(slab("float64"))
+    device = device_of(solver)
+    here["reached"] = device.advance(2.5 * solver._clock[entry.STEP_NOW], np.inf, 10) == entry.REACHED_TIME
+    here["time"] = solver.time
+    watching = slab("float64")
+    watching._watched = np.ones(watching._lowest.shape[:2], np.uint8)
+    before = bits(begun(watching))
+    here["watched"] = advanced(watching, 3) == entry.WATCHED_REACHED
+    here["untouched"] = bits(watching) == before
+    gone = slab("float64")
+    gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
+    here["left"] = advanced(gone, 3) == entry.ALL_LEFT
+    return here
+
+
+def rejected():
+    """The message for rigid barriers."""
+    from mpmgis.effects.barrier import Barrier
+
+    solver = slab("float64")
+    solver._effects = solver._effects._replace(barrier=Barrier())
+    try:
+        device_of(solver)
+    except ValueError as error:
+        return {"message": str(error)}
+    return {"message": ""}
+
+
+BOTH = ("float64", "float32")
+SCENES = {
+    "slab": slab,
+    "drag": lambda precision: slab(precision, VOELLMY),
+    "cliff": at_cliff,
+    "cliff with drag": lambda precision: at_cliff(precision, VOELLMY),
+    "wall": into_wall,
+    "outflow": out_of_domain,
+    "under ground": under_ground,
+    "zones": zoned,
+}
+
+
+def cases():
+    """Name -> what answers the results of each case."""
+    small = lambda precision: slab(precision, size=(1, 1, 1))  # noqa: E731
+    here = {"reasons": reasons, "rejected": rejected}
+    for p in BOTH:
+        here |= {f"{name} {p}": partial(compared, make, p, 2) for name, make in SCENES.items()}
+        here[f"permuted {p}"] = partial(permuted, SCENES["drag"], p, 2)
+        here[f"permuted outflow {p}"] = partial(permuted, out_of_domain, p, 2)
+        here[f"resumed {p}"] = partial(resumed, slab, p, 2)
+        here[f"other launch {p}"] = partial(other_launch, slab, p, 1)
+        here[f"reordered {p}"] = partial(compared, small, p, 21)
+    return here
+
+
+def main():
+    """Print the results of the cases whose name contains one of the arguments, or of all, as JSON, one a line."""
+    for name, case in cases().items():
+        if not sys.argv[1:] or any(part in name for part in sys.argv[1:]):
+            print(json.dumps([name, case()]), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""The 3D solver on a CUDA device, in the simulator, against the CPU's kernels; repeats bit by bit; kernels compile.
+
+The simulator is chosen before numba is imported: the cases run in a process of their own (`simulated_points.py`).
+"""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from law_kernels import PRECISIONS, compiler_lack, ptx_of
+
+LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+CASES = Path(__file__).with_name("simulated_points.py")
+# of places [cells] and of momentum, affine momentum, state, peaks, yields, outflow, impulses and losses over the
+# largest of each: sums of the same numbers in another order, over a few steps
+TOLERANCE = {"float64": 1e-9, "float32": 2e-3}
+PLACES = {"float64": 1e-12, "float32": 2e-6}
+SCENES = ("slab", "drag", "cliff", "cliff with drag", "wall", "outflow", "under ground", "zones", "reordered")
+COMPARED = ("momentum", "affine", "state", "peaks", "yields", "ledger", "left", "impulse", "losses", "time")
+
+each_precision = pytest.mark.parametrize("precision", PRECISIONS)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Results of all cases, by name."""
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, str(CASES)], capture_output=True, text=True, env=environment, timeout=1800)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return dict(json.loads(line) for line in done.stdout.splitlines())
+
+
+@each_precision
+@pytest.mark.parametrize("scene", SCENES)
+def test_some_steps_are_those_of_the_processor(found, scene, precision):
+    here = found[f"{scene} {precision}"]
+    assert here["exact"], "keys, ids or counts differ"
+    assert here["place"] <= PLACES[precision]
+    worst = {name: here[name] for name in COMPARED if here[name] > TOLERANCE[precision]}
+    assert not worst
+    assert here["counted"] == 0.0
+
+
+def test_the_scenes_contain_what_they_are_for(found):
+    assert found["outflow float64"]["out"] > 0.0
+    assert found["under ground float64"]["clips"]["LIFTED_TOTAL"] > 0
+    assert found["wall float64"]["clips"]["WALL_TOTAL"] > 0
+
+
+@each_precision
+@pytest.mark.parametrize("case", ["permuted", "permuted outflow", "resumed", "other launch"])
+def test_bits_depend_on_neither_launch_order_nor_pauses(found, case, precision):
+    assert found[f"{case} {precision}"]["same"]
+
+
+def test_reasons_to_stop(found):
+    assert all(found["reasons"].values())
+
+
+def test_barriers_are_rejected_by_name(found):
+    assert "rigid barriers" in found["rejected"]["message"]
+
+
+# kernels of points and the sums to nodes: no double precision in single precision, other than sums and rare cases
+SINGLE = ("points_to_grid", "gather_nodes", "rank_points", "count_points", "scatter_points")
+
+
+@pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
+@each_precision
+def test_kernels_compile_without_a_device(precision):
+    from device_kernels import signatures
+
+    import mpmgis.gpu.laws  # noqa: F401  (registers the methods of laws)
+
+    names = set()
+    for name, kernel, arguments in signatures(PRECISIONS[precision]):
+        text = ptx_of(kernel.python(PRECISIONS[precision]), tuple(arguments), (9, 0))
+        assert ".target sm_90" in text and ".visible .entry" in text, name
+        assert precision == "float64" or name not in SINGLE or ".f64" not in text, name
+        names.add(name)
+    assert len(names) > 30
