@@ -22,7 +22,9 @@ def way_out(x, y, edges, inside):
         return 2
     if y >= north:
         return 3
-    if inside[int64(y - south), int64(x - west)] == 0:
+    # just before the eastern or northern edge the difference rounds to the edge in single precision
+    j, i = min(int64(y - south), inside.shape[0] - 1), min(int64(x - west), inside.shape[1] - 1)
+    if inside[j, i] == 0:
         return entry.EDGES - 1
     return entry.EDGES
 
