@@ -8,12 +8,10 @@ import numpy as np
 import shapely
 
 from ..analysis.comparison import nearest
-from ..analysis.flow_line import centre_line
-from ..analysis.outline_summaries import BANDS, PathBands
+from ..analysis.flow_line import BANDS, PathBands, centre_line
 from ..errors import InputError
-from ..io.ensemble_members import Members, read_band
-from ..io.observed import cells_within, read_line, read_outline
-from ..io.observed_values import read_values
+from ..io.ensemble_folder import Members, read_band
+from ..io.observed import cells_within, read_line, read_outline, read_values
 from ..io.raster import read_raster
 from ..io.vector_table import read_table
 from ..messages import log
