@@ -171,8 +171,10 @@ def book_out(scratch, integers, count, block, inside, edges, settings, report):
             report[entry.BAD_Y] = (scratch[line.FY + q] + (block[1] * BLOCK - GHOSTS)) * dx
             integers[line.I_STAYS + q] = 0
         edge = 0 if x < west else 1 if y < south else 2 if x >= east else 3 if y >= north else entry.EDGES
-        if edge == entry.EDGES and integers[line.I_STAYS + q] == 1 and inside[int(y - south), int(x - west)] == 0:
-            edge = entry.EDGES - 1
+        if edge == entry.EDGES and integers[line.I_STAYS + q] == 1:
+            # `x - west` would round up to the edge for a point that is stopped at a wall, in single precision
+            known = inside[int(np.floor(y)) - int(south), int(np.floor(x)) - int(west)]
+            edge = entry.EDGES if known else entry.EDGES - 1
         if edge < entry.EDGES and integers[line.I_STAYS + q] == 1:
             out, mass = entry.OUT + edge * entry.OUT_ENTRIES, float(scratch[line.MASS + q])
             report[out] += mass
