@@ -15,7 +15,7 @@ import shapely
 
 from ..errors import FormatError, InputError, OutputError, one_line
 from ..fields import BAND, MEMBER_BANDS, NODATA, Quantity
-from ..messages import muted
+from ..messages import log, muted
 from .atomic import output_error, refuse_existing, whole_file
 from .libraries import GEOPACKAGE, pyogrio
 from .lock import LOCK_FILE, one_of, refuse_links, sole_writer, within
@@ -45,8 +45,14 @@ class RegionAreas:
     def frequencies(self, name):
         """float64[n]: numbers of at least 0 in the column `name`."""
         values = self.column(name, "frequency")
-        if values.dtype.kind not in "fiu" or not (np.isfinite(values) & (values >= 0)).all():
-            raise InputError(f"`frequency={name}`: expected a number of at least 0 for every release area")
+        wanted = "expected a number of at least 0 for every release area"
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"`frequency={name}`: the column is text (the first is {values[0]!r}), {wanted}")
+        wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0)))
+        if wrong.size:
+            first = values[wrong[0]]
+            got = f"{first:g}" if np.isfinite(first) else "empty"
+            raise InputError(f"`frequency={name}`: area {wrong[0] + 1} has {got}, {wanted}")
         return values.astype(float)
 
 
@@ -78,8 +84,16 @@ def write_area(path, shape, name, crs):
 
 def write_areas(path, areas, results):
     """Write a GeoPackage of all areas with the columns of the input and `results` (name -> list)."""
-    taken = {"fid", "geometry", *map(str.lower, results)}
-    own = {name: values for name, values in areas.columns.items() if name.lower() not in taken}
+    taken, own, left_out = {"fid", "geometry", *map(str.lower, results)}, {}, []
+    for name, values in areas.columns.items():  # GeoPackage does not distinguish upper and lower case
+        if name.lower() not in taken:
+            own[name] = values
+            taken.add(name.lower())
+        elif name.lower() not in ("fid", "geometry"):
+            left_out.append(f"`{name}`")
+    if left_out:
+        log.info(f"{path}: columns of the release areas with the name of a result, or of another column, are left out: "
+                 f"{', '.join(left_out)}; rename them to keep them")  # fmt: skip
     geometry = [part.polygon for part in areas.parts]
     _write_layer(path, LAYER, geometry, {**own, **results}, areas.crs)
 

@@ -250,14 +250,16 @@ class _Study:
         """Event -> the runs (members, index) that finished in all events, in a common order."""
         found = {event.name: [] for event in self.events}
         for members in self.rounds:
-            good = np.all([of.finished for of in members.values()], axis=0)
             for name, of in members.items():
-                found[name] += [(of, int(k)) for k in np.flatnonzero(good)]
+                found[name] += [(of, int(k)) for k in np.flatnonzero(finished_in_all(members))]
         return found
 
     def _result(self, tests):
         """The Calibration by all runs so far, with a self-test of so many runs."""
         runs, seed = self.runs, self.request.seed
+        count = len(runs[self.events[0].name])
+        if count < FEWEST:
+            raise InputError(f"only {count} runs finished in all events, expected at least {FEWEST}")
         parts = [self.on_grid[event.name].compared(runs[event.name]) for event in self.events]
         simulated = np.hstack([part.simulated for part in parts])
         observed, variances = (np.concatenate([getattr(part, n) for part in parts]) for n in ("observed", "variances"))
@@ -268,18 +270,21 @@ class _Study:
                 for one, column in zip(self.priors.values(), values.T, strict=True)
             ]
         )
-        if len(values) < FEWEST:
-            raise InputError(f"only {len(values)} runs finished in all events, expected at least {FEWEST}")
         emulator = Emulator.fitted(shares, simulated)
         found = posterior(emulator.at, observed, variances, len(self.priors), seed)
-        first = np.arange(min(len(shares), self.request.samples))  # runs of the prior only: the test assumes it
-        chosen = np.random.default_rng(seed).permutation(first)[:tests]
+        prior = int(finished_in_all(self.rounds[0]).sum())  # they are first; the test assumes runs of the prior
+        chosen = np.random.default_rng(seed).permutation(prior)[:tests]
         test = self_test(emulator, shares, simulated, variances, chosen, seed) if tests else None
         misfits = np.sum((simulated - observed) ** 2 / variances, axis=1) / len(observed)
         return Calibration(
             self.priors, [name for part in parts for name in part.names], observed, variances, values, simulated,
             misfits, found, emulator.left_out(), test,
         )  # fmt: skip
+
+
+def finished_in_all(members):
+    """bool[n]: the runs of a round (event -> Members) that finished in every event."""
+    return np.all([of.finished for of in members.values()], axis=0)
 
 
 ROUND_WORDS = {"prior": "from the prior", "refine": "near the posterior", "predictive": "from the posterior"}

@@ -106,11 +106,11 @@ def volume_of(text, error, where):
     if text is None:
         return None
     try:
-        value, deviation = (*map(float, str(text).split(":")), None)[:2]
+        value, *given = map(float, str(text).split(":"))
     except ValueError:
-        value, deviation = float("nan"), None
-    deviation = error * value if deviation is None else deviation
-    if not (value > 0 and deviation > 0):
+        value, given = float("nan"), []
+    deviation = given[0] if given else error * value
+    if len(given) > 1 or not (0 < value < float("inf") and 0 < deviation < float("inf")):
         raise InputError(f"{where} is {text!r}, expected VOLUME or VOLUME:SD in m3, above 0")
     return value, deviation
 
