@@ -2,6 +2,8 @@
 
 No other module except the QGIS toolbox depends on the system; a test checks this. Functions are called as
 `system.name`, so that tests can emulate another system (`tests/cli/as_on_windows.py`).
+
+Free memory and address space of this machine, and whether they are sufficient.
 """
 
 import errno
@@ -13,6 +15,48 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+
+_LINUX = Path("/proc/meminfo")
+ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thread need more than 0.75e9, at most 0.85e9
+_AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
+
+
+def available_memory():
+    """Memory available to a program [bytes]; infinite where the system does not report it.
+
+    The file cache of the system counts as free.
+    """
+    with suppress(OSError, ValueError):
+        found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
+        if found:
+            return 1024 * int(found[1])
+    with suppress(Exception):  # psutil's own errors, on systems without this information
+        import psutil
+
+        return psutil.virtual_memory().available
+    return float("inf")
+
+
+def address_space_lack(limit):
+    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
+
+    Beyond the limit C and C++ libraries abort the process.
+    """
+    if limit >= ADDRESS_SPACE:
+        return ""
+    return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
+
+
+def memory_lack(needed, share=1.0):
+    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
+
+    The caller adds what needs the memory, and the fix.
+    """
+    free = available_memory()
+    if needed <= share * free:
+        return ""
+    return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
+
 
 WINDOWS = os.name == "nt"
 MACOS = sys.platform == "darwin"

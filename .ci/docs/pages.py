@@ -91,7 +91,7 @@ def option(action):
 
 
 def scene_pages():
-    from mpmgis.scene.solver_tables import ONLY
+    from mpmgis.scene.stages import ONLY
     from mpmgis.scene.tables import LISTED, TABLES
 
     parts = [

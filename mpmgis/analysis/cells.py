@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..kernels import binning, cell_places, footprint_binning
+from ..kernels import binning, cell_places
 from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
@@ -301,7 +301,7 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     particles = frame.particles
     footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
-    footprint_binning.footprints(
+    binning.footprints(
         particles.position,
         particles.area,
         row,
@@ -313,10 +313,10 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
         footprint,
         bounds,
     )
-    window, cells = _numbered(lambda mark: footprint_binning.mark_footprints(footprint, bounds, mark), bounds, grid)
+    window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
     k = len(cells)
     sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
-    footprint_binning.bin_columns(
+    binning.bin_columns(
         footprint, row, column, bounds, window, placed.pixel, bed.gradient_by_pixel,
         particles.velocity, particles.mass, particles.volume, sums, count,
     )  # fmt: skip

@@ -9,9 +9,8 @@ from ..kernels import cell_places
 from ..particles import Frame
 from ..terrain.grid import Grid
 from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
-from .height_layers import HeightLayers, height_layers
 from .maxima import least_depth
-from .quantities import PRODUCTS, cell_values, map_speed, volume_thickness
+from .quantities import PRODUCTS, HeightLayers, cell_values, height_layers, map_speed, volume_thickness
 from .sampling import FrameFacts, export_axes, export_grid
 
 _ROUNDING = 1e-3  # share of the solver cell; particles less than this below the bed are on it

@@ -18,8 +18,7 @@ from ..particles import Frame
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .cells import Bed, Placed, bin_frame, grid_spacing, lower_percentile, place
-from .height_layers import point_extents
-from .quantities import impact_pressure, normal_velocity, parallel_speed, volume_thickness
+from .quantities import impact_pressure, normal_velocity, parallel_speed, point_extents, volume_thickness
 
 if TYPE_CHECKING:
     from pyproj import CRS

@@ -10,7 +10,7 @@ import sys
 from .. import __version__, system
 from ..errors import MpmgisError, one_line
 from ..io.input_files import trusting
-from ..machine import address_space_lack
+from ..system import address_space_lack
 from ..verbs.option import GROUPS, all_verbs, verb_names, verb_of
 from . import terminal
 from .parser import OneLineParser, add_arguments

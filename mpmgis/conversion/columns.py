@@ -7,8 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..fields import GRAVITY
 from ..particles import Frame, Particles
-from .ground import Ground, slope_cosine
-from .groups import Groups, PointsOverGround, cells_of, grouped
+from .ground import Ground, Groups, PointsOverGround, cells_of, grouped, slope_cosine
 from .options import LAY, REFUSE, ColumnOptions
 from .sums import NOTHING, Sums, sums_of
 

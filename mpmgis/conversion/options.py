@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import GRAVITY
-from .pieces import pieces_along
+from .stacks import pieces_along
 
 VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")

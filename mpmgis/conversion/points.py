@@ -10,8 +10,7 @@ from ..kernels.column_rows import CXX, ROW
 from ..particles import Frame
 from .ground import Ground, slope_cosine
 from .options import MOST, PointOptions
-from .pieces import count_by_cell, cover, cut, piece_velocity, squares, stretched, within
-from .stacks import Stacks, _frame_of
+from .stacks import Stacks, _frame_of, count_by_cell, cover, cut, piece_velocity, squares, stretched, within
 from .sums import NOTHING, Sums, particle_mass_scatter, sums_of
 
 OVERLAP = 1.05  # columns overlap where their areas exceed that of the cell by this factor

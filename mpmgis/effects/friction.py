@@ -6,8 +6,15 @@ compiled solver. The basal stress is split so that the solver can apply it semi-
     tau = dry_stress + viscous_coefficient * speed + density * drag_coefficient * speed^2
 
 The first part does not vanish with speed, the second is linear in speed over a step (by its chord). `at_node` gives the
-law with the parameters of a node (`effects/zones`). Arguments: density [kg m-3], gravity
+law with the parameters of a node (`effects/friction`). Arguments: density [kg m-3], gravity
 [m s-2], normal_stress on the bed [Pa], thickness_normal to the bed [m], speed along the ground [m s-1]; stresses in Pa.
+
+Cohesion of the flow to its bed: a yield stress in addition to the friction law.
+
+Spatially varying friction: the parameters of the friction law at every node of the solver's grid.
+
+mu(x, y), xi(x, y) and the like. A zone changes the parameters of the law of the scene, not the law
+itself.
 """
 
 from math import asin, sin, sqrt
@@ -269,3 +276,45 @@ def contradiction(name, parameters):
     if name == "Pouliquen" and parameters["mu2"] < parameters["mu1"]:
         return f"mu2 = {parameters['mu2']:g} is below mu1 = {parameters['mu1']:g}; friction grows with speed"
     return ""
+
+
+class NoCohesion(NamedTuple):
+    """The null law: nothing is added."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def cohesive_stress(self):
+        return 0.0
+
+
+class Cohesion(NamedTuple):
+    """A basal stress tau_0 that does not depend on load or speed, added to the friction law's.
+
+    tau_0 of VoellmyMinShear (AvaFrame com1DFA). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris
+    flows 100 to 5000 Pa.
+    """
+
+    stress: float  # tau_0 [Pa]
+
+    def cohesive_stress(self):
+        """tau_0 [Pa]."""
+        return self.stress
+
+
+class NoZones(NamedTuple):
+    """The null law: the same friction everywhere."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def local(self, friction, values, j, i):
+        """The law at node [j, i]."""
+        return friction
+
+
+class FrictionZones(NamedTuple):
+    """The law's parameters come from the node array `values[j, i, :]`, in the order of the law's fields."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def local(self, friction, values, j, i):
+        return friction.at_node(values, j, i)

@@ -1,21 +1,40 @@
-"""The slots of each solver, each with a law or a null law without cost."""
+"""The slots of each solver, each with a law or a null law without cost.
+
+Part of the velocity gradient of a point that the 3D transfer keeps for the next step (Jiang et al. 2015).
+"""
 
 from typing import Any, NamedTuple
 
 from .barrier import NoBarrier
-from .cohesion import NoCohesion
 from .contact import CoulombContact
 from .curvature import NoCurvature
-from .earth_pressure import NoEarthPressure
 from .entrainment import NoEntrainment
 from .forest import NoForest
-from .friction import Frictionless
-from .metric import SlopeMetric
+from .friction import Frictionless, NoCohesion, NoZones
+from .internal_stress import NoEarthPressure, NoViscosity
+from .metric import NoStillWater, SlopeMetric
 from .softening import NoSoftening
-from .still_water import NoStillWater
-from .transfer import WholeGradient
-from .viscosity import NoViscosity
-from .zones import NoZones
+
+
+class WholeGradient(NamedTuple):
+    """APIC: the whole gradient. Exact for linear fields."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def only_turns(self):
+        return False
+
+
+class TurningGradient(NamedTuple):
+    """RPIC: only the antisymmetric part, its rotation. Angular momentum is conserved, strain rates diffuse.
+
+    Not available in scenes; used in tests of results that must not depend on the transfer.
+    """
+
+    null: float = 0.0  # the compiler requires a field
+
+    def only_turns(self):
+        return True
 
 
 class ColumnEffects(NamedTuple):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from ..fields import NODATA
-from ..io.raster_meaning import band_metadata, dataset_metadata
+from ..io.raster_output import band_metadata, dataset_metadata
 from .clock import Clock
 from .markup import node, reference_text
 
@@ -65,9 +65,9 @@ def load() -> tuple:
     """Import the writers and their libraries in advance (0.5 s)."""
     import netCDF4  # noqa: F401
 
-    from . import folder, mesh, outlines, project, styles, surface
+    from . import folder, layers, mesh, outlines, project, styles
 
-    return mesh, outlines, project, folder, styles, surface
+    return mesh, outlines, project, folder, styles, layers
 
 
 def write_qgis_files(

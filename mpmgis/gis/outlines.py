@@ -18,7 +18,7 @@ from affine import Affine
 from ..errors import OutputError, one_line
 from ..io.exported import ExportedRun, moved_corner
 from ..io.libraries import GEOPACKAGE, pyogrio
-from ..kernels import rings
+from ..kernels import polygon_rings
 from ..particles import Frame
 from ..terrain.grid import Grid
 from .clock import BASE, Clock
@@ -200,10 +200,10 @@ def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapel
 
 def _outline(part, transform, smooth):
     """MultiPolygon around the cells of int32[rows + 2, columns + 2] that are 1; `transform` is of the inner ones."""
-    rings.label_parts(part, np.empty(part.size // 2 + 2, np.int32))
-    corners = np.empty((rings.count_corners(part), 2))
+    polygon_rings.label_parts(part, np.empty(part.size // 2 + 2, np.int32))
+    corners = np.empty((polygon_rings.count_corners(part), 2))
     ends, parts, area = (np.empty(len(corners) // 4, np.int64) for _ in range(3))
-    count = rings.trace_rings(part, corners, ends, parts, area)
+    count = polygon_rings.trace_rings(part, corners, ends, parts, area)
     of_ring = np.repeat(np.arange(count), np.diff(ends[:count], prepend=0))
     lines = shapely.linearrings(corners[:, ::-1], indices=of_ring)
     order = np.lexsort((area[:count] < 0, parts[:count]))  # shell of each part, then its holes

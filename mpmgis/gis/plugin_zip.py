@@ -26,7 +26,7 @@ def write_plugin_zip(
     Parameters
     ----------
     forms : dict
-        Forms of the verbs, as `mpmgis.verbs.forms` makes them.
+        Forms of the verbs, as `mpmgis.verbs.qgis_plugin` makes them.
     homepage, email : str or None
         Of the publisher; required by the plugin repository, not by QGIS.
 

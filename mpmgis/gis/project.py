@@ -15,13 +15,24 @@ from .. import __version__
 from ..errors import InputError
 from ..io.exported import ExportedRun
 from .clock import Clock, stamp
-from .layers import Group, Layer, layer_id, layers_of, map_layer, raster_layer, tree_row
+from .layers import (
+    TERRAIN_COLOUR,
+    Group,
+    Layer,
+    elevation,
+    layer_id,
+    layers_of,
+    map_layer,
+    project_elevation,
+    raster_layer,
+    surface_layer,
+    tree_row,
+)
 from .layout import print_layout
 from .markup import node, qgis_document, reference_system
 from .moving import MOVING, animation_group, vector_layer
 from .outlines import layer_names
 from .styles import contour_interval, contour_pipe, hillshade_pipe
-from .surface import TERRAIN_COLOUR, elevation, project_elevation, surface_layer
 
 FRAME_RATE = 8  # frames per second in the temporal controller
 

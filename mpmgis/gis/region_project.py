@@ -1,4 +1,7 @@
-"""The QGIS project of a region: its maps by scenario, the release areas and their footprints, over the terrain."""
+"""The QGIS project of a region: its maps by scenario, the release areas and their footprints, over the terrain.
+
+Footprints of the release areas of a region: which areas reach a place, by a click in QGIS or an overlay.
+"""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -12,17 +15,64 @@ import rasterio
 from .. import __version__
 from ..fields import BAND, MEMBER_BANDS
 from ..io.exported import TYPICAL_PERCENTILE
-from ..io.region_areas import FOOTPRINTS
-from ..io.region_areas import LAYER as AREAS
-from ..io.region_maps import LARGEST, AreaRaster
+from ..io.region_folder import FOOTPRINTS, LARGEST, AreaRaster, write_footprint_layer
+from ..io.region_folder import LAYER as AREAS
 from ..terrain.grid import Grid
 from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
 from .layers import Group, Layer, map_layer
 from .layout import print_layout
 from .markup import node
+from .outlines import mask_outline
 from .project import project_document, title_settings, write_archive
 from .styles import hillshade_pipe, style_document, value_renderer, write_sidecar
 from .symbols import OUTLINE, RELEASE, outline_renderer
+
+
+def write_footprints(
+    path: Path, areas: Sequence[AreaRaster], scenarios: Sequence, grid: Grid, min_depth: float
+) -> None:
+    """Write a GeoPackage with a polygon of the affected ground of each area, where its largest depth is `min_depth`.
+
+    Columns: `number`, `scenario`, `frequency` [a-1], `area_m2` [m2], `h_max_m` [m]. Polygons of areas that reach the
+    same place overlap there. Outlines are smoothed with their area kept, as those of exports.
+
+    Parameters
+    ----------
+    path : Path
+    areas : sequence of AreaRaster
+    scenarios : sequence
+        Of each area; None for all where no scenarios were requested.
+    grid : Grid
+        Of the DTM.
+    min_depth : float [m]
+
+    Raises
+    ------
+    OutputError
+    """
+    names = ("number", "scenario", "frequency", "area_m2", "h_max_m")
+    rows, shapes = [], []
+    for area, scenario in zip(areas, scenarios, strict=True):
+        depth = _largest_depth(area)
+        reached = depth >= np.float32(min_depth)
+        top, _, left, _ = area.place
+        outline = mask_outline(reached, grid.part(top, left, reached.shape).transform, smooth=True)
+        if outline is not None:
+            shapes.append(outline)
+            rows.append((area.number, scenario, area.frequency, outline.area, float(depth[reached].max())))
+    columns = dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
+    if all(scenario is None for scenario in scenarios):
+        del columns["scenario"]
+    write_footprint_layer(path, shapes, columns, grid.crs)
+
+
+def _largest_depth(area):
+    """float32[rows, columns] [m] of the largest depth in the extent of an area; -1 without flow."""
+    top, bottom, left, right = area.extent
+    with rasterio.open(area.path) as source:
+        depth = source.read(MEMBER_BANDS.index("h_max") + 1, window=((top, bottom), (left, right)))
+        return np.where(depth == np.float32(source.nodata), np.float32(-1.0), np.nan_to_num(depth, nan=-1.0))
+
 
 SAMPLED = 64  # areas, evenly chosen, whose values determine the classes
 MARGIN = 0.08  # around the flow, as a share of its longer side

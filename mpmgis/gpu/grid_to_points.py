@@ -1,6 +1,6 @@
 """Grid to points on the device: a thread block reads the tile of a block of points; each thread moves some of them.
 
-The arithmetic is that of `kernels.grid_to_points`, `point_limits` and `point_edges`, point by point instead of in
+The arithmetic is that of `kernels.grid_to_points` and `kernels.point_edges`, point by point instead of in
 batches.
 """
 
@@ -11,9 +11,9 @@ from numba import cuda, float64, int32, int64
 from ..effects.material import FAR as FAR_CODE
 from ..effects.material import NO_TENSION as TIP_CODE
 from ..kernels import point_report as entry
-from ..kernels.block_order import GONE
-from ..kernels.left_cells import (
+from ..kernels.block_order import (
     EAST_EDGE,
+    GONE,
     INTO_NODATA,
     LEFT_BLOCK,
     LEFT_MASS,
@@ -25,9 +25,21 @@ from ..kernels.left_cells import (
 )  # fmt: skip
 from ..kernels.point_blocks import packed
 from ..kernels.point_clock import STEP_NOW
-from ..kernels.point_edges import FAR_BLOCKS, INSIDE, deepest_level, widen_window
+from ..kernels.point_edges import (
+    BENT,
+    FAR,
+    FAR_BLOCKS,
+    GRIPPED,
+    INSIDE,
+    JET,
+    STILL,
+    THIN,
+    _above_ground,
+    _filled,
+    deepest_level,
+    widen_window,
+)
 from ..kernels.point_ground import GROUND_DEEP
-from ..kernels.point_limits import BENT, FAR, GRIPPED, JET, STILL, THIN, _above_ground, _filled
 from ..kernels.point_rows import (
     AXX,
     AXY,
@@ -99,7 +111,7 @@ def _variance(tile, t, wx, wy, wz, u, v, w):
 
 @Part
 def _keeps(x, y, z, near, affine2, block, edges, ground, settings):
-    """Whether the affine velocity of a point is kept as it is (see `kernels.point_limits.limit_thin`)."""
+    """Whether the affine velocity of a point is kept as it is (see `kernels.point_edges.limit_thin`)."""
     dx = settings.dx
     dense, still = real(float64(THIN) * settings.density * dx * dx * dx), float64(STILL) * settings.signal_speed
     if not (near < dense and affine2 > real(still * still)):
@@ -313,7 +325,7 @@ def _whole(value):
 def _left_at(shape, column, row, x, y, dx):
     """(way, row and column of a block of cells, place [m]) of a point that left to (x, y) [cells of its block].
 
-    As `kernels.left_cells.book_left`.
+    As `kernels.block_order.book_left`.
     """
     x, y = (x + float64(column * BLOCK - GHOSTS)) * dx, (y + float64(row * BLOCK - GHOSTS)) * dx
     ny, nx = shape

@@ -6,24 +6,26 @@ here stand the loops over them. Each thread has a report of its own, that of `ke
 
 from numba import cuda, float64
 
-from ..kernels.point_arrays import BlockWindow, NodeBlocks
 from ..kernels.point_clock import STEP
 from ..kernels.point_contact import press_column
-from ..kernels.point_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
 from ..kernels.point_ground import Ground
 from ..kernels.point_layers import couple_column
 from ..kernels.point_nodes import (
+    COLUMN_MASSES,
     FASTEST2,
     NODE_REPORT,
+    TOUCHING,
+    WHOLE,
     _fastest,
     _has_barrier,
     _is_at_wall,
     _is_near_ground,
     _stop_at_walls,
+    column_contact,
     hold_column,
 )
 from ..kernels.point_peaks import COLUMN_SUMS, _is_lowest, note_block_peaks
-from ..kernels.point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
+from ..kernels.point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW, BlockWindow, NodeBlocks
 from .compiled import Kernel, real
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 

@@ -20,12 +20,10 @@ import numpy as np
 from numba import cuda
 
 from ..kernels import point_clock as entry
-from ..kernels.block_order import CHUNKS
-from ..kernels.left_cells import LEFT_MASS
+from ..kernels.block_order import CHUNKS, LEFT_MASS
 from ..kernels.point_barriers import COLUMN_FLOW, POINT_BARRIER_SUMS
-from ..kernels.point_drag import BLOCK_COLUMNS, COLUMN_MASSES
 from ..kernels.point_layers import LAYER_ENTRIES
-from ..kernels.point_nodes import NODE_REPORT
+from ..kernels.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
 from ..kernels.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
 from ..kernels.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
 from . import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
@@ -99,7 +97,7 @@ class DevicePoints:
     ----------
     state : PointState
     places : PointPlaces
-    settings : kernels.point_arrays.Settings
+    settings : kernels.point_rows.Settings
     effects : PointEffects
         Material and softening in the precision of the rows.
     launch : Launch, optional

@@ -11,14 +11,20 @@ from ..errors import FormatError, InputError, one_line
 from ..particles import Frame
 from .atomic import whole_file
 from .frame_contents import (
+    BED_CHANGE,
+    CONTENT,
+    RESULT,
+    STATE,
+    ContentDigest,
     create_dataset,
     particle_count,
     read_particles,
     require_bed_change,
     require_maxima,
     require_particles_fit,
+    result_after,
+    state_digest,
 )
-from .frame_digest import BED_CHANGE, CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .hdf5 import opened_whole, require_numbers_that_fit, written
 
 FORMAT = "mpmgis-frame"

@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 
 from ..errors import FormatError, one_line
-from ..machine import memory_lack
+from ..system import memory_lack
 from .input_files import is_trusted, require_file
 
 

@@ -17,7 +17,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from ..errors import FormatError, GeoreferenceError, InputError, one_line
 from ..terrain.georeference import horizontal, warp_command
 from ..terrain.grid import Grid
-from .gdal_input import require_undisguised
+from .input_files import require_undisguised
 
 _SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height

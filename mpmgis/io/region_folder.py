@@ -1,14 +1,235 @@
-"""The folder of a region: results of the areas, maps, record."""
+"""The folder of a region: release areas with their results, maps tile by tile, record."""
 
 import json
-from contextlib import contextmanager
+import warnings
+from collections import defaultdict
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from ..errors import FormatError, OutputError, one_line
+import numpy as np
+import pyproj
+import rasterio
+import shapely
+
+from ..errors import FormatError, InputError, OutputError, one_line
+from ..fields import BAND, MEMBER_BANDS, NODATA, Quantity
+from ..messages import log, muted
 from .atomic import output_error, refuse_existing, whole_file
-from .links import one_of, refuse_links, within
-from .lock import LOCK_FILE, sole_writer
+from .libraries import GEOPACKAGE, pyogrio
+from .lock import LOCK_FILE, one_of, refuse_links, sole_writer, within
+from .raster_output import BLOCK, LAYOUT, NAMESPACE, band_metadata, dataset_metadata, tag
+from .release_areas import parts_of
 from .run_folder import versions
+from .vector_table import read_table, require_polygons
+
+LAYER, FOOTPRINTS = "areas", "footprints"
+
+
+@dataclass(frozen=True)
+class RegionAreas:
+    """Release areas in the CRS of the DTM: `parts` (ReleasePart) and the `columns` of their table (name -> array)."""
+
+    parts: list
+    columns: dict
+    crs: pyproj.CRS | None
+
+    def column(self, name, option):
+        """The values of a column; an error that names the `option` without it."""
+        if name not in self.columns:
+            known = ", ".join(self.columns) or "none"
+            raise InputError(f"`{option}={name}`: the release areas have no such column; they have {known}")
+        return self.columns[name]
+
+    def frequencies(self, name):
+        """float64[n]: numbers of at least 0 in the column `name`."""
+        values = self.column(name, "frequency")
+        wanted = "expected a number of at least 0 for every release area"
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"`frequency={name}`: the column is text (the first is {values[0]!r}), {wanted}")
+        wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0)))
+        if wrong.size:
+            first = values[wrong[0]]
+            got = f"{first:g}" if np.isfinite(first) else "empty"
+            raise InputError(f"`frequency={name}`: area {wrong[0] + 1} has {got}, {wanted}")
+        return values.astype(float)
+
+
+def read_areas(path, terrain, thickness=None, surface=None):
+    """The RegionAreas at `path`; `terrain` is a Terrain or TerrainFile, thickness as in `release_areas.read_release`.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    with muted():  # `parts_of` reads it again and reports what it ignores or repairs
+        table = require_polygons(read_table(path, flag="--releases "), path)
+    return RegionAreas(parts_of(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
+
+
+def write_area(path, shape, name, crs):
+    """Write one release area, WKB `shape`, as FlatGeobuf; `crs` is WKT or None."""
+    pyogrio()
+    from pyogrio.raw import write
+
+    kind = shapely.from_wkb(shape).geom_type
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
+        write(
+            part, np.array([shape], object), [np.array([name], object)], ["name"], geometry_type=kind, crs=crs,
+            driver="FlatGeobuf", layer=LAYER, SPATIAL_INDEX="NO",
+        )  # fmt: skip
+
+
+def write_areas(path, areas, results):
+    """Write a GeoPackage of all areas with the columns of the input and `results` (name -> list)."""
+    taken, own, left_out = {"fid", "geometry", *map(str.lower, results)}, {}, []
+    for name, values in areas.columns.items():  # GeoPackage does not distinguish upper and lower case
+        if name.lower() not in taken:
+            own[name] = values
+            taken.add(name.lower())
+        elif name.lower() not in ("fid", "geometry"):
+            left_out.append(f"`{name}`")
+    if left_out:
+        log.info(f"{path}: columns of the release areas with the name of a result, or of another column, are left out: "
+                 f"{', '.join(left_out)}; rename them to keep them")  # fmt: skip
+    geometry = [part.polygon for part in areas.parts]
+    _write_layer(path, LAYER, geometry, {**own, **results}, areas.crs)
+
+
+def write_footprint_layer(path, shapes, columns, crs):
+    """Write a GeoPackage of the footprints of areas: `shapes` with `columns` (name -> sequence)."""
+    _write_layer(path, FOOTPRINTS, shapes, columns, crs)
+
+
+def _write_layer(path, layer, shapes, columns, crs):
+    import geopandas  # 0.5 s
+
+    table = geopandas.GeoDataFrame(columns, geometry=shapes, crs=crs)
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
+        table.to_file(part, layer=layer, driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)
+
+
+TILE = 4 * BLOCK  # [pixels] along a side; memory follows it, not the DTM
+LARGEST = ("h_max", "Ut_max", "p_max")
+COUNTS = (
+    Quantity("areas", "1", "number of release areas whose flow reaches the cell"),
+    Quantity("deepest_area", "1", "number of the release area with the largest depth; of equal ones the smallest"),
+)
+CHANCES = (
+    Quantity("frequency", "a-1", "events a year that reach the cell: sum of the areas' frequencies"),
+    Quantity("probability", "1", "of at least one event in a year: 1 - exp(-frequency), independent events"),
+)
+
+
+class AreaRaster(NamedTuple):
+    """Maxima of one area: its number, raster, first row and column on the DTM, extent in it, events a year."""
+
+    number: int
+    path: object
+    row: int
+    column: int
+    extent: tuple  # first row, end, first column, end, counted in the raster
+    frequency: float = 0.0
+
+    @property
+    def place(self):
+        """(first row, end, first column, end) on the DTM."""
+        top, bottom, left, right = self.extent
+        return self.row + top, self.row + bottom, self.column + left, self.column + right
+
+
+def write_region_maps(folder, name, grid, areas, min_depth, tags, frequency=False):
+    """Write the maps of `areas` (AreaRaster) as `{name}_h_max.tif`, ...; returns the paths.
+
+    The largest values are of all cells with flow; a cell is reached where the largest depth is at least `min_depth`.
+    Tiles without flow are not written (sparse). The order of `areas` has no effect.
+    """
+    areas = sorted(areas)
+    kinds = {key: ((BAND[key],), {}) for key in LARGEST}
+    kinds["areas"] = COUNTS, {"dtype": "int32", "nodata": 0, "predictor": 2}
+    if frequency:
+        kinds["probability"] = CHANCES, {}
+    paths = {key: folder / f"{name}_{key}.tif" for key in kinds}
+    with ExitStack() as stack:
+        files = {}
+        for key, (quantities, layout) in kinds.items():
+            part = stack.enter_context(whole_file(paths[key]))
+            files[key] = stack.enter_context(_file(part, grid, quantities, tags, layout))
+        for (row, column), there in sorted(_by_tile(areas).items()):
+            place = row, min(row + TILE, grid.shape[0]), column, min(column + TILE, grid.shape[1])
+            for key, bands in _tile(there, place, min_depth, frequency).items():
+                window = ((place[0], place[1]), (place[2], place[3]))
+                files[key].write(bands, window=window)
+    return list(paths.values())
+
+
+def _file(path, grid, quantities, tags, layout):
+    rows, columns = grid.shape
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    target = rasterio.open(
+        path, "w", **(LAYOUT | layout), crs=crs, transform=grid.transform, width=columns, height=rows,
+        count=len(quantities),
+    )  # fmt: skip
+    target.update_tags(**dataset_metadata(quantities, tags))
+    target.update_tags(ns=NAMESPACE, **{key: tag(value) for key, value in tags.items()})
+    for band, quantity in enumerate(quantities, 1):
+        target.set_band_description(band, quantity.band)
+        target.set_band_unit(band, quantity.unit)
+        target.update_tags(band, **band_metadata(quantity))
+    return target
+
+
+def _by_tile(areas):
+    """(first row, first column) of a tile -> the areas with flow in it, in their order."""
+    tiles = defaultdict(list)
+    for area in areas:
+        top, bottom, left, right = area.place
+        for row in range(top - top % TILE, bottom, TILE):
+            for column in range(left - left % TILE, right, TILE):
+                tiles[row, column].append(area)
+    return tiles
+
+
+def _tile(areas, place, min_depth, frequency):
+    """Key of a map -> its bands [bands, rows, columns] in one tile, nodata where there is none."""
+    shape = place[1] - place[0], place[3] - place[2]
+    largest = {key: np.full(shape, np.float32(NODATA), np.float32) for key in LARGEST}
+    counts, often = np.zeros((2, *shape), np.int32), np.zeros(shape)
+    deepest = np.zeros(shape, np.float32)
+    for area in areas:
+        cells, values = _values(area, place)
+        for key in LARGEST:
+            kept, new = largest[key][cells], values[key]
+            kept[...] = np.where(np.isnan(new), kept, np.where(kept == np.float32(NODATA), new, np.fmax(kept, new)))
+        depth = np.nan_to_num(values["h_max"], nan=-1.0)
+        reached = depth >= np.float32(min_depth)
+        counts[0][cells] += reached
+        deeper = reached & (depth > deepest[cells])
+        counts[1][cells][deeper] = area.number
+        deepest[cells][deeper] = depth[deeper]
+        often[cells] += area.frequency * reached
+    bands = {key: values[None] for key, values in largest.items()} | {"areas": counts}
+    if frequency:
+        both = np.stack([often, -np.expm1(-often)])
+        bands["probability"] = np.where(counts[0] > 0, both, NODATA).astype(np.float32)
+    return bands
+
+
+def _values(area, place):
+    """((slices in the tile), {band: float32[rows, columns], NaN without flow}) of an area within a tile."""
+    top, bottom, left, right = area.place
+    top, bottom = max(top, place[0]), min(bottom, place[1])
+    left, right = max(left, place[2]), min(right, place[3])
+    window = ((top - area.row, bottom - area.row), (left - area.column, right - area.column))
+    with rasterio.open(area.path) as source:
+        read = source.read([MEMBER_BANDS.index(key) + 1 for key in LARGEST], window=window)
+        read[read == np.float32(source.nodata)] = np.nan
+    cells = slice(top - place[0], bottom - place[0]), slice(left - place[2], right - place[2])
+    return cells, dict(zip(LARGEST, read, strict=True))
+
 
 RECORD_FILE, AREAS_FILE, RUNS, MAPS = "region.json", "areas.gpkg", "runs", "maps"
 

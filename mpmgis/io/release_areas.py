@@ -9,7 +9,7 @@ from ..messages import log, muted
 from ..terrain.release import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
 from .raster import file_sha256
 from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
-from .reprojection import RASTER_SUFFIXES, is_raster, repaired, to_terrain
+from .spatial_inputs import RASTER_SUFFIXES, is_raster, repaired, to_terrain
 from .vector_table import LAYER, names_of, read_table, require_polygons
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")

@@ -16,7 +16,7 @@ from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from ..terrain.release import ReleasePart, ThicknessRaster, polygons_only
 from .raster import read_raster
-from .reprojection import require_lies_on, transformer_to
+from .spatial_inputs import require_lies_on, transformer_to
 from .terrain_warp import reprojected_raster
 
 _ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] larger values this close to the terrain are elevations

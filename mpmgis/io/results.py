@@ -14,8 +14,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, require_metric, same_place, warp_command
 from ..terrain.grid import Grid
 from .raster import grid_of, open_raster, read_raster
-from .region_folder import MAPS, RECORD_FILE
-from .region_maps import LARGEST
+from .region_folder import LARGEST, MAPS, RECORD_FILE
 
 PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
     "pft": (Quantity("pft", "m", "peak flow thickness"), 1.0),

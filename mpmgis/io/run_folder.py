@@ -12,10 +12,9 @@ import rasterio
 from .. import __version__, system
 from ..errors import FormatError, OutputError, one_line
 from .atomic import is_left_over, output_error, refuse_existing, whole_file
-from .frame_digest import require_restartable, result_after, stored
+from .frame_contents import require_restartable, result_after, stored
 from .frames import drop_state, read_frame, set_digest, write_frame
-from .links import one_of, refuse_links, remove, require_free, status
-from .lock import LOCK_FILE, new_token, sole_writer
+from .lock import LOCK_FILE, new_token, one_of, refuse_links, remove, require_free, sole_writer, status
 from .raster import file_sha256
 
 FRAME_PATTERN = "frame_*.h5"

@@ -20,6 +20,7 @@ from ..errors import FormatError, GeoreferenceError, InputError, one_line
 from ..messages import log
 from ..terrain.georeference import (
     AUTO,
+    Reprojection,
     centre_of,
     horizontal,
     is_metric,
@@ -31,7 +32,6 @@ from ..terrain.georeference import (
     same_place,
 )
 from ..terrain.grid import Grid
-from ..terrain.reprojected import Reprojection
 from .raster import band_number, band_values, crs_of, open_raster, transform_of
 
 USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)

@@ -10,8 +10,7 @@ import shapely
 
 from ..errors import FormatError, InputError, MpmgisError, one_line
 from ..messages import log
-from .gdal_input import require_undisguised
-from .input_files import require_zip_fits
+from .input_files import require_undisguised, require_zip_fits
 from .libraries import needed_for, pyogrio
 
 LAYER = "|layername="  # as QGIS writes a source with several layers

@@ -1,8 +1,11 @@
-"""Sums over the particles in each cell of a raster, without arrays of the raster's size."""
+"""Sums over the particles in each cell of a raster, without arrays of the raster's size.
+
+Squares of columns on the cells of a raster: their extent and the sums over each cell.
+"""
 
 import numpy as np
 
-from .cell_places import upward_part_of_normal
+from .cell_places import ROUNDING, along, upward_part_of_normal
 from .jit import jit, jit_inline
 
 # Columns of the table of sums, one row a cell.
@@ -214,3 +217,88 @@ def cell_quantiles(start, order, distance, mass, share, quantile):
             quantile[k] = distance[p]
             if below >= wanted:
                 break
+
+
+@jit
+def mark_footprints(footprint, bounds, mark):
+    """Set `mark` to 1 in every cell that a column's footprint (`footprints`) touches."""
+    for p in range(footprint.shape[0]):
+        if footprint[p, 0] < footprint[p, 1]:
+            for i in range(int(footprint[p, 2]), int(np.ceil(footprint[p, 3]))):
+                for j in range(int(footprint[p, 0]), int(np.ceil(footprint[p, 1]))):
+                    mark[i - bounds[0], j - bounds[2]] = 1
+
+
+@jit_inline
+def snapped(edge):
+    """`edge`, or the whole number that it misses by rounding alone: no slivers where a lattice meets the cells.
+
+    A northing in float64 is good to 1e-9 m, which is a millionth of a cell of a millimetre.
+    """
+    whole = np.rint(edge)
+    return whole if abs(edge - whole) < ROUNDING else edge
+
+
+@jit
+def footprints(position, area, row, origin, corner, axes, cell, shape, footprint, bounds):
+    """Find the square that every column fills, in cells of the export grid and clipped to it.
+
+    `row` int32[n] is below 0 for the columns left out, as `cells_of_points` answers. `footprint` float64[n, 4] takes
+    (first column, last column, first row, last row) counted in cells from the first corner; the first two are equal
+    where a column is left out. `cell` float64[2] [m] are the sides of a cell; the rest as in `cells_of_points`. In a
+    rotated grid the square is aligned with the cells.
+    """
+    rows, columns = shape
+    shift_east, shift_north = origin[0] - corner[0], origin[1] - corner[1]
+    width, height = cell[0], cell[1]
+    bounds[0], bounds[1], bounds[2], bounds[3] = rows, 0, columns, 0
+    for p in range(position.shape[0]):
+        footprint[p, :] = 0.0
+        if row[p] < 0:
+            continue
+        half = max(0.5 * np.sqrt(area[p]), 1e-6 * width, 1e-6 * height)
+        x, y = position[p, 0] + shift_east, position[p, 1] + shift_north
+        u, v = along(axes, 0, x, y), along(axes, 1, x, y)
+        west, east = max(snapped(u - half / width), 0.0), min(snapped(u + half / width), float(columns))
+        north, south = max(snapped(v - half / height), 0.0), min(snapped(v + half / height), float(rows))
+        footprint[p, 0], footprint[p, 1], footprint[p, 2], footprint[p, 3] = west, east, north, south
+        bounds[0], bounds[1] = min(bounds[0], int(north)), max(bounds[1], int(np.ceil(south)))
+        bounds[2], bounds[3] = min(bounds[2], int(west)), max(bounds[3], int(np.ceil(east)))
+
+
+@jit
+def bin_columns(footprint, row, column, bounds, mark, pixel, gradient, velocity, mass, volume, sums, count):
+    """Share every column over the cells that its square overlaps (the columns' convention in README).
+
+    `row`, `column` int32[n] are the cell of the column's position, for `count` alone. A square cut by the grid's rim
+    fills what is left of it, so that no mass is lost.
+    """
+    for p in range(footprint.shape[0]):
+        west, east, north, south = footprint[p, 0], footprint[p, 1], footprint[p, 2], footprint[p, 3]
+        if not west < east:
+            continue
+        whole = (east - west) * (south - north)
+        q = pixel[p]
+        slope_east, slope_north = gradient[q, 0], gradient[q, 1]
+        sloped = np.isfinite(slope_east) and np.isfinite(slope_north)
+        count[mark[row[p] - bounds[0], column[p] - bounds[2]]] += 1
+        for i in range(int(north), int(np.ceil(south))):
+            tall = min(south, i + 1.0) - max(north, float(i))
+            for j in range(int(west), int(np.ceil(east))):
+                overlap = tall * (min(east, j + 1.0) - max(west, float(j)))
+                share = overlap / whole
+                k = mark[i - bounds[0], j - bounds[2]]
+                sums[k, MASS] += mass[p] * share
+                sums[k, VOLUME] += volume[p] * share
+                sums[k, COVERED] += overlap
+                if sloped:
+                    add_motion(
+                        sums,
+                        k,
+                        mass[p] * share,
+                        velocity[p, 0],
+                        velocity[p, 1],
+                        velocity[p, 2],
+                        slope_east,
+                        slope_north,
+                    )

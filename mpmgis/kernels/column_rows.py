@@ -1,4 +1,4 @@
-"""Layout of a column's row, its weights on the nodes, and the bed under it.
+"""Columns in memory: rows of numbers, their weights on the nodes, batches of them, blocks.
 
 Columns are rows of consecutive floats. Nodes lie on cell corners: array index k + 1 is the node at k * dx from the
 domain's south-west corner, so that there is one ghost node outside each edge. Weights are quadratic B-splines
@@ -7,7 +7,10 @@ domain's south-west corner, so that there is one ghost node outside each edge. W
 
 import numpy as np
 
-from .jit import jit, jit_inline
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS, GONE, rank_blocks
+from .jit import jit, jit_inline, jit_parallel, prange
+from .lanes import load, prefetch, store, transposed
 
 # columns of a particle's row
 X, Y, U, V, CXX, CXY, CYX, CYY, MASS, AREA, GX, GY, ROW = range(13)
@@ -187,3 +190,138 @@ def node_gradients(bed, dx):
         for i in range(1, bed.shape[1] - 1):
             _, gradient[j, i, 0], gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
     return gradient
+
+
+# Columns go through a transfer BATCH at a time: in loops over short arrays ("lines" of one scratch array), which the
+# compiler vectorises; only nodes and rows are read and written column by column.
+BATCH = 32
+(
+    L_X, L_Y, L_U, L_V, L_CXX, L_CXY, L_CYX, L_CYY, L_MASS, L_AREA, L_GX, L_GY,  # as in a row
+    L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
+    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and factor of second differences in a moment
+    L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
+    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
+) = range(0, 36 * BATCH, BATCH)  # fmt: skip
+LINES = 36 * BATCH
+QUAD = 4 * BATCH  # groups of four numbers, one group a column
+QUADS = 6 * QUAD
+
+
+@jit
+def take_rows(rows, order, first, count, end, scratch, moved):
+    """Copy the rows of columns order[first : first + count] into the lines of `scratch`, four columns at a time.
+
+    Without the affine velocity if `moved` is False. The rows of the next batch, up to place `end` in the order, are
+    prefetched while this one is computed.
+    """
+    for q in range(first + BATCH, min(first + 2 * BATCH, end)):
+        p = (order[q] & INDEX_MASK) * ROW
+        prefetch(rows, p)
+        prefetch(rows, p + ROW - 1)
+    for k in range(0, count, 4):  # beyond `count` the last column again, which is not used
+        last = count - 1
+        p0 = (order[first + k] & INDEX_MASK) * ROW
+        p1 = (order[first + min(k + 1, last)] & INDEX_MASK) * ROW
+        p2 = (order[first + min(k + 2, last)] & INDEX_MASK) * ROW
+        p3 = (order[first + min(k + 3, last)] & INDEX_MASK) * ROW
+        for e in range(0, ROW, 4 if moved else 8):
+            a, b, c, d = transposed(load(rows, p0 + e), load(rows, p1 + e), load(rows, p2 + e), load(rows, p3 + e))
+            line = e * BATCH + k
+            store(scratch, line, a)
+            store(scratch, line + BATCH, b)
+            store(scratch, line + 2 * BATCH, c)
+            store(scratch, line + 3 * BATCH, d)
+
+
+# groups of four: mean of the nodes' entries, their slopes and moments; the bed's rows under a column
+Q_MEAN, Q_ALONG_X, Q_ALONG_Y, Q_MOMENT_X, Q_MOMENT_Y = range(0, 5 * QUAD, QUAD)
+Q_BED, Q_BED_SLOPE = Q_MEAN, Q_ALONG_X
+
+
+SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
+
+
+@jit_inline
+def block_key(x, y, inverse_dx):
+    """Block of a particle, its row in the high and its column in the low 16 bits."""
+    return ((int(y * inverse_dx + 0.5) // BLOCK) << 16) | (int(x * inverse_dx + 0.5) // BLOCK)
+
+
+def rows_and_columns(keys):
+    """(int[n], int[n]): block row and block column of `keys`."""
+    return keys >> 16, keys & 0xFFFF
+
+
+@jit
+def initial_keys(rows, keys, dx):
+    """Fill `keys` for all `rows`; returns the window of blocks (west, south, east, north)."""
+    west, south, east, north = 1 << 16, 1 << 16, -1, -1
+    for p in range(rows.shape[0]):
+        key = block_key(rows[p, X], rows[p, Y], 1.0 / dx)
+        keys[p] = key
+        west, east = min(west, key & 0xFFFF), max(east, key & 0xFFFF)
+        south, north = min(south, key >> 16), max(north, key >> 16)
+    return west, south, east, north
+
+
+@jit_parallel
+def _count(keys, n, pieces, west, south, width, size, histogram):
+    for c in prange(pieces):
+        for b in range(size):
+            histogram[c, b] = 0
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                histogram[c, ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west] += 1
+
+
+@jit_parallel
+def _scatter(keys, n, pieces, west, south, width, histogram, order):
+    for c in prange(pieces):
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                b = ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west
+                order[histogram[c, b]] = p
+                histogram[c, b] += 1
+
+
+@jit
+def sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start):
+    """Stable counting sort of indices by block.
+
+    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place,
+    `start[a]`..`start[a + 1]` its particles. Answers (active blocks, particles alive).
+    """
+    width, height = east - west + 1, north - south + 1
+    size = width * height
+    pieces = min(CHUNKS, n // SORT_ROWS + 1)
+    _count(keys, n, pieces, west, south, width, size, histogram)
+    active, total = rank_blocks(histogram, pieces, size, slot, block, start)
+    _scatter(keys, n, pieces, west, south, width, histogram, order)
+    return active, total
+
+
+@jit
+def comes_near(touched, n_touched, west, south, width, watched):
+    """Is one of the touched blocks marked in `watched` uint8[block rows, block columns]?"""
+    for k in range(n_touched):
+        row, column = touched[k] // (width + 1) + south, touched[k] % (width + 1) + west
+        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
+            return True
+    return False
+
+
+@jit
+def touched_blocks(slot, width, height, touched):
+    """List the node blocks that active tiles reach (themselves and their east, north, north-east neighbours)."""
+    count = 0
+    for bj in range(height + 1):
+        for bi in range(width + 1):
+            hit = False
+            for oj in range(bj - 1, bj + 1):
+                for oi in range(bi - 1, bi + 1):
+                    if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+                        hit = True
+            if hit:
+                touched[count] = bj * (width + 1) + bi
+                count += 1
+    return count

@@ -13,9 +13,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, reorder, split_evenly
+from .block_order import (
+    CHUNKS,
+    GONE,
+    LEFT_BLOCK,
+    LEFT_ENTRIES,
+    REORDER_STEPS,
+    STRIP,
+    WAYS,
+    book_left,
+    reorder,
+    split_evenly,
+)
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
-from .column_blocks import comes_near, initial_keys, rows_and_columns, sort_by_block, touched_blocks
 from .column_clock import (
     ALIVE,
     ALL_LEFT,
@@ -76,13 +86,17 @@ from .column_rows import (
     X,
     Y,
     beds_at,
+    comes_near,
     grid_areas,
+    initial_keys,
+    rows_and_columns,
     settle_areas,
+    sort_by_block,
+    touched_blocks,
 )
 from .columns_to_grid import gather_tiles, particles_to_grid
 from .grid_to_columns import grid_to_particles
 from .jit import jit
-from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS, book_left
 
 __all__ = [  # used by the solver through this module
     "AREA",

@@ -9,8 +9,10 @@ import numpy as np
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .column_batch import (
+from .column_report import STIFF
+from .column_rows import (
     BATCH,
+    BLOCK,
     L_AREA,
     L_CXX,
     L_CXY,
@@ -32,10 +34,11 @@ from .column_batch import (
     LINES,
     QUAD,
     QUADS,
+    TILE,
+    bed_at,
     take_rows,
+    weights,
 )
-from .column_report import STIFF
-from .column_rows import BLOCK, TILE, bed_at, weights
 from .jit import jit, jit_inline, jit_parallel, prange
 from .lanes import get, load, multiply_add, put, put_four, store
 

@@ -6,8 +6,27 @@ import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS, GONE
-from .column_batch import (
+from .column_motion import all_stay, book_out, clamp_areas, keep_in, move, survey, turn
+from .column_report import (
+    BLOCK_EAST,
+    BLOCK_NORTH,
+    BLOCK_SOUTH,
+    BLOCK_WEST,
+    BOUND_RATIO,
+    CLAMPED,
+    ENTRAINED,
+    HELD_STRETCH,
+    HELD_THIN,
+    HELD_WALL,
+    KINETIC,
+    NOT_FINITE,
+    SIGNAL_MAX,
+    SPEED_MAX,
+    STIFF,
+)
+from .column_rows import (
     BATCH,
+    INDEX_MASK,
     L_GX0,
     L_GX1,
     L_GX2,
@@ -35,28 +54,11 @@ from .column_batch import (
     Q_MOMENT_X,
     Q_MOMENT_Y,
     QUADS,
+    ROW,
+    block_key,
     take_rows,
+    weights,
 )
-from .column_blocks import block_key
-from .column_motion import all_stay, book_out, clamp_areas, keep_in, move, survey, turn
-from .column_report import (
-    BLOCK_EAST,
-    BLOCK_NORTH,
-    BLOCK_SOUTH,
-    BLOCK_WEST,
-    BOUND_RATIO,
-    CLAMPED,
-    ENTRAINED,
-    HELD_STRETCH,
-    HELD_THIN,
-    HELD_WALL,
-    KINETIC,
-    NOT_FINITE,
-    SIGNAL_MAX,
-    SPEED_MAX,
-    STIFF,
-)
-from .column_rows import INDEX_MASK, ROW, weights
 from .jit import jit, jit_inline, jit_parallel, prange
 from .lanes import get, lanes, load, multiply_add, put, store, transposed
 

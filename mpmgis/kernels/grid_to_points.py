@@ -1,6 +1,6 @@
 """Grid to points: velocities, deformation and stress of the points, and their places after a step.
 
-Each block copies the nodes that its points read into a private tile and works on batches of points (`point_batches`).
+Each block copies the nodes that its points read into a private tile and works on batches of points (`point_rows`).
 """
 
 from math import sqrt
@@ -15,12 +15,20 @@ from . import point_report as entry
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_parallel, kernel_part, prange
 from .lanes import get, lanes, load, multiply_add, put, store, transposed
-from .point_arrays import Edges, StepFactors
-from .point_batches import give_rows, take_rows, weigh
-from .point_edges import all_inside, book_out, deepest_level, find_blocks, give_keys, keep_inside, widen_window
-from .point_limits import STILL, THIN, limit_thin
+from .point_edges import (
+    STILL,
+    THIN,
+    all_inside,
+    book_out,
+    deepest_level,
+    find_blocks,
+    give_keys,
+    keep_inside,
+    limit_thin,
+    widen_window,
+)
 from .point_lines import BATCH, INTEGERS, LINES, QUAD, QUADS
-from .point_rows import BLOCK, GHOSTS, S4, TILE_LAYER, TILE_ROW
+from .point_rows import BLOCK, GHOSTS, S4, TILE_LAYER, TILE_ROW, Edges, StepFactors, give_rows, take_rows, weigh
 
 STRAINED = 14  # lines written by a strain out of range: state and stress
 THIRD = 1.0 / 3.0

@@ -3,9 +3,8 @@
 from math import sqrt
 
 from . import point_report as entry
-from .block_order import CHUNKS, GONE
+from .block_order import CHUNKS, GONE, book_left
 from .jit import jit
-from .left_cells import book_left
 from .point_blocks import EAST, NORTH, SOUTH, TALL, WEST, WINDOW, no_window, places_of
 from .point_nodes import (
     BARRIER_WORK,
@@ -107,7 +106,7 @@ def set_next_step(clock, counts, time, until, after, settings):
 
 @jit
 def book_points_left(points, blocks, active, dt, dx, shape, left_cells):
-    """Add the points that left in this step of `dt` [s] to `left_cells` at their new places (see `book_left`)."""
+    """Add the points that left in this step of `dt` [s] to `block_order` at their new places (see `book_left`)."""
     rows = points.rows
     for a in range(active):
         east, north = (blocks[a, 0] * BLOCK - GHOSTS) * dx, (blocks[a, 1] * BLOCK - GHOSTS) * dx

@@ -16,9 +16,8 @@ from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST
 from .point_contact import LEAST_SHARE, foot_of, is_column_of_block, spline_at
-from .point_drag import bed_under
 from .point_ground import fold_at, plane_at
-from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
+from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK, bed_under
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 # entries of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at

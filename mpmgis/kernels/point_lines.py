@@ -1,4 +1,4 @@
-"""Lines of the scratch arrays of a batch of points (`point_batches`)."""
+"""Lines of the scratch arrays of a batch of points (`point_rows`)."""
 
 # A transfer works on BATCH points at a time: in loops over short arrays ("lines" of one scratch array), which the
 # compiler vectorises without a remainder because they always run over the whole BATCH. Where a block has fewer points

@@ -10,11 +10,9 @@ nodes, which no point exceeds.
 import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, reorder, split_evenly
+from .block_order import CHUNKS, GONE, LEFT_BLOCK, LEFT_ENTRIES, REORDER_STEPS, STRIP, WAYS, reorder, split_evenly
 from .grid_to_points import grid_to_points
 from .jit import jit
-from .left_cells import LEFT_BLOCK, LEFT_ENTRIES, WAYS
-from .point_arrays import ActiveBlocks, BlockWindow, NodeBlocks, Settings, SortedPoints, Surface
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
 from .point_blocks import (
     EAST,
@@ -55,13 +53,32 @@ from .point_clock import (
     set_next_step,
 )
 from .point_contact import press_on_ground
-from .point_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .point_faces import COLUMNS, LINE_ENTRIES, press_on_faces
 from .point_layers import couple_layers
-from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
+from .point_nodes import (
+    BLOCK_COLUMNS,
+    COLUMN_MASSES,
+    NODE_REPORT,
+    clear_contact,
+    gather_nodes,
+    hold_nodes,
+    move_nodes,
+    spread_contact,
+    weigh_contact,
+)
 from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
 from .point_report import REPORT
-from .point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
+from .point_rows import (
+    BLOCK,
+    BLOCK_SIZE,
+    TILE_SIZE,
+    ActiveBlocks,
+    BlockWindow,
+    NodeBlocks,
+    Settings,
+    SortedPoints,
+    Surface,
+)
 from .points_to_grid import points_to_grid
 
 __all__ = [  # used by the solver through this module, as those of `kernels.columns`

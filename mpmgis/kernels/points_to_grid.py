@@ -10,9 +10,8 @@ from . import point_lines as line
 from .block_order import CHUNKS
 from .jit import jit_borrowing, jit_parallel, kernel_part, law_function, prange
 from .lanes import get, load, multiply_add, store, without_last
-from .point_batches import take_places, weigh
 from .point_lines import BATCH, INTEGERS, LINES
-from .point_rows import AXX, AXY, AXZ, INDEX_MASK, PX, TILE_LAYER, TILE_ROW
+from .point_rows import AXX, AXY, AXZ, INDEX_MASK, PX, TILE_LAYER, TILE_ROW, take_places, weigh
 
 
 def _spread_one(rows, p, scratch, integers, q, tile):

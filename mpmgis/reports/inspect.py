@@ -22,9 +22,9 @@ from ..interop.readers.hdf5 import MAGIC
 from ..interop.readers.registry import OWN, head_of, reader_of
 from ..interop.writers.registry import SOLVER_FILES
 from ..io.ensemble_folder import MAPS, read_ensemble_record
-from ..io.frame_digest import check_result
-from ..io.gdal_input import require_local
+from ..io.frame_contents import check_result
 from ..io.hdf5 import opened_whole, require_memory
+from ..io.input_files import require_local
 from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
 from ..scene import read_scene
 from ..terrain.georeference import name_of

@@ -12,8 +12,7 @@ from affine import Affine
 
 from ..errors import FormatError, MpmgisError, one_line
 from ..io.dtm import read_terrain
-from ..io.gdal_input import require_undisguised
-from ..io.input_files import opened_zip, require_file, require_unpacked, require_zip_fits
+from ..io.input_files import opened_zip, require_file, require_undisguised, require_unpacked, require_zip_fits
 from ..io.libraries import needed_for
 from ..io.raster import open_raster
 from ..io.release_areas import USUAL_COLUMNS

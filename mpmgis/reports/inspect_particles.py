@@ -23,7 +23,7 @@ from ..interop.georeferencing import (
     times_of,
 )
 from ..interop.readers.parsing import Form, read_rows
-from ..io.frame_digest import check_content
+from ..io.frame_contents import check_content
 from ..io.frames import read_frame, read_maxima
 from ..io.hdf5 import opened_whole
 from ..io.libraries import needed_for

@@ -1,15 +1,147 @@
-"""Tables and plots of runout, profiles, time series, hydrographs and vertical profiles."""
+"""Tables and plots of runout, profiles, time series, hydrographs and vertical profiles.
 
+Common style of all figures except maps.
+
+Plots of a barrier: force, moment and overtopping over time; a section through it with the flow.
+"""
+
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..analysis.loads import FORCE, OVERTOPPED, BarrierHistory
 from ..analysis.profiles import LOAD_COLUMNS, PROFILE_COLUMNS, ProfileFound, SeriesFound, VerticalFound
 from ..analysis.runout import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
 from ..analysis.section_flux import COLUMNS, HydrographFound
 from ..gis.colours import BATLOW, LOOKS, ramp_colours
+from ..io.atomic import whole_file
 from ..io.tables import column_name, write_records
-from .plots import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot_file
+from .picture import INK, LETTER, POINTS_PER_INCH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+DOTS_PER_INCH = 110
+TITLE = 11  # [points]
+COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
+GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
+
+
+@contextmanager
+def plot_file(
+    path: Path, size: tuple, rows: int = 1, heights: tuple | None = None, columns: int = 1, share: str = "x"
+) -> Iterator[np.ndarray]:
+    """Axes [rows, columns] of a figure of `size` [inch]; the PNG is written (atomically) on exit.
+
+    `share` "x": common horizontal axis; "row": common vertical axis in each row.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    shared = {"sharex": True} if share == "x" else {"sharey": share}
+    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **shared)
+    yield axes
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
+
+
+def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
+    """Set labels, title (in lines as long as the axes), grid and frame."""
+    axes.set_ylabel(up, fontsize=9, color=INK)
+    if across:
+        axes.set_xlabel(across, fontsize=9, color=INK)
+    if title:
+        columns = axes.get_subplotspec().get_gridspec().ncols
+        letters = int(axes.figure.get_figwidth() * POINTS_PER_INCH / (LETTER * TITLE * columns))
+        axes.set_title(textwrap.fill(title, letters), loc="left", fontsize=TITLE, fontweight="bold")
+    axes.grid(True, linewidth=0.35, color="#dddddd")
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, colors=INK, length=3)
+    for spine in axes.spines.values():
+        spine.set(color=INK, linewidth=0.7)
+
+
+def draw_ground(axes: "Axes", along: np.ndarray, elevation: np.ndarray) -> None:
+    """Draw the terrain along a line, filled below."""
+    known = np.asarray(elevation)[np.isfinite(elevation)]
+    if known.size:
+        margin = 0.04 * max(float(known.max() - known.min()), 1.0)
+        axes.fill_between(along, elevation, known.min() - margin, color=GROUND, linewidth=0, zorder=1)
+        axes.plot(along, elevation, color=GROUND_LINE, linewidth=1.0, zorder=3, label="terrain")
+
+
+def legend(axes: "Axes", **place) -> None:
+    """Draw a legend without a frame, if there are entries."""
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(fontsize=8, frameon=False, **place)
+
+
+def write_history_plot(path: Path, history: BarrierHistory) -> None:
+    """Plot mean force, mean moment (3D only) and overtopped mass of a barrier over time."""
+    moment, times = history.moment, history.times
+    rows = 2 if moment is None else 3
+    with plot_file(path, (9.0, 2.4 * rows), rows=rows) as axes:
+        panels = list(axes[:, 0])
+        _means(panels[0], times, history.columns[FORCE] / 1e3, "force [kN]", COLOURS[0])
+        dress(panels[0], "force [kN]", title=f"{history.name}: means between frames")
+        if moment is not None:
+            _means(panels[1], times, moment / 1e3, "moment [kN m]", COLOURS[2])
+        panels[-1].plot(times, history.columns[OVERTOPPED] / 1e3, color=COLOURS[3], linewidth=1.5)
+        panels[-1].set_ylim(bottom=0)
+        dress(panels[-1], "overtopped mass [t]", "time [s]")
+
+
+def _means(axes, times, values, label, colour):
+    if len(times) > 1:
+        axes.stairs(values[1:], times, color=colour, linewidth=1.5, fill=True, alpha=0.25)
+        axes.stairs(values[1:], times, color=colour, linewidth=1.5)
+    axes.set_ylim(bottom=0)
+    dress(axes, label)
+
+
+def write_section_plot(
+    path: Path, name: str, along: np.ndarray, terrain: np.ndarray, surfaces: dict, wall: np.ndarray, crest: float
+) -> None:
+    """Plot a section through a barrier.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Of the barrier.
+    along, terrain : float64[n] [m]
+        Distance along the section, in the direction of the force, 0 at the barrier; elevation.
+    surfaces : dict of str to float64[n] [m]
+        Words -> elevation of a free surface; NaN without flow.
+    wall : bool[n]
+        Where the barrier stands.
+    crest : float [m]
+        Elevation.
+    """
+    with plot_file(path, (9.0, 4.2)) as axes:
+        (panel,) = axes[0]
+        draw_ground(panel, along, terrain)
+        for k, (words, surface) in enumerate(surfaces.items()):
+            panel.plot(along, surface, color=COLOURS[(0, 4)[k % 2]], linewidth=1.6, label=words, zorder=4)
+            panel.fill_between(along, terrain, surface, color=COLOURS[(0, 4)[k % 2]], alpha=0.18, linewidth=0, zorder=2)
+        top = np.maximum(terrain, crest)
+        panel.fill_between(along, terrain, top, where=wall, color="#444444", linewidth=0.5, zorder=5, label="barrier")
+        panel.axhline(crest, color=GROUND_LINE, linewidth=0.8, linestyle=":", zorder=3, label="crest")
+        shown = np.concatenate([terrain, [crest], *surfaces.values()])
+        low, high = np.nanmin(shown), np.nanmax(shown)
+        panel.set_ylim(low - 0.05 * (high - low), high + 0.12 * (high - low))
+        panel.set_xlim(along[0], along[-1])
+        title = f"{name}: section in the direction of the force (heights not to scale)"
+        dress(panel, "elevation [m]", "distance from the barrier [m]", title)
+        legend(panel, loc="upper right")
 
 
 def write_hydrograph_table(path: Path, found: HydrographFound) -> None:

@@ -1,4 +1,7 @@
-"""Work-precision plot of a study as PNG, and tables with results of other codes for the plot."""
+"""Work-precision plot of a study as PNG, and tables with results of other codes for the plot.
+
+Plot of a calibration: histograms and pairs of the parameters, with prior, intervals and best run.
+"""
 
 import csv
 import math
@@ -8,12 +11,91 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import FormatError
+from ..experiments.calibration import Calibration
 from ..experiments.measures import NAMES, UNITS, Errors
 from ..experiments.report import BESIDE, ERROR_COLUMNS, Study
 from ..io.atomic import whole_file
+from .series import COLOURS, dress, plot_file
+
+PANEL = 2.6  # [inch]
+BINS = 30
+PRIOR, POSTERIOR, BEST, RUNS = "#777777", COLOURS[0], COLOURS[2], COLOURS[1]
+
+
+def write_pairs(path: Path, result: Calibration, draws: np.ndarray) -> None:
+    """Write the PNG (atomically).
+
+    Parameters
+    ----------
+    path : Path
+    result : Calibration
+    draws : float64[m, d]
+        Of the posterior.
+    """
+    keys = [*result.priors]
+    count = len(keys)
+    size = (PANEL * count + 1.2, PANEL * count + 0.6) if count > 1 else (5.5, 3.6)
+    with plot_file(path, size, rows=count, columns=count, share="none") as axes:
+        for i, key in enumerate(keys):
+            for j in range(count):
+                if j > i:
+                    axes[i, j].axis("off")
+                elif i == j:
+                    _draw_marginal(axes[i, i], result, draws, i)
+                else:
+                    _draw_pair(axes[i, j], result, draws, j, i)
+                    axes[i, j].set_ylim(_limits(result, i))
+                axes[i, j].set_xlim(_limits(result, j))
+                axes[i, j].tick_params(labelsize=7)
+            axes[-1, i].set_xlabel(key, fontsize=9)
+        _draw_legend(axes, count)
+
+
+def _limits(result, k):
+    """Range of the axis of key `k`: nearly all of the prior, and all runs."""
+    prior = [*result.priors.values()][k]
+    ends = [prior.at(0.001), prior.at(0.999), *result.values[:, k]]
+    low, high = min(ends), max(ends)
+    return low - 0.02 * (high - low), high + 0.02 * (high - low)
+
+
+def _draw_marginal(axes, result, draws, k):
+    key, prior = [*result.priors.items()][k]
+    low, high = _limits(result, k)
+    bins = np.linspace(low, high, BINS + 1)
+    density = np.diff([prior.share_of(edge) for edge in bins]) / np.diff(bins)
+    axes.stairs(density, bins, color=PRIOR, label="prior")
+    axes.hist(draws[:, k], bins, density=True, color=POSTERIOR, alpha=0.75, label="posterior")
+    figures = result.parameters()[key]
+    middle, (lower, upper) = figures["median"], figures["interval_90"]
+    for value, label in ((lower, "90 % interval"), (upper, None)):
+        axes.axvline(value, color=POSTERIOR, linestyle="--", linewidth=1.0, label=label)
+    axes.axvline(result.values[result.best, k], color=BEST, linewidth=1.5, label="best run")
+    dress(axes, "density" if k == 0 else "")
+    axes.set_title(f"{middle:g} ({lower:g} to {upper:g})", fontsize=9)
+    axes.set_yticks([])
+
+
+def _draw_pair(axes, result, draws, across, up):
+    axes.plot(draws[:, across], draws[:, up], ".", color=POSTERIOR, markersize=2.5, alpha=0.35)
+    axes.plot(result.values[:, across], result.values[:, up], ".", color=RUNS, markersize=3.5, label="runs")
+    best = result.values[result.best]
+    axes.plot(best[across], best[up], "*", color=BEST, markersize=11, markeredgecolor="white", label="best run")
+    dress(axes, [*result.priors][up] if across == 0 else "")
+
+
+def _draw_legend(axes, count):
+    """One legend: beside the marginal of a single key, in the empty corner of several."""
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if count > 1:
+        more = axes[1, 0].get_legend_handles_labels()
+        handles, labels = handles + more[0][:1], labels + more[1][:1]
+    place = axes[0, 0] if count == 1 else axes[0, -1]
+    place.legend(handles, labels, fontsize=8, frameon=False, loc="best" if count == 1 else "upper right")
+
 
 DOTS_PER_INCH = 120
-COLOURS = {
+PARAMETER_COLOURS = {
     "scene": "#111111", "cell_size": "#1b6ca8", "particles_per_cell": "#d17a00", "points_per_cell": "#d17a00",
     "cfl": "#2e8b57", "precision": "#8e44ad", "stiffness": "#b03a48", "several": "#8a8a8a",
 }  # fmt: skip
@@ -147,8 +229,8 @@ def _plot_work(axes, study):
 
 
 def _colour(parameter):
-    if parameter in COLOURS:
-        return COLOURS[parameter]
+    if parameter in PARAMETER_COLOURS:
+        return PARAMETER_COLOURS[parameter]
     return STAGE_COLOURS[int(parameter.removeprefix("stage").partition(".")[0]) % len(STAGE_COLOURS)]
 
 
@@ -176,7 +258,7 @@ def _words(parameter):
 def _plot_order(axes, study):
     chosen = [(size, study.errors[k]) for k, size in study.by_cell_size()]
     sizes, errors = np.array(sorted(chosen)).T
-    axes.plot(sizes, errors, marker="o", color=COLOURS["cell_size"], linestyle="none")
+    axes.plot(sizes, errors, marker="o", color=PARAMETER_COLOURS["cell_size"], linestyle="none")
     if study.law is not None:
         line = np.geomspace(sizes.min() / 1.3, sizes.max() * 1.3, 50)
         axes.plot(line, study.law.error(line), color="#555555", linewidth=1.0, label=f"order {study.law.order:.2f}")

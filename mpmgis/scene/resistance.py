@@ -6,7 +6,7 @@ An estimate to judge effects by, never a result: no pressure, no spreading, the 
 import itertools
 from math import exp, sqrt
 
-from ..effects import cohesion, earth_pressure, friction, viscosity
+from ..effects import friction, internal_stress
 from ..effects.contact import CoulombContact, VoellmyContact
 from ..effects.friction import Frictionless
 from ..fields import GRAVITY
@@ -180,7 +180,7 @@ def decide_cohesion(scene, facts, slots):
         "cohesion", table.use, table.yield_stress / load, COHESION_THRESHOLD, "yield stress over rho g h0"
     )
     if decision.state == "on":
-        slots["cohesion"] = cohesion.Cohesion(table.yield_stress)
+        slots["cohesion"] = friction.Cohesion(table.yield_stress)
     law = slots.get("friction")
     return _with_change(decision, runout(facts, law, table.yield_stress), runout(facts, law))
 
@@ -191,7 +191,7 @@ def decide_earth_pressure(scene, facts, slots):
     if table is None:
         return not_called_for("earth_pressure", "no [earth_pressure] in the scene: K = 1")
     bed_angle = scene.bed_friction_angle()
-    law = earth_pressure.earth_pressure(table.friction_angle, bed_angle)
+    law = internal_stress.earth_pressure(table.friction_angle, bed_angle)
     ratio = _aspect(scene, facts) * max(abs(law.active - 1.0), abs(law.passive - 1.0))
     reason = f"h0 / L0 |K - 1| / |T - mu|; K {law.active:.2f} to {law.passive:.2f}, bed {bed_angle:.1f} degrees"
     decision = by_number("earth_pressure", table.use, ratio, EARTH_PRESSURE_THRESHOLD, reason)
@@ -205,7 +205,7 @@ def decide_viscosity(scene, facts, slots):
     table = scene.viscosity
     if table is None:
         return not_called_for("viscosity", "no [viscosity] in the scene")
-    law = viscosity.InPlaneViscosity(table.viscosity, table.yield_stress)
+    law = internal_stress.InPlaneViscosity(table.viscosity, table.yield_stress)
     sine, cosine = _sine_cosine(facts)
     depth = max(facts.release_thickness * cosine, 1e-6)
     apparent = law.apparent_viscosity(depth, facts.speed, 0.0, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..effects import friction
 from ..effects.own_law import NO_OWN_LAWS, OwnLaws
 from . import materials
-from .solver_tables import ONLY
+from .stages import ONLY
 from .tables import (
     LISTED,
     TABLES,

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..kernels import polygon_cover
 from ..terrain.elevation import bilinear
 from ..terrain.release import NORMAL, ThicknessRaster
-from .cover import Lattice, Outline
+from .lattice_columns import Lattice, Outline
 
 _MARGIN = 3  # [cells] beyond the release, so that gradients under it are central
 _SAME_CELL = 1 + 1e-9

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..messages import log
-from .cover import Lattice
-from .lattice_columns import KINDS
+from .lattice_columns import KINDS, Lattice
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")

@@ -1,4 +1,9 @@
-"""State of the depth-averaged solver: for a restart, and as sums, energies and balances."""
+"""State of the depth-averaged solver: for a restart, and as sums, energies and balances.
+
+What a flow made of its bed, as frames store it: mass per area at the nodes, eroded and stopped in forest.
+"""
+
+from typing import Any
 
 import numpy as np
 
@@ -9,9 +14,44 @@ from ..kernels import column_clock, column_forest, column_report
 from ..kernels import columns as kernel
 from ..peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
 from ..spatial.outflow import left_places
-from .bed_change import bed_change_of
 from .particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from .restart import LEFT_STATE, require_column_state
+
+DETRAINED, BROKEN = "detrained_mass", "broken_forest"
+MASS, TRANSFORM, DENSITY = "eroded_mass", "transform", "bed_density"
+
+
+def bed_change_of(eroded, forest, west, south, spacing):
+    """What a frame stores of the bed, cut to the nodes where anything changed.
+
+    Parameters
+    ----------
+    eroded : float64[rows, columns] [kg m-2]
+        Per plan area at the nodes, row 0 in the south; a node stands for the square of side `spacing` around it.
+    forest : (float64[rows, columns], float64[rows, columns]) or None
+        Mass that stopped in forest [kg m-2], and 1 where forest is broken.
+    west, south : float [m]
+        Map position of the first node.
+    spacing : float [m]
+
+    Returns
+    -------
+    dict
+        eroded_mass float64[rows, columns] [kg m-2] and the affine `transform` of the nodes' squares; with forest also
+        detrained_mass [kg m-2] and broken_forest [1].
+    """
+    arrays = {MASS: eroded} if forest is None else {MASS: eroded, DETRAINED: forest[0], BROKEN: forest[1]}
+    j, i = np.nonzero(np.any([values > 0 for values in arrays.values()], axis=0))
+    window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
+    corner = west + (window[1].start - 0.5) * spacing, south + (window[0].start - 0.5) * spacing
+    transform = np.array([spacing, 0.0, corner[0], 0.0, spacing, corner[1]])
+    return {name: values[window].copy() for name, values in arrays.items()} | {TRANSFORM: transform}
+
+
+def with_density(eroded: dict[str, Any], density: float) -> dict[str, Any]:
+    """The same with the density [kg m-3] of the bed, which makes depths of masses; nothing stays nothing."""
+    return eroded | {DENSITY: float(density)} if eroded else {}
+
 
 # outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
@@ -131,7 +171,7 @@ class ColumnState(ParticleStore):
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 
     def bed_change(self):
-        """What the flow made of its bed so far (`solvers.bed_change`); empty without erosion and forest."""
+        """What the flow made of its bed so far (`solvers.column_state`); empty without erosion and forest."""
         erodes, forest = self.effects.entrainment.entrainment_active(), None
         if not (erodes or self.effects.forest.forest_active()):
             return {}

@@ -1,16 +1,27 @@
-"""Cost and resolution of a run before it starts: steps, time, memory, and cells over the flow's depth."""
+"""Cost and resolution of a run before it starts: steps, time, memory, and cells over the flow's depth.
+
+Computing cost of effects: the time of a step with and without each of them.
+
+Both steps are timed from the same state in turns, a flow under way, so that neither the machine's load nor the flow's
+own change is taken for the effect. The remaining error is reported: the whole scene against itself.
+"""
 
 from dataclasses import dataclass
+from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
+from ..effects import friction
+from ..effects.slots import ColumnEffects
 from ..errors import SceneError
 from ..fields import GRAVITY
 from ..kernels.column_rows import ROW
 from ..kernels.point_ground import GROUND_ENTRIES
 from ..kernels.point_rows import ROW_LONG, ROW_SHORT
-from ..machine import memory_lack
+from ..messages import log
 from ..scene.points import FEWEST_CELLS
+from ..system import memory_lack
 from .point_numerics import courant_number
 
 
@@ -160,3 +171,109 @@ def require_memory_for_points(count, cell_size):
         raise SceneError(
             f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need {lack}; take larger cells"
         )
+
+
+STEPS = 20  # timed at a time; the quickest of all rounds counts
+LEAST_ROUNDS, MOST_ROUNDS, ROUNDS_SECONDS = 5, 60, 6.0  # as many rounds as fit into that time [s]
+UNTIMED_STEPS = 2  # after each restart: the first ever compiles, the first of each puts the columns in order
+UNDER_WAY_STEPS, UNDER_WAY_SECONDS = 200, 5.0  # until the flow counts as under way
+FIRST, AGAIN = "whole", "whole again"  # no names of effects
+CHOICES = ("metric",)  # slots that hold one of two forms, neither of which is the absence of the other
+
+
+class EffectCosts(NamedTuple):
+    """Measured costs of effects, and the measured scene."""
+
+    shares: dict  # effect -> its share of a step [1]
+    noise: float  # [1] by which two measurements of the whole scene differ
+    step_seconds: float  # [s] of the whole scene
+    columns: int
+    time: float  # [s] simulated, at which it was measured
+
+
+def without_each(effects):
+    """Effect, as decisions name it -> `effects` with its null form in its place.
+
+    Zones are switched with friction; turbulent drag is the difference of Voellmy's law to Coulomb's.
+    """
+    null = ColumnEffects()
+    present = [name for name in effects._fields if type(getattr(effects, name)) is not type(getattr(null, name))]
+    variants = {name: effects._replace(**{name: getattr(null, name)}) for name in present if name not in CHOICES}
+    if "friction" in variants:
+        variants["friction"] = variants["friction"]._replace(zones=null.zones)
+    if isinstance(effects.friction, (friction.Voellmy, friction.ModifiedVoellmy)):
+        variants["turbulent_drag"] = effects._replace(friction=friction.Coulomb(effects.friction.mu))
+    return variants
+
+
+def under_way(solver, events, end_time, clock=perf_counter):
+    """Advance `solver` a little, with inflow, to where its effects are at work; the Frame there, with its state.
+
+    Raises
+    ------
+    SceneError
+        Nothing is on the terrain before `end_time` [s].
+    """
+    events.let_in(solver)
+    while not solver.columns:
+        if events.next_time(solver.time) >= end_time:
+            raise SceneError("nothing moves before [output] end_time, so that no step can be measured")
+        solver.wait(events.next_time(solver.time))
+        events.let_in(solver)
+    start, began = solver.frame(), clock()
+    while solver.step < UNDER_WAY_STEPS and clock() - began < UNDER_WAY_SECONDS and solver.time < end_time:
+        before = solver.step
+        solver.advance(min(end_time, events.next_time(solver.time)), 10, may_stop=False)
+        events.let_in(solver)
+        if solver.step == before:  # it has stopped itself, or all has left
+            break
+    return solver.frame() if solver.columns else start
+
+
+def effect_costs(solver, start, clock=perf_counter):
+    """`EffectCosts` of the effects of `solver`, whose state is that of the Frame `start` before and after each look.
+
+    Raises
+    ------
+    SceneError
+        The flow ends within the steps that are timed.
+    """
+    whole = solver.effects
+    variants = without_each(whole)
+    for number, (name, effects) in enumerate(variants.items(), 1):
+        log.info(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
+        _seconds_per_step(solver, effects, start, clock)
+    best = _quickest(solver, {FIRST: whole, **variants, AGAIN: whole}, start, clock)
+    solver.restore(start)
+    with_all = 0.5 * (best[FIRST] + best[AGAIN])
+    shares = {name: 1.0 - best[name] / with_all for name in variants}
+    noise = abs(best[FIRST] - best[AGAIN]) / with_all
+    return EffectCosts(shares, noise, with_all, solver.columns, solver.time)
+
+
+def _quickest(solver, steps, start, clock):
+    """Wall time [s] of the quickest step of each of `steps`, name -> ColumnEffects, timed in turns."""
+    best = dict.fromkeys(steps, float("inf"))
+    began = clock()
+    for done in range(MOST_ROUNDS):
+        if done >= LEAST_ROUNDS and clock() - began > ROUNDS_SECONDS:
+            break
+        for name, effects in steps.items():
+            best[name] = min(best[name], _seconds_per_step(solver, effects, start, clock))
+    return best
+
+
+def _seconds_per_step(solver, effects, start, clock):
+    """Wall time [s] of a step with `effects` from the Frame `start`."""
+    solver.restore(start)
+    whole, solver.effects = solver.effects, effects
+    try:
+        solver.advance(float("inf"), UNTIMED_STEPS, may_stop=False)
+        began, step = clock(), solver.step
+        solver.advance(float("inf"), STEPS, may_stop=False)
+        spent, taken = clock() - began, solver.step - step
+    finally:
+        solver.effects = whole
+    if taken < STEPS:
+        raise SceneError(f"the flow ends within {STEPS} steps at t = {solver.time:.3g} s; there is no cost to measure")
+    return spent / taken

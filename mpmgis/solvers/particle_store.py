@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import FormatError
-from ..spatial.watch import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
+from ..spatial.outflow import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
 from .restart import LEFT_STATE, StateCheck
 
 
@@ -172,7 +172,7 @@ class ParticleStore:
         return counts
 
     def _no_mass_left(self, grid):
-        """Empty sums of the outflow by blocks of the cells of `grid`, see `kernels.left_cells`."""
+        """Empty sums of the outflow by blocks of the cells of `grid`, see `kernels.block_order`."""
         rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
         return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
 
@@ -183,7 +183,7 @@ class ParticleStore:
 
     @property
     def left_sums(self):
-        """float64[ways, block rows, block columns, entries]: outflow, see `kernels.left_cells`."""
+        """float64[ways, block rows, block columns, entries]: outflow, see `kernels.block_order`."""
         return self._left
 
     def _left_state(self):

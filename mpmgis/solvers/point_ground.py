@@ -1,13 +1,134 @@
-"""Ground and barriers at the nodes of the 3D solver, and the yield of the ground below the points."""
+"""Ground and barriers at the nodes of the 3D solver, and the yield of the ground below the points.
+
+Folds of the ground within a cell, and the distance of the nodes there from the ground.
+
+At the edge of a cliff the plane below a node column deviates from the ground by up to the height of the cliff. Such
+columns and their neighbours store the exact distance and direction of the nearest ground for each node that the flow
+can reach.
+
+Faces of barriers as the 3D kernels know them (see `spatial.faces` and `kernels.point_faces`).
+"""
+
+from itertools import groupby
 
 import numpy as np
 from scipy import ndimage
 
+from ..errors import SceneError
 from ..kernels.point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
-from ..kernels.point_ground import FOLD_LEVELS
+from ..kernels.point_faces import FACE_ENTRIES
+from ..kernels.point_ground import EXACT_ENTRIES, FOLD_ENTRIES, FOLD_LEVELS, Ground, distances_to_ground
 from ..kernels.point_rows import GHOSTS
+from ..spatial.faces import faces_of
 from ..spatial.node_grid import bed_at_nodes
-from .barrier_faces import face_arrays
+
+FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
+REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
+MOST_NODES = 1 << 27  # on folds, 2 GiB
+SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
+
+
+def folded_ground(nodes, height, dx, clearance):
+    """The `Ground` of node columns `nodes`, with its folds.
+
+    Parameters
+    ----------
+    nodes : float[rows, columns, GROUND_ENTRIES]
+        Height [m] and slopes first.
+    height : float[rows, columns] [m]
+        Of the terrain at the nodes: a cliff is one cell wide there and has no ramp, unlike that of the spline.
+    dx : float [m]
+    clearance : float [cells]
+        Height above the ground at which a node is in contact with it.
+
+    Raises
+    ------
+    SceneError
+        Ground so rough that its folds do not fit into memory.
+    """
+    folded = ndimage.maximum_filter(departure(nodes, height, dx) > FOLD_CELLS * dx, 3)
+    if not folded.any():
+        return Ground(nodes, np.zeros((1, 1, FOLD_ENTRIES), np.int32), np.zeros((1, EXACT_ENTRIES), np.float32))
+    beside = 1 + int(np.ceil(clearance))
+    rows, columns = np.nonzero(folded)
+    least = ndimage.minimum_filter(height, 5)[folded]
+    most = ndimage.maximum_filter(height, 2 * beside + 1)[folded]
+    lowest = np.floor(least / dx).astype(np.int64) - SUNK + GHOSTS
+    levels = np.ceil(most / dx).astype(np.int64) + beside + GHOSTS + 1 - lowest
+    if levels.sum() > MOST_NODES:
+        share = 100.0 * len(rows) / folded.size
+        raise SceneError(
+            f"the DTM folds within a cell of {dx:g} m on {share:.0f} % of the terrain, {levels.sum():.3g} nodes "
+            f"with a nearest ground, expected at most {MOST_NODES:.3g}; clip it by [terrain] window, smooth it or "
+            "take larger cells"
+        )
+    firsts = np.cumsum(levels) - levels
+    exact = np.zeros((int(levels.sum()), EXACT_ENTRIES), np.float32)
+    distances_to_ground(np.asarray(height, float), dx, rows, columns, firsts, lowest, levels, REACH, exact)
+    folds = np.zeros((*folded.shape, FOLD_ENTRIES), np.int32)
+    folds[folded] = np.column_stack([firsts, lowest, levels])
+    return Ground(nodes, folds, exact)
+
+
+def departure(nodes, height, dx):
+    """float[rows, columns] [m]: deviation of the ground from the plane of a node, normal to it, at its neighbours."""
+    foot, slope_x, slope_y = (nodes[..., k] for k in range(3))
+    padded, worst = np.pad(height, 1, mode="edge"), np.zeros(height.shape)
+    rows, columns = height.shape
+    for j in (-1, 0, 1):
+        for i in (-1, 0, 1):
+            there = padded[1 + j : 1 + j + rows, 1 + i : 1 + i + columns]
+            apart = np.abs(there - foot - dx * (i * slope_x + j * slope_y))
+            worst = np.maximum(worst, apart)
+    worst /= np.sqrt(1.0 + slope_x**2 + slope_y**2)
+    rim = np.zeros(height.shape, bool)  # the ground is only extended beyond, without folds
+    rim[GHOSTS : -GHOSTS - 2, GHOSTS : -GHOSTS - 2] = True
+    return np.where(rim, worst, 0.0)
+
+
+UNDER_GROUND = 2  # [cells] how far rows reach down
+NO_FACES = np.zeros((0, FACE_ENTRIES))
+
+
+def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
+    """(float64[n, FACE_ENTRIES], number of levels, float64[rows, columns, 2] for ROWED and ROW_TOP).
+
+    Parameters
+    ----------
+    nodes : WallNodes
+    bed : float[rows, columns] [m]
+        Above `floor` [m].
+    smooth : bool[rows, columns]
+    x, y : float[columns], float[rows] [m]
+    middle : float[walls + 1, 3] [m]
+        Foot of each barrier's middle, from 1.
+    cell_size : float [m]
+    """
+    faces = faces_of(nodes, bed + floor, smooth, cell_size)
+    entries, levels = np.zeros((len(faces), FACE_ENTRIES)), 0
+    owned = np.zeros((*bed.shape, 2))
+    shift, first = GHOSTS - 1, 0
+    for alone, group in groupby(faces, key=lambda face: face is None):
+        side = list(group)
+        if not alone:
+            lowest = [min(bed[at] for at in face.columns()) / cell_size for face in side]
+            bottom = np.floor(lowest).astype(int) + GHOSTS - UNDER_GROUND
+            base = max(bottom.min(), 0)
+            for n, face in enumerate(side, first):
+                place = np.array([x[face.i], y[face.j]])
+                place[face.axis] += face.foot * cell_size
+                top = (np.floor((face.top - floor) / cell_size + 1e-9) + 0.25) * cell_size  # between two levels
+                entries[n] = (
+                    face.j + shift, face.i + shift, 1 - face.axis, face.axis, face.foot, face.out, *face.normal,
+                    face.mu, face.number, *(place - middle[face.number, :2]), middle[face.number, 2], top,
+                    max(bottom[n - first], 0), base,
+                )  # fmt: skip
+                levels = max(levels, int(top / cell_size) + GHOSTS + 1 - base)
+                for at in face.columns():
+                    owned[at] = n + 1, top
+        first += len(side)
+    return entries, levels, owned
+
 
 LEVEL_ROUNDING = 1e-12  # relative rounding error of an elevation in cells
 

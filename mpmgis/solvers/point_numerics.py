@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fields import GRAVITY
-from ..kernels.point_arrays import Settings
 from ..kernels.point_peaks import LONE_SHARE as LONE_NODE_SHARE
+from ..kernels.point_rows import Settings
 
 LONE_SHARE = 0.85  # of the step at which a single point oscillates with growing amplitude; 0.95 fails if steps change
 LEAK_STOP = 1e-3  # share of the mass found more than a cell below the ground in one step, at which a run stops

@@ -18,11 +18,9 @@ from ..kernels.point_rows import volume_ratios
 from ..particles import Particles
 from ..peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from ..spatial.node_grid import ColumnGrid
-from .barrier_faces import NO_FACES
-from .ground_folds import folded_ground
 from .particle_store import EDGE_NAMES
 from .point_balances import LEDGER, PointBalances
-from .point_ground import barrier_nodes, ground_nodes, padded, press_ground
+from .point_ground import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_ground
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
 from .restart import LEFT_STATE, YIELD_STATE, require_point_state
 

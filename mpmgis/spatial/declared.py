@@ -7,13 +7,13 @@ import numpy as np
 from scipy import ndimage
 
 from ..effects.forest import STRENGTH
-from ..effects.zones import FrictionZones
+from ..effects.friction import FrictionZones
 from ..errors import SceneError
 from ..scene import mu_least
 from ..scene.terrain_effects import TABLE_OF, ZONE_THRESHOLD
 from .areas import spread
 from .features import Places, barrier_entries
-from .watch import Feature
+from .outflow import Feature
 
 LEAST_OF = ("xi",)  # parameters whose smallest value gives the largest effect; for others the mean is used
 

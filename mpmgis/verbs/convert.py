@@ -230,7 +230,7 @@ _COLUMNS_ONLY = ("by", "detached")
 
 def converted(values: dict[str, Any]) -> "Written":
     """Convert with options by name."""
-    from ..io.point_cloud import is_point_cloud
+    from ..io.particle_files import is_point_cloud
     from ..workflows import convert as workflow
     from .values import made
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..errors import InputError, OutputError
 from ..io.atomic import refuse_existing, whole_folder
-from ..io.links import is_above
+from ..io.lock import is_above
 from .opened_results import result_name
 
 FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder named run_1.5

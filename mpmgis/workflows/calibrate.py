@@ -2,28 +2,124 @@
 
 Runs of three rounds: from the prior; from a first posterior, which refine the emulator where it matters; and from the
 posterior, for the maps. Each is an ensemble in the output folder, so a second start continues.
+
+Files of a calibration: record, tables, plots, and a map of the misfit of the best run of each event.
 """
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from .. import __version__
+from ..analysis.comparison import overlap
+from ..analysis.flow_line import runout
 from ..errors import InputError
-from ..experiments.calibration import Calibration
-from ..experiments.emulator import FEWEST, Emulator
-from ..experiments.posterior import posterior, self_test, shares_of_scores
-from ..experiments.priors import priors
+from ..experiments.calibration import Calibration, priors
+from ..experiments.posterior import FEWEST, Emulator, posterior, self_test, shares_of_scores
 from ..experiments.sampling_plan import JOINT
-from ..io.atomic import refuse_existing
-from ..io.ensemble_folder import MAPS
-from ..io.ensemble_members import Members, read_members
+from ..fields import Quantity
+from ..io.atomic import output_error, refuse_existing, whole_file
+from ..io.ensemble_folder import MAPS, Members, read_members
+from ..io.tables import write_records
 from ..messages import log, muted
+from ..reports.comparison import MapSide, write_classes, write_classes_style, write_comparison_map
+from ..reports.study_files import write_pairs
 from .calibrate_events import EventOnGrid, events_of
-from .calibrate_files import write_files
 from .ensemble import EnsembleRequest, ensemble
 from .ensemble_plan import PlannedRuns, read_plan
 from .export_inputs import terrain_of_rasters
+
+RECORD_FILE, SAMPLES_FILE, RUNS_FILE, PAIRS_FILE, MISFIT = (
+    "calibrate.json", "samples.csv", "runs.csv", "pairs.png", "misfit",
+)  # fmt: skip
+SAMPLES = 1000  # draws in the table
+SAMPLE_DIGITS = 4
+
+
+def write_files(output: Path, result: Calibration, events: list, runs: dict, request) -> tuple:
+    """Write all files into the folder `output`; their paths, the record first.
+
+    Parameters
+    ----------
+    output : Path
+    result : Calibration
+    events : list of EventOnGrid
+    runs : dict of str to list of (Members, int)
+    request : CalibrateRequest
+    """
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise output_error(output, error) from error
+    overlaps, maps = {}, []
+    for event in events:
+        if event.outline is not None:
+            name = MISFIT if len(events) == 1 else f"{MISFIT}_{event.event.name}"
+            found, files = _write_misfit(output, name, event, runs[event.event.name][result.best])
+            overlaps[event.event.name] = found
+            maps += files
+    record = _record(result, events, overlaps, request)
+    with whole_file(output / RECORD_FILE) as part:
+        part.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+    draws = result.values_of(result.posterior.drawn(SAMPLES, request.seed))
+    write_records(output / SAMPLES_FILE, [*result.priors], [[_short(v) for v in row] for row in draws])
+    rows = [[*values, misfit, *simulated] for values, misfit, simulated in
+            zip(result.values, result.misfits, result.simulated, strict=True)]  # fmt: skip
+    write_records(output / RUNS_FILE, [*result.priors, "misfit", *result.names], rows)
+    write_pairs(output / PAIRS_FILE, result, draws)
+    return tuple(output / name for name in (RECORD_FILE, PAIRS_FILE, SAMPLES_FILE, RUNS_FILE)) + tuple(maps)
+
+
+def _short(value):
+    return float(f"{value:.{SAMPLE_DIGITS}g}")
+
+
+def _record(result, events, overlaps, request):
+    summaries = [
+        {"name": name, "observed": _short(observed), "error": _short(np.sqrt(variance)), "best_run": _short(best)}
+        for name, observed, variance, best in zip(
+            result.names, result.observed, result.variances, result.simulated[result.best], strict=True
+        )
+    ]
+    names = ("scene", "observed", "points", "deposit", "volume", "line")
+    given = [
+        {name: _plain(getattr(event.event, name)) for name in names if getattr(event.event, name) is not None}
+        for event in events
+    ]
+    return {
+        "format": "mpmgis-calibration", "format_version": 1, "version": __version__, "seed": request.seed,
+        "events": given, **result.record(), "best_run_outline": overlaps, "summaries": summaries,
+    }  # fmt: skip
+
+
+def _plain(value):
+    return list(value) if isinstance(value, tuple) else str(value)
+
+
+def _write_misfit(output, name, event, run):
+    """({"missed_m2", "over_covered_m2", "iou"} of the best run, paths of map, raster and style)."""
+    covered, grid = event.covered(run), event.grid
+    found = overlap(event.mask, covered, grid.cell_area)
+    files = [output / f"{name}.{suffix}" for suffix in ("png", "tif", "qml")]
+    sides = (
+        MapSide("observed", event.mask, found.only_first, runout(event.mask, grid, event.line)),
+        MapSide("best run", covered, found.only_second, runout(covered, grid, event.line)),
+    )
+    title = f"{event.event.name}: overlap (IoU) {found.iou:.2f} of the best run"
+    write_comparison_map(files[0], event.terrain, grid, sides, found.both, event.line, title)
+    members, k = run
+    depth = members.band(k, "h_max")
+    write_classes(files[1], grid, event.mask, covered, (None, depth), Quantity("h_max", "m", ""))
+    write_classes_style(files[2])
+    facts = {
+        "missed_m2": round(found.only_first),
+        "over_covered_m2": round(found.only_second),
+        "iou": round(found.iou, 2),
+    }
+    return facts, files
+
 
 TESTED = 40  # runs of the self-test
 
@@ -154,14 +250,16 @@ class _Study:
         """Event -> the runs (members, index) that finished in all events, in a common order."""
         found = {event.name: [] for event in self.events}
         for members in self.rounds:
-            good = np.all([of.finished for of in members.values()], axis=0)
             for name, of in members.items():
-                found[name] += [(of, int(k)) for k in np.flatnonzero(good)]
+                found[name] += [(of, int(k)) for k in np.flatnonzero(finished_in_all(members))]
         return found
 
     def _result(self, tests):
         """The Calibration by all runs so far, with a self-test of so many runs."""
         runs, seed = self.runs, self.request.seed
+        count = len(runs[self.events[0].name])
+        if count < FEWEST:
+            raise InputError(f"only {count} runs finished in all events, expected at least {FEWEST}")
         parts = [self.on_grid[event.name].compared(runs[event.name]) for event in self.events]
         simulated = np.hstack([part.simulated for part in parts])
         observed, variances = (np.concatenate([getattr(part, n) for part in parts]) for n in ("observed", "variances"))
@@ -172,18 +270,21 @@ class _Study:
                 for one, column in zip(self.priors.values(), values.T, strict=True)
             ]
         )
-        if len(values) < FEWEST:
-            raise InputError(f"only {len(values)} runs finished in all events, expected at least {FEWEST}")
         emulator = Emulator.fitted(shares, simulated)
         found = posterior(emulator.at, observed, variances, len(self.priors), seed)
-        first = np.arange(min(len(shares), self.request.samples))  # runs of the prior only: the test assumes it
-        chosen = np.random.default_rng(seed).permutation(first)[:tests]
+        prior = int(finished_in_all(self.rounds[0]).sum())  # they are first; the test assumes runs of the prior
+        chosen = np.random.default_rng(seed).permutation(prior)[:tests]
         test = self_test(emulator, shares, simulated, variances, chosen, seed) if tests else None
         misfits = np.sum((simulated - observed) ** 2 / variances, axis=1) / len(observed)
         return Calibration(
             self.priors, [name for part in parts for name in part.names], observed, variances, values, simulated,
             misfits, found, emulator.left_out(), test,
         )  # fmt: skip
+
+
+def finished_in_all(members):
+    """bool[n]: the runs of a round (event -> Members) that finished in every event."""
+    return np.all([of.finished for of in members.values()], axis=0)
 
 
 ROUND_WORDS = {"prior": "from the prior", "refine": "near the posterior", "predictive": "from the posterior"}

@@ -8,12 +8,10 @@ import numpy as np
 import shapely
 
 from ..analysis.comparison import nearest
-from ..analysis.flow_line import centre_line
-from ..analysis.outline_summaries import BANDS, PathBands
+from ..analysis.flow_line import BANDS, PathBands, centre_line
 from ..errors import InputError
-from ..io.ensemble_members import Members, read_band
-from ..io.observed import cells_within, read_line, read_outline
-from ..io.observed_values import read_values
+from ..io.ensemble_folder import Members, read_band
+from ..io.observed import cells_within, read_line, read_outline, read_values
 from ..io.raster import read_raster
 from ..io.vector_table import read_table
 from ..messages import log
@@ -108,11 +106,11 @@ def volume_of(text, error, where):
     if text is None:
         return None
     try:
-        value, deviation = (*map(float, str(text).split(":")), None)[:2]
+        value, *given = map(float, str(text).split(":"))
     except ValueError:
-        value, deviation = float("nan"), None
-    deviation = error * value if deviation is None else deviation
-    if not (value > 0 and deviation > 0):
+        value, given = float("nan"), []
+    deviation = given[0] if given else error * value
+    if len(given) > 1 or not (0 < value < float("inf") and 0 < deviation < float("inf")):
         raise InputError(f"{where} is {text!r}, expected VOLUME or VOLUME:SD in m3, above 0")
     return value, deviation
 

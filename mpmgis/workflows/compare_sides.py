@@ -17,8 +17,8 @@ from ..interop.frame_list import third_party_files
 from ..interop.readers.registry import OWN, reader_of
 from ..io.exported import is_export
 from ..io.observed import cells_within, read_outline
-from ..io.reprojection import is_raster
 from ..io.results import UNNAMED, names_rasters, open_result
+from ..io.spatial_inputs import is_raster
 from ..messages import log
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid

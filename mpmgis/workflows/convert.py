@@ -14,10 +14,9 @@ from ..errors import InputError, OutputError
 from ..interop.frame_list import OWN, list_frames
 from ..io.atomic import refuse_existing
 from ..io.frames import read_frame, write_frame
-from ..io.particle_files import require_format, write_columns
-from ..io.point_cloud import is_point_cloud, require_point_cloud, write_las
-from ..machine import memory_lack
+from ..io.particle_files import is_point_cloud, require_format, require_point_cloud, write_columns, write_las
 from ..messages import log
+from ..system import memory_lack
 from .export_inputs import run_terrain
 from .requests import FrameSource
 

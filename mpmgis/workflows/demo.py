@@ -9,7 +9,7 @@ from ..analysis.maxima import MAXIMA_BANDS
 from ..errors import InputError
 from ..io.atomic import refuse_existing, whole_folder
 from ..io.dtm import read_terrain
-from ..io.links import refuse_link
+from ..io.lock import refuse_link
 from ..io.raster import read_raster
 from ..io.release_areas import read_release
 from ..messages import details, muted

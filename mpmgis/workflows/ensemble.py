@@ -12,16 +12,16 @@ from ..errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..fields import MEMBER_BANDS
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
-from ..machine import available_memory
 from ..messages import log
 from ..reports.ensemble_maps import EnsembleMaps, write_maps
 from ..solvers.cost import MEMORY_SHARE
+from ..system import available_memory
 from . import parallel
 from .ensemble_member import run_member, warm_worker, warmed
 from .ensemble_plan import TIMES, PlannedRuns, read_plan
+from .parallel import started
 from .run import ASK_SECONDS
 from .run_setup.cost_prediction import duration
-from .workers import started
 
 LEFT_OUT = ("unphysical", "refused", "lost")
 

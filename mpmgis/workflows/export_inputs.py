@@ -10,8 +10,8 @@ from ..analysis.maxima import SolverPeaks
 from ..errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..io.atomic import refuse_existing
 from ..io.dtm import read_terrain
-from ..io.gdal_input import require_local
-from ..io.links import is_above
+from ..io.input_files import require_local
+from ..io.lock import is_above
 from ..io.raster import open_raster
 from ..messages import log
 from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command

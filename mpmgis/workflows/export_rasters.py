@@ -8,9 +8,8 @@ import numpy as np
 
 from .. import __version__, system
 from ..analysis.frame_values import average_frame
-from ..analysis.height_layers import layer_quantities
 from ..analysis.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
-from ..analysis.quantities import PRODUCTS
+from ..analysis.quantities import PRODUCTS, layer_quantities
 from ..fields import BAND, Quantity
 from ..gis.outlines import shown_particles, step_outline
 from ..io.exported import ExportedRun

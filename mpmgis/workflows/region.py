@@ -8,18 +8,14 @@ from pathlib import Path
 
 from .. import __version__, system
 from ..errors import InputError
-from ..gis.footprints import write_footprints
-from ..gis.region_project import RegionProject, terrain_path, write_region_project
+from ..gis.region_project import RegionProject, terrain_path, write_footprints, write_region_project
 from ..io.atomic import whole_folder
 from ..io.ensemble_folder import member_files, read_member
-from ..io.region_areas import write_areas
-from ..io.region_folder import RegionFolder
-from ..io.region_maps import AreaRaster, write_region_maps
+from ..io.region_folder import AreaRaster, RegionFolder, write_areas, write_region_maps
 from ..messages import log
 from .ensemble import done_by, pool_of, require_affordable
 from .ensemble_member import warm_worker, warmed
-from .region_area import run_area
-from .region_plan import PlannedRegion
+from .region_plan import PlannedRegion, run_area
 
 FIGURES = (
     "area_m2", "h_max_m", "Ut_max_m_s", "p_max_Pa", "runout_m", "travel_angle_degrees", "mass_out_share", "end_time_s",

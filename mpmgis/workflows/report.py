@@ -19,8 +19,7 @@ from .answer_files import answer_output, write_answer
 from .export_inputs import release_outlines
 from .hazard_map import HazardFound, HazardOptions, hazard_map
 from .opened_results import open_flow, peaks_of, read_peaks
-from .report_barriers import barrier_sections
-from .report_places import places_section
+from .report_pages import barrier_sections, places_section
 from .requests import AnswerRequest
 from .runout import RunoutRequest, found_runout
 

@@ -13,16 +13,15 @@ from ..errors import InputError, SceneError, UnphysicalError
 from ..io.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..io.tables import BarrierTable
 from ..kernels.jit import set_threads
-from ..machine import available_memory
 from ..messages import details, log
 from ..peaks import largest_peaks
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..scene.reading import read_toml
 from ..solvers.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
-from ..solvers.cost import MEMORY_SHARE
-from ..solvers.effect_costs import effect_costs, under_way
+from ..solvers.cost import MEMORY_SHARE, effect_costs, under_way
 from ..solvers.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
+from ..system import available_memory
 from .run_setup.cost_prediction import OwnPace, at_most, need, predicted, prediction_line
 from .run_setup.later_end import earlier_run, go_on, goes_on
 from .run_setup.prepare import prepare

@@ -11,7 +11,7 @@ from ..io.atomic import refuse_existing
 from ..io.dtm import READ_WHOLE, TerrainFile, read_terrain
 from ..io.particle_files import require_format, write_columns
 from ..io.release_areas import read_release
-from ..io.reprojection import with_crs_hint
+from ..io.spatial_inputs import with_crs_hint
 from ..messages import log
 from ..particles import Particles
 from ..seeding.columns import plan_seed

@@ -16,9 +16,9 @@ from ..interop.declarations import SUFFIX, Declarations, axis_matrix, write_side
 from ..interop.writers.registry import SOLVER_FILES
 from ..interop.writers.start_files import SolverFiles, write_terrain
 from ..io.atomic import refuse_existing, whole_folder
-from ..machine import memory_lack
 from ..messages import log
-from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
+from ..scene.reading import EXAMPLE, GivenMaterial, read_material
+from ..system import memory_lack
 from .convert import entry_at, listed, require_point_memory, whole_frame
 from .export_inputs import refuse_within, run_terrain
 from .seed import seed_frame

@@ -24,7 +24,7 @@ from ..experiments.measures import (
 from ..experiments.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
 from ..experiments.report import OtherResult, Row, Study
 from ..io.atomic import whole_folder
-from ..io.links import within
+from ..io.lock import within
 from ..io.spatial_inputs import read_placed_raster
 from ..io.tables import write_records
 from ..messages import log, muted

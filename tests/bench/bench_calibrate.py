@@ -19,9 +19,9 @@ import shapely
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cli"))
 from slope_site import SCENE, write_site
 
-from mpmgis.experiments.priors import priors
+from mpmgis.experiments.calibration import priors
 from mpmgis.experiments.sampling_plan import Plan
-from mpmgis.io.ensemble_members import read_members
+from mpmgis.io.ensemble_folder import read_members
 from mpmgis.workflows import calibrate as calibration
 from mpmgis.workflows.calibrate import CalibrateRequest, calibrate
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble

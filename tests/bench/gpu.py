@@ -23,6 +23,7 @@ sys.path.insert(0, str(ROOT))
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
+from mpmgis.machine import available_memory  # noqa: E402
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
 from mpmgis.effects.fluid import Fluid  # noqa: E402
@@ -30,7 +31,6 @@ from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager 
 from mpmgis.effects.slots import PointEffects  # noqa: E402
 from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.gpu.available import found_device  # noqa: E402
-from mpmgis.machine import available_memory  # noqa: E402
 from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
 from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402

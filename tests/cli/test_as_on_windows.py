@@ -25,7 +25,7 @@ from mpmgis import system
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, OutputError
 from mpmgis.fields import BAND
-from mpmgis.io import atomic, gdal_input, links
+from mpmgis.io import atomic, input_files, lock
 from mpmgis.io import lock as writer
 from mpmgis.io.lock import LOCK_FILE, sole_writer
 from mpmgis.io.run_folder import RunFolder
@@ -41,7 +41,6 @@ from as_on_windows import ABSENT, MODULES, Windows
 PACKAGE = Path(mpmgis.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 ASKS = {"system.py", "qgis_plugin/mpmgis_qgis/calling.py"}  # which system this is; the plugin imports nothing of ours
-READS = ASKS | {"machine.py"}  # a file of Linux, and continues where it is not there
 SHORT = SCENE.replace("end_time = 30", "end_time = 12").replace("frame_interval = 5", "frame_interval = 2")
 
 
@@ -122,7 +121,7 @@ def test_only_one_module_asks_which_system_this_is(path):
     assert not [(line, name) for line, name in imported(tree) if name in (*MODULES, "msvcrt", "winreg", "nt", "posix")]
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg == "dir_fd"]
     words = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
-    assert named(path) in READS or not [word for word in words if word.startswith(("/proc", "/dev/", "/tmp", "/etc"))]
+    assert named(path) in ASKS or not [word for word in words if word.startswith(("/proc", "/dev/", "/tmp", "/etc"))]
 
 
 def calls(tree):
@@ -205,7 +204,7 @@ def kernels_of(path):
 def test_what_threads_call_at_the_same_time_is_serial(package):
     """Frames are averaged on several threads. Without OpenMP, as on macOS, numba ends a process of parallel calls."""
     used = {kernel for path in (PACKAGE / package).glob("*.py") for kernel in kernels_of(path)}
-    assert PACKAGE / "kernels" / ("binning.py" if package == "analysis" else "rings.py") in used
+    assert PACKAGE / "kernels" / ("binning.py" if package == "analysis" else "polygon_rings.py") in used
     used.discard(PACKAGE / "kernels" / "jit.py")  # the door
     assert not [kernel.name for kernel in used if "jit_parallel" in kernel.read_text(encoding="utf-8")]
 
@@ -288,7 +287,7 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
 
     for name in (r"C:\maps\dtm.tif", "c:/maps/dtm.tif", r"\\host\share\dtm.tif"):
         assert not _GDAL_NAME.match(name)
-        assert not gdal_input._DRIVER.match(name) and not gdal_input._NETWORK.search(name)
+        assert not input_files._DRIVER.match(name) and not input_files._NETWORK.search(name)
 
 
 @pytest.mark.parametrize(
@@ -299,18 +298,18 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
     ],
 )  # fmt: skip
 def test_the_share_of_a_path_is_found(name, share):
-    assert gdal_input.share(name) == share
+    assert input_files.share(name) == share
 
 
 def test_what_others_name_leads_to_no_other_computer(windows, tmp_path):
     """Windows would hand it the user's name and a digest of the password."""
     for name in (r"\\far\share\dtm.tif", "//far/share/dtm.tif"):
         with pytest.raises(FormatError, match="is in the network"):
-            gdal_input._require_local_name(name, tmp_path / "scene.toml")
-    gdal_input._require_local_name("//near/share/dtm.tif", "//near/share/scene.toml")
+            input_files._require_local_name(name, tmp_path / "scene.toml")
+    input_files._require_local_name("//near/share/dtm.tif", "//near/share/scene.toml")
     (tmp_path / "list.vrt").write_text("<VRTDataset><SourceFilename>//far/x/a.tif</SourceFilename></VRTDataset>")
     with pytest.raises(FormatError, match="is in the network"):
-        gdal_input.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
+        input_files.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
 
 
 def test_macos_flushes_through_to_the_disk(monkeypatch, tmp_path):
@@ -355,11 +354,11 @@ def test_processes_are_found_without_a_proc(windows):
 
 
 def test_memory_is_found_without_a_proc(monkeypatch, tmp_path):
-    from mpmgis import machine
+    from mpmgis import system
 
-    known = machine.available_memory()
-    monkeypatch.setattr(machine, "_LINUX", tmp_path / "nothing")
-    assert 0.5 < machine.available_memory() / known < 2.0
+    known = system.available_memory()
+    monkeypatch.setattr(system, "_LINUX", tmp_path / "nothing")
+    assert 0.5 < system.available_memory() / known < 2.0
 
 
 def test_facts_as_json_are_ascii_where_the_stream_is_not_utf_8(tmp_path, monkeypatch):
@@ -568,15 +567,15 @@ def test_a_lock_that_is_none_is_refused_without_flags_for_links(windows, tmp_pat
 
 def test_a_link_that_comes_between_the_look_and_the_opening_is_seen(windows, tmp_path, monkeypatch):
     (tmp_path / "victim.txt").write_text("keep")
-    looked = links.refuse_link
+    looked = lock.refuse_link
 
     def too_late(path):
         looked(path)
         Path(path).symlink_to(tmp_path / "victim.txt")
 
-    monkeypatch.setattr(links, "refuse_link", too_late)
+    monkeypatch.setattr(lock, "refuse_link", too_late)
     with pytest.raises(OutputError, match=r"another name \(hard link\)"):
-        links.open_own(tmp_path / LOCK_FILE)
+        lock.open_own(tmp_path / LOCK_FILE)
 
 
 def test_file_systems_of_macos_without_locks_are_known(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from block_frames import CRS, DENSITY, MIDDLE, SIDE, THICKNESS, write_block_run
 from shapely import affinity
 from slope_site import write_shapes
 
-from mpmgis.analysis.building_loads import BANDS, largest_loads, outline_of
+from mpmgis.analysis.loads import BANDS, largest_loads, outline_of
 from mpmgis.cli.main import main
 from mpmgis.fields import GRAVITY
 

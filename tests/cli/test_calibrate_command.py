@@ -12,9 +12,9 @@ import shapely
 from slope_site import SCENE, write_raster, write_site
 
 import mpmgis
-from mpmgis.analysis.outline_summaries import BANDS, PathBands
+from mpmgis.analysis.flow_line import BANDS, PathBands
 from mpmgis.cli.main import main
-from mpmgis.io.ensemble_members import read_band, read_members
+from mpmgis.io.ensemble_folder import read_band, read_members
 from mpmgis.scene.reading import read_scene
 from mpmgis.terrain.grid import Grid
 from mpmgis.workflows import ensemble_member

@@ -18,7 +18,7 @@ from mpmgis.cli.main import main
 from mpmgis.errors import UnphysicalError
 from mpmgis.io import ensemble_folder
 from mpmgis.messages import collected
-from mpmgis.workflows import ensemble_member, workers
+from mpmgis.workflows import ensemble_member, parallel
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 15")
@@ -220,7 +220,7 @@ def worker_processes():
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "mpmgis.workflows.workers" in " ".join(process.cmdline()):
+            if "mpmgis.workflows.parallel" in " ".join(process.cmdline()):
                 found.append(process.pid)
     return found
 
@@ -254,7 +254,7 @@ def deadly(piece):
 @pytest.mark.thorough
 def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
     died, done = [], {}
-    with workers.started(2) as pool:
+    with parallel.started(2) as pool:
         pieces = [SimpleNamespace(number=k) for k in range(5)]
         for piece, answer in pool.worked(deadly, pieces, died=lambda piece, again: died.append(again)):
             done[piece.number] = answer

@@ -7,7 +7,7 @@ from block_frames import DENSITY, MIDDLE, SIDE, block, write_block_run
 from slope_site import SOUTH, WEST
 
 from mpmgis.analysis.cells import Bed, place
-from mpmgis.analysis.height_layers import frame_layers, height_layers
+from mpmgis.analysis.quantities import frame_layers, height_layers
 from mpmgis.cli.main import main
 from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import read_frame, write_frame

@@ -9,9 +9,9 @@ from slope_site import SCENE, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, SceneError
-from mpmgis.io.gdal_input import require_local, require_undisguised
+from mpmgis.io.input_files import require_local, require_undisguised
 from mpmgis.io.raster import open_raster
-from mpmgis.io.reprojection import is_raster
+from mpmgis.io.spatial_inputs import is_raster
 from mpmgis.io.vector_table import read_table
 from mpmgis.workflows.run_setup.prepare import scene_to_prepare
 

@@ -22,7 +22,7 @@ from mpmgis.errors import InputError
 from mpmgis.io.dtm import TerrainFile
 from mpmgis.messages import collected
 from mpmgis.terrain.window import Window, reach_window
-from mpmgis.workflows import region_area
+from mpmgis.workflows import region_plan
 from mpmgis.workflows.region import RegionRequest, region
 
 WEST, NORTH, PIXEL, ROWS, COLUMNS = 400_000.0, 5_120_000.0, 10.0, 700, 1200
@@ -193,13 +193,13 @@ def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
     assert digests(two.folder) == digests(done.folder)
     child = (
         "import os, signal, sys\n"
-        "from mpmgis.workflows import region_area\n"
-        "write, seen = region_area.write_member, []\n"
+        "from mpmgis.workflows import region_plan\n"
+        "write, seen = region_plan.write_member, []\n"
         "def end(*given):\n"
         "    write(*given)\n"
         "    seen.append(1)\n"
         "    if len(seen) == 2: os.kill(os.getpid(), int(sys.argv[1]))\n"
-        "region_area.write_member = end\n"
+        "region_plan.write_member = end\n"
         "from mpmgis.cli.main import main\n"
         "main(sys.argv[2:])\n"
     )
@@ -264,7 +264,7 @@ def test_a_dask_cluster_gives_the_same_maps(site, done, tmp_path, monkeypatch):
 
 def test_flow_that_reaches_the_edge_of_its_window_is_run_in_a_larger_one(site, done, tmp_path, monkeypatch):
     narrow = lambda grid, part, polygon, mu, head: Window(*_pixels_around(grid, polygon, 12))  # noqa: E731
-    monkeypatch.setattr(region_area, "reach_window", narrow)
+    monkeypatch.setattr(region_plan, "reach_window", narrow)
     with collected() as lines:
         found = region(asked(site, tmp_path / "narrow", scenario="T", frequency="f"))
     assert found.repeated == 4 and any("larger" in str(line) for line in lines)

@@ -12,10 +12,10 @@ import shapely
 from slope_site import SCENE, SOUTH, WEST, run, write_shapes, write_site
 from test_report_command import Reader
 
-from mpmgis.analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
+from mpmgis.analysis.loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from mpmgis.cli.main import main
 from mpmgis.io.tables import read_barrier_table
-from mpmgis.reports.barrier_plots import write_history_plot, write_section_plot
+from mpmgis.reports.series import write_history_plot, write_section_plot
 
 DAM = '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 3\n'
 RUN_UP = RunUp(4.0, 0.0, 0.0, 2.0, 1, 104.0, 103.0, 2.0)

@@ -14,7 +14,7 @@ from slope_site import SCENE, contents, slide, write_block_site
 
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
-from mpmgis.io.frame_digest import CONTENT, RESULT, STATE, content_of, require_restartable, state_digest, state_of
+from mpmgis.io.frame_contents import CONTENT, RESULT, STATE, content_of, require_restartable, state_digest, state_of
 from mpmgis.io.frames import read_frame, write_frame
 from mpmgis.io.run_folder import RunFolder
 from mpmgis.workflows.run_setup.prepare import prepare

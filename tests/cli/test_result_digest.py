@@ -10,7 +10,7 @@ import pytest
 from slope_site import SCENE, record, run, write_site
 
 from mpmgis.cli.main import main
-from mpmgis.io.frame_digest import AS_WRITTEN
+from mpmgis.io.frame_contents import AS_WRITTEN
 from mpmgis.io.run_folder import RunFolder
 
 

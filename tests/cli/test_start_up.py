@@ -22,7 +22,7 @@ HEAVY = {
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
 SEED = {
-    *("cli", "errors", "fields", "io", "kernels", "machine", "messages", "particles", "peaks", "seeding", "system"),
+    *("cli", "errors", "fields", "io", "kernels", "messages", "particles", "peaks", "seeding", "system"),
     *("terrain", "verbs", "workflows"),
 }
 EXPORT = SEED - {"seeding"} | {"analysis", "gis", "interop"}

@@ -12,7 +12,7 @@ import pytest
 
 from mpmgis.errors import InputError, UnphysicalError
 from mpmgis.workflows import parallel
-from mpmgis.workflows.workers import started
+from mpmgis.workflows.parallel import started
 
 
 def pieces(count):
@@ -103,7 +103,7 @@ def test_modules_beside_the_scene_are_not_imported_by_workers(tmp_path, monkeypa
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no SIGKILL here")
 def test_workers_end_with_a_parent_that_is_killed():
     program = (
-        "from test_workers import number_of, pieces, slow\nfrom mpmgis.workflows.workers import started\n"
+        "from test_workers import number_of, pieces, slow\nfrom mpmgis.workflows.parallel import started\n"
         "with started(1) as workers:\n"
         "    print([answer for _, answer in workers.worked(number_of, pieces(1))][0], flush=True)\n"
         "    list(workers.worked(slow, pieces(1), look=lambda: print('at work', flush=True)))\n"

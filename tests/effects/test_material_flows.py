@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from column_scenes import G, columns_of, node_thickness, relative_l1, solver_on, terrain_of
 
-from mpmgis.effects.cohesion import Cohesion
-from mpmgis.effects.earth_pressure import EarthPressure
-from mpmgis.effects.viscosity import InPlaneViscosity
+from mpmgis.effects.friction import Cohesion
+from mpmgis.effects.internal_stress import EarthPressure, InPlaneViscosity
 
 
 def laws(cohesion=0.0, active=1.0, passive=1.0, viscosity=0.0):

@@ -5,9 +5,15 @@ import math
 import pytest
 from compiled import compiled
 
-from mpmgis.effects.cohesion import Cohesion, NoCohesion
-from mpmgis.effects.earth_pressure import SWITCH, EarthPressure, NoEarthPressure, earth_pressure
-from mpmgis.effects.viscosity import InPlaneViscosity, NoViscosity
+from mpmgis.effects.friction import Cohesion, NoCohesion
+from mpmgis.effects.internal_stress import (
+    SWITCH,
+    EarthPressure,
+    InPlaneViscosity,
+    NoEarthPressure,
+    NoViscosity,
+    earth_pressure,
+)
 
 
 @pytest.mark.parametrize("law", [EarthPressure(0.5, 3.0), NoEarthPressure()])

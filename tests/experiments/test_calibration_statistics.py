@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from mpmgis.errors import InputError
-from mpmgis.experiments.calibration import Calibration, rounded
-from mpmgis.experiments.emulator import Emulator, Process
+from mpmgis.experiments.calibration import Calibration, priors, rounded
 from mpmgis.experiments.posterior import (
+    Emulator,
+    Process,
     identified_directions,
     posterior,
     scores_of_shares,
@@ -14,7 +15,6 @@ from mpmgis.experiments.posterior import (
     shares_of_scores,
     weighted_quantiles,
 )
-from mpmgis.experiments.priors import priors
 from mpmgis.experiments.sampling_plan import Plan, variation
 
 MATRIX = np.array([[1.0, 0.5], [1.0, 0.45], [0.2, 0.1]])

@@ -54,9 +54,9 @@ def calls():
 # of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes
 OWN = {
     ("kernels/code_cache.py", "pickle.loads"),
-    ("workflows/workers.py", "pickle.loads"),
-    ("workflows/workers.py", "pickle.dumps"),
-    ("workflows/workers.py", "subprocess.Popen"),
+    ("workflows/parallel.py", "pickle.loads"),
+    ("workflows/parallel.py", "pickle.dumps"),
+    ("workflows/parallel.py", "subprocess.Popen"),
 }
 
 

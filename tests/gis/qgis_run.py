@@ -9,11 +9,11 @@ import rasterio
 
 from mpmgis.fields import BAND, NODATA
 from mpmgis.gis.folder import write_stacks
+from mpmgis.gis.layers import write_surface
 from mpmgis.gis.mesh import write_mesh
 from mpmgis.gis.outlines import BANDS, StepSpool, shown_particles, step_outline, write_outlines
 from mpmgis.gis.project import write_project
 from mpmgis.gis.styles import write_styles
-from mpmgis.gis.surface import write_surface
 from mpmgis.io.exported import ExportedRun
 from mpmgis.particles import Frame, Particles
 from mpmgis.terrain.grid import Grid

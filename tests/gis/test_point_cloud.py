@@ -11,7 +11,7 @@ from qgis_python import report_of
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError
 from mpmgis.io.frames import write_frame
-from mpmgis.io.point_cloud import write_las
+from mpmgis.io.particle_files import write_las
 from mpmgis.particles import Frame, Particles
 
 laspy = pytest.importorskip("laspy", reason="no laspy (pip install mpmgis[pointcloud])")

@@ -8,11 +8,9 @@ from pyproj import CRS
 from test_qgis_open import look
 
 from mpmgis.fields import BAND, MEMBER_BANDS
-from mpmgis.gis.footprints import write_footprints
-from mpmgis.gis.region_project import RegionProject, terrain_path, write_region_project
+from mpmgis.gis.region_project import RegionProject, terrain_path, write_footprints, write_region_project
 from mpmgis.io.raster_output import write_geotiff
-from mpmgis.io.region_areas import LAYER
-from mpmgis.io.region_maps import AreaRaster, write_region_maps
+from mpmgis.io.region_folder import LAYER, AreaRaster, write_region_maps
 from mpmgis.terrain.grid import Grid
 
 SHAPE = (120, 160)

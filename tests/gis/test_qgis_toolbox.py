@@ -15,7 +15,7 @@ from affine import Affine
 from qgis_python import clean_environment, python_with_qgis, qgis_process, report_of
 
 from mpmgis.cli.main import main
-from mpmgis.verbs.forms import plugin_forms
+from mpmgis.verbs.qgis_plugin import plugin_forms
 
 pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent

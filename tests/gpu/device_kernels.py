@@ -2,16 +2,16 @@
 
 import numba
 import numpy as np
+from mpmgis.effects.transfer import WholeGradient
+from mpmgis.effects.zones import NoZones
 from numba import types
 
 from mpmgis.effects.barrier import NoBarrier
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.material import MuI, drucker_prager
 from mpmgis.effects.softening import NoSoftening, softening
-from mpmgis.effects.transfer import WholeGradient
-from mpmgis.effects.zones import NoZones
 from mpmgis.gpu import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
-from mpmgis.kernels.point_arrays import Settings
+from mpmgis.kernels.point_rows import Settings
 
 SETTINGS = Settings(
     dx=1.0, density=1000.0, gravity=9.81, cfl=0.4, signal_speed=100.0, viscous_limit=1.0, fixed_dt=0.0, clearance=0.5,

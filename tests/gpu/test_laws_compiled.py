@@ -5,10 +5,10 @@ import subprocess
 
 import pytest
 from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack, kernel_of, laws, methods, ptx_of
+from mpmgis.effects.viscosity import InPlaneViscosity
 
 from mpmgis.effects.friction import Bingham
 from mpmgis.effects.own_law import load_laws
-from mpmgis.effects.viscosity import InPlaneViscosity
 
 LACK = compiler_lack()
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]

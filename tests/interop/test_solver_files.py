@@ -21,7 +21,7 @@ from mpmgis.interop.writers import cbgeo, start_files
 from mpmgis.interop.writers.registry import SOLVER_FILES
 from mpmgis.interop.writers.start_files import write_terrain
 from mpmgis.particles import Frame, Particles
-from mpmgis.scene.material_file import read_material
+from mpmgis.scene.reading import read_material
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 from mpmgis.verbs.option import options_of

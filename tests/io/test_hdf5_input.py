@@ -7,11 +7,11 @@ import netCDF4
 import numpy as np
 import pytest
 
-from mpmgis import machine
+from mpmgis import system
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
 from mpmgis.interop.readers import cbgeo
-from mpmgis.io.frame_digest import AS_WRITTEN, check_content, content_of, state_of, stored
+from mpmgis.io.frame_contents import AS_WRITTEN, check_content, content_of, state_of, stored
 from mpmgis.io.frames import drop_state, read_frame, read_maxima, write_frame
 from mpmgis.io.hdf5 import opened_whole
 from mpmgis.particles import Frame, Particles
@@ -133,12 +133,12 @@ def test_a_chunk_is_unpacked_as_a_whole(frame):
     with h5py.File(frame, "r+") as file:
         del file["particles/mass"]
         file.create_dataset("particles/mass", (COUNT,), "f8", chunks=(10**8,), maxshape=(None,), compression="gzip")
-    before, machine.available_memory = machine.available_memory, lambda: 5e8
+    before, system.available_memory = system.available_memory, lambda: 5e8
     try:
         with pytest.raises(FormatError, match=r"needs about 0\.8 GB"):
             read_frame(frame)
     finally:
-        machine.available_memory = before
+        system.available_memory = before
 
 
 def test_arrays_that_are_there_already_are_not_asked_for_again(frame, monkeypatch):
@@ -146,13 +146,13 @@ def test_arrays_that_are_there_already_are_not_asked_for_again(frame, monkeypatc
     monkeypatch.setattr("mpmgis.io.hdf5.SMALL", 0)
     memory = {}
     read_frame(frame, with_state=False, memory=memory)
-    before, machine.available_memory = machine.available_memory, lambda: 10
+    before, system.available_memory = system.available_memory, lambda: 10
     try:
         assert (read_frame(frame, with_state=False, memory=memory).particles.mass == 5).all()
         with pytest.raises(FormatError, match="memory"):
             read_frame(frame, with_state=False)
     finally:
-        machine.available_memory = before
+        system.available_memory = before
 
 
 def test_values_of_any_length_are_refused(frame):

@@ -14,8 +14,7 @@ from mpmgis.cli.main import main
 from mpmgis.errors import FormatError, InputError
 from mpmgis.fields import Quantity
 from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.io.gdal_input import require_local, require_undisguised
-from mpmgis.io.input_files import is_trusted, trusting
+from mpmgis.io.input_files import is_trusted, require_local, require_undisguised, trusting
 from mpmgis.io.raster_output import write_geotiff
 from mpmgis.io.vector_table import read_table
 from mpmgis.particles import Frame, Particles

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mpmgis import machine
+from mpmgis import system
 from mpmgis.cli.main import main
 from mpmgis.errors import FormatError
 from mpmgis.interop.readers.npz import open_file, read_members
@@ -35,7 +35,7 @@ def write_zip(path, members, method=zipfile.ZIP_DEFLATED):
 
 @pytest.fixture
 def little_memory(monkeypatch):
-    monkeypatch.setattr(machine, "available_memory", lambda: 1e6)
+    monkeypatch.setattr(system, "available_memory", lambda: 1e6)
 
 
 def refused(capfd, path):
@@ -147,6 +147,6 @@ def test_zipped_shapes_are_read_and_held_against_memory(tmp_path, monkeypatch):
     table.to_file(tmp_path / "a.geojson")
     path = write_zip(tmp_path / "a.zip", {"a.geojson": (tmp_path / "a.geojson").read_bytes()})
     assert len(read_table(path)) == 1
-    monkeypatch.setattr(machine, "available_memory", lambda: 100)
+    monkeypatch.setattr(system, "available_memory", lambda: 100)
     with pytest.raises(FormatError, match=r"a\.zip uncompressed needs"):
         read_table(path)

@@ -15,13 +15,13 @@ from affine import Affine
 
 from mpmgis.cli.main import main
 from mpmgis.cli.parser import add_arguments
+from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, scene_form, table_page
 from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
-from mpmgis.qgis_plugin.mpmgis_qgis import forms, scene_form, table_page, writing
 from mpmgis.reports.hazard import read_matrices
 from mpmgis.reports.intensity import read_guidelines
 from mpmgis.scene import read_scene
-from mpmgis.verbs.forms import plugin_forms
 from mpmgis.verbs.option import verb_names, verb_of
+from mpmgis.verbs.qgis_plugin import plugin_forms
 
 NAMES = tuple(read_guidelines()), tuple(read_matrices())
 DATA = json.loads(json.dumps(plugin_forms(*NAMES)))  # as the plugin has it from its zip
@@ -289,9 +289,9 @@ def test_a_scene_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
         assert Path(part).read_bytes() == b"after" and target == str(path)
         raise OSError("no more space")
 
-    monkeypatch.setattr(writing.os, "replace", broken)
+    monkeypatch.setattr(command.os, "replace", broken)
     with pytest.raises(OSError, match="no more space"):
-        writing.write_whole(str(path), b"after")
+        command.write_whole(str(path), b"after")
     assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
 
 
@@ -301,9 +301,9 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
     (elsewhere / "scene.toml").write_bytes(b"before")
     for place in (folder, elsewhere):
         files = [str(place / name) for name in ("scene.toml", "release.gpkg")]
-        with pytest.raises(LookupError), writing.kept_unless(files, lambda error: isinstance(error, LookupError)):
-            writing.write_whole(files[0], b"after")
-            writing.copy_whole(files[0], files[1])
+        with pytest.raises(LookupError), command.kept_unless(files, lambda error: isinstance(error, LookupError)):
+            command.write_whole(files[0], b"after")
+            command.copy_whole(files[0], files[1])
             assert sorted(place.iterdir()) == sorted(map(Path, files))
             raise LookupError("refused")
     assert not folder.exists()
@@ -312,8 +312,8 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
 
 def test_a_scene_that_ran_stays(tmp_path):
     files = [str(tmp_path / "new" / "scene.toml")]
-    with pytest.raises(KeyError), writing.kept_unless(files, lambda error: isinstance(error, ValueError)):
-        writing.write_whole(files[0], b"after")
+    with pytest.raises(KeyError), command.kept_unless(files, lambda error: isinstance(error, ValueError)):
+        command.write_whole(files[0], b"after")
         raise KeyError("cancelled")
     assert Path(files[0]).read_bytes() == b"after"
 

@@ -4,11 +4,9 @@ import json
 
 import pytest
 
-from mpmgis.effects.cohesion import Cohesion, NoCohesion
-from mpmgis.effects.earth_pressure import NoEarthPressure, earth_pressure
-from mpmgis.effects.friction import LAWS, Bingham, Coulomb, Frictionless, ModifiedVoellmy, Voellmy
+from mpmgis.effects.friction import LAWS, Bingham, Cohesion, Coulomb, Frictionless, ModifiedVoellmy, NoCohesion, Voellmy
+from mpmgis.effects.internal_stress import InPlaneViscosity, NoEarthPressure, earth_pressure
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.effects.viscosity import InPlaneViscosity
 from mpmgis.errors import SceneError
 from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
 from mpmgis.scene.resistance import runout

@@ -9,9 +9,9 @@ from mpmgis.cli.main import main
 from mpmgis.effects.barrier import NoBarrier
 from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.friction import NoZones
 from mpmgis.effects.material import CohesiveMuI, DruckerPrager, Elastic, MuI
 from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
-from mpmgis.effects.zones import NoZones
 from mpmgis.errors import SceneError
 from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
 from mpmgis.scene.materials import MATERIALS

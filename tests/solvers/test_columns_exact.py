@@ -21,8 +21,7 @@ from column_scenes import (
 
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Coulomb, Voellmy
-from mpmgis.effects.metric import WaterMetric
-from mpmgis.effects.still_water import StillWater
+from mpmgis.effects.metric import StillWater, WaterMetric
 from mpmgis.kernels.column_rows import beds_at
 from mpmgis.spatial.features import Places
 

@@ -11,10 +11,8 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.effects.barrier import CORE, CORNER, FACE, Barrier
 from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.effects.friction import Coulomb, Voellmy
-from mpmgis.effects.metric import WaterMetric
-from mpmgis.effects.still_water import StillWater
-from mpmgis.effects.zones import FrictionZones
+from mpmgis.effects.friction import Coulomb, FrictionZones, Voellmy
+from mpmgis.effects.metric import StillWater, WaterMetric
 from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.kernels.column_rows import beds_at
 from mpmgis.kernels.jit import set_threads

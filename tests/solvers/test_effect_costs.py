@@ -7,16 +7,22 @@ import pytest
 from column_scenes import columns_of, solver_on, terrain_of
 
 from mpmgis.effects.barrier import Barrier, NoBarrier
-from mpmgis.effects.cohesion import Cohesion
 from mpmgis.effects.curvature import CurvatureLoadOnly, NoCurvature
-from mpmgis.effects.friction import Bingham, Coulomb, Frictionless, ModifiedVoellmy, Voellmy
-from mpmgis.effects.metric import WaterMetric
+from mpmgis.effects.friction import (
+    Bingham,
+    Cohesion,
+    Coulomb,
+    Frictionless,
+    FrictionZones,
+    ModifiedVoellmy,
+    NoZones,
+    Voellmy,
+)
+from mpmgis.effects.metric import NoStillWater, StillWater, WaterMetric
 from mpmgis.effects.slots import ColumnEffects
-from mpmgis.effects.still_water import NoStillWater, StillWater
-from mpmgis.effects.zones import FrictionZones, NoZones
 from mpmgis.errors import SceneError
 from mpmgis.messages import collected
-from mpmgis.solvers.effect_costs import STEPS, effect_costs, under_way, without_each
+from mpmgis.solvers.cost import STEPS, effect_costs, under_way, without_each
 from mpmgis.solvers.events import Events
 
 

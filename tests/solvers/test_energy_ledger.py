@@ -11,9 +11,8 @@ from test_columns_events import area, nothing, table
 from mpmgis.effects.barrier import Barrier
 from mpmgis.effects.curvature import Curvature, NoCurvature
 from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.effects.friction import Voellmy
+from mpmgis.effects.friction import FrictionZones, Voellmy
 from mpmgis.effects.metric import SlopeMetric, WaterMetric
-from mpmgis.effects.zones import FrictionZones
 from mpmgis.kernels.column_barriers import BARRIER_ENTRIES
 from mpmgis.solvers.events import Events, inlet_of, secondary_releases
 from mpmgis.solvers.integrate import TimeIntegration

@@ -11,8 +11,8 @@ from mpmgis.effects.material import Elastic
 from mpmgis.errors import SceneError
 from mpmgis.kernels.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
 from mpmgis.kernels.point_rows import GHOSTS
-from mpmgis.solvers import ground_folds
-from mpmgis.solvers.ground_folds import departure, folded_ground
+from mpmgis.solvers import point_ground
+from mpmgis.solvers.point_ground import departure, folded_ground
 
 ICE = Elastic(6.7e6, 4e6)
 DX, DROP, EDGE = 0.5, 10.0, 12.0
@@ -102,7 +102,7 @@ def test_planes_of_any_slope_have_no_folds(degrees):
 
 def test_ground_too_rough_to_keep_is_refused(monkeypatch):
     """In one line that says how much of it folds."""
-    monkeypatch.setattr(ground_folds, "MOST_NODES", 100)
+    monkeypatch.setattr(point_ground, "MOST_NODES", 100)
     with pytest.raises(SceneError, match=r"folds within a cell of 0\.5 m on [0-9]+ % of the terrain") as error:
         ground_of(cliff())
     assert "\n" not in str(error.value)

@@ -6,9 +6,9 @@ from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.friction import FrictionZones
 from mpmgis.effects.material import Elastic
 from mpmgis.effects.slots import PointEffects
-from mpmgis.effects.zones import FrictionZones
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
 from mpmgis.solvers.point_numerics import PointNumerics

@@ -5,7 +5,7 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.conversion.starting import kirchhoff_stress, standing
+from mpmgis.conversion.switching import kirchhoff_stress, standing
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import PointEffects

@@ -13,10 +13,10 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import NoSoftening
 from mpmgis.errors import FormatError
-from mpmgis.kernels import grid_to_points, point_batches, point_edges, point_lines
+from mpmgis.kernels import grid_to_points, point_edges, point_lines, point_rows
 from mpmgis.kernels import points as kernel
 from mpmgis.kernels.jit import set_threads
-from mpmgis.kernels.point_arrays import Edges, StepFactors
+from mpmgis.kernels.point_rows import Edges, StepFactors
 
 SAND = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 MU = 0.3
@@ -118,7 +118,7 @@ def test_a_frame_of_the_other_precision_is_not_resumed_from():
 LAW = type(SAND)(*map(np.float32, SAND)), NoSoftening(np.float32(0.0))
 ONE = np.float32(1.0)
 PARTS = {  # loops over lines -> module, whether they use integers, further arguments
-    "weigh": (point_batches, True, ()),
+    "weigh": (point_rows, True, ()),
     "_weigh_moments": (grid_to_points, False, ()),
     "_strain": (grid_to_points, False, (StepFactors(*(ONE,) * 6), *LAW)),
     "find_blocks": (point_edges, True, ()),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
+from mpmgis.solvers.integrate import LOOK_SECONDS, Cliff, Near, StageEnd
 from mpmgis.solvers.particle_store import Flow
-from mpmgis.solvers.stage_end import LOOK_SECONDS, Cliff, Near, StageEnd
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.reach import takes_off

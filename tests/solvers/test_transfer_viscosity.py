@@ -7,8 +7,7 @@ from test_points_catalogue import level
 
 from mpmgis.effects.contact import VoellmyContact
 from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.slots import PointEffects
-from mpmgis.effects.transfer import TurningGradient, WholeGradient
+from mpmgis.effects.slots import PointEffects, TurningGradient, WholeGradient
 from mpmgis.solvers.point_numerics import PointNumerics
 from mpmgis.solvers.points import PointSolver
 

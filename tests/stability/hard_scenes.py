@@ -10,7 +10,7 @@ import numpy as np
 from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import points_on
 
-from mpmgis.conversion.starting import kirchhoff_stress, point_options, points_from
+from mpmgis.conversion.switching import kirchhoff_stress, point_options, points_from
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Voellmy

@@ -10,7 +10,7 @@ import rasterio
 import shapely
 from affine import Affine
 
-from mpmgis import machine
+from mpmgis import system
 from mpmgis.cli.main import main
 from mpmgis.errors import InputError, SceneError
 from mpmgis.io.dtm import TerrainFile, read_terrain
@@ -146,7 +146,7 @@ def scene_on(dem, folder, window=""):
 
 def test_a_run_reports_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, monkeypatch, capsys):
     """14 GB where 8 are free: refused in one line that tells of the window, with which it runs."""
-    monkeypatch.setattr(machine, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(system, "available_memory", lambda: 8e9)
     monkeypatch.setattr(TerrainFile, "whole", lambda file: pytest.fail("it was read"))
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -168,6 +168,6 @@ def test_a_run_that_has_the_memory_prints_its_need(tmp_path, monkeypatch):
     with collected() as said:
         prepare.prepare(scene)
     assert any("200 x 200 cells, which need up to 0.0056 GB; [terrain] window" in text for text in said)
-    monkeypatch.setattr(machine, "available_memory", lambda: 5e6)
+    monkeypatch.setattr(system, "available_memory", lambda: 5e6)
     with pytest.raises(SceneError, match=r"0\.005 GB are free"):
         prepare.prepare(scene)

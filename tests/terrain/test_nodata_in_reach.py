@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mpmgis.io.nodata_fill import filled
-from mpmgis.terrain.elevation import Terrain
+from mpmgis.io.dtm import filled
+from mpmgis.terrain.elevation import Terrain, nodata_groups, nodata_in_reach
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.nodata import nodata_groups, nodata_in_reach
 from mpmgis.terrain.reach import reach_of
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import FormatError, one_line
 from ...io.input_files import require_file
-from ...machine import memory_lack
+from ...system import memory_lack
 from ..declarations import Declarations
 
 MOST_DIGITS = 15  # of a number in a file name

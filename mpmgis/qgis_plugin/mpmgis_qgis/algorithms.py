@@ -17,13 +17,11 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QIcon
 
 from . import scene_form
-from .calling import call, is_refusal
-from .command import SETTING, CommandMissing, find_command
+from .calling import add_project, call, is_refusal, layer_of
+from .command import SETTING, CommandMissing, copy_whole, find_command, kept_unless, write_whole
 from .forms import LOAD, OUTPUT, arguments, read_forms
-from .loading import add_project, layer_of
 from .parameters import oldest_qgis, parameter, plain_values
 from .table_page import page_of
-from .writing import copy_whole, kept_unless, write_whole
 
 ANSWER = "ANSWER"  # output: text that the command printed
 TABLE = "TABLE"  # output: a page with a table, which QGIS lists there too

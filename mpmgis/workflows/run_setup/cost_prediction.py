@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import MpmgisError, SceneError
-from ...machine import available_memory, memory_lack
 from ...messages import log, muted
 from ...solvers import cost
 from ...solvers.cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
-from ...solvers.stage_end import LOOK_SECONDS
+from ...solvers.integrate import LOOK_SECONDS
 from ...solvers.stepping import PACE_SECONDS, measured_pace
 from ...spatial.node_grid import ColumnGrid
+from ...system import available_memory, memory_lack
 from .sources import read_sources
 from .warmup import sample_of, switched_sample, warm_up
 

@@ -13,10 +13,9 @@ from ...errors import InputError, SceneError
 from ...experiments.numerical_parameters import default_courant_number
 from ...fields import GRAVITY
 from ...io.dtm import READ_WHOLE, TerrainFile
-from ...io.gdal_input import require_local
-from ...io.reprojection import with_crs_hint
+from ...io.input_files import require_local
+from ...io.spatial_inputs import with_crs_hint
 from ...kernels.laws import require_compiled, use_own_laws
-from ...machine import memory_lack
 from ...messages import log, logged_once
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ...scene.tables import DENSITY
@@ -28,7 +27,8 @@ from ...solvers.point_numerics import PointNumerics
 from ...solvers.restart import start_digest
 from ...spatial.node_grid import ColumnGrid, require_ground
 from ...spatial.placement import levelled
-from ...terrain.nodata import nodata_in_reach
+from ...system import memory_lack
+from ...terrain.elevation import nodata_in_reach
 from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ...terrain.release import report_cliffs
 from .cost_prediction import require_memory

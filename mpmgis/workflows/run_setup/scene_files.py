@@ -6,11 +6,18 @@ from pathlib import Path
 
 from ...errors import MpmgisError
 from ...io.raster import raster_files
-from ...io.reprojection import is_raster
-from ...io.spatial_inputs import read_placed_raster, read_polygons, read_walls
+from ...io.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls
 from ...spatial.declared import KnownByPlace
-from ...spatial.forest import ENTRY, forest_values
-from ...spatial.placement import PlacedFiles, erodible_mass, lake_levels, painted_zones, standing_walls, walls_of
+from ...spatial.placement import (
+    ENTRY,
+    PlacedFiles,
+    erodible_mass,
+    forest_values,
+    lake_levels,
+    painted_zones,
+    standing_walls,
+    walls_of,
+)
 
 VIRTUAL = b"<VRTDataset"  # at the start of a virtual raster
 

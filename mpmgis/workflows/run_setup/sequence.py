@@ -11,7 +11,7 @@ from ...errors import FormatError, InputError, one_line
 from ...messages import log
 from ...peaks import together
 from ...scene.points import stiffness_in_hindsight
-from ...solvers.bed_change import with_density
+from ...solvers.column_state import with_density
 from ...solvers.coupled import parts_of
 from ...solvers.integrate import TimeIntegration
 

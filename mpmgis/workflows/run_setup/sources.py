@@ -6,12 +6,12 @@ import numpy as np
 import shapely
 
 from ...conversion.account import account_of_points
-from ...conversion.starting import lying_in, point_options, points_from, standing
+from ...conversion.switching import lying_in, point_options, points_from, standing
 from ...errors import InputError, SceneError
 from ...io.frames import read_frame
-from ...io.hydrograph import read_hydrograph
 from ...io.release_areas import read_release
 from ...io.spatial_inputs import read_area
+from ...io.tables import read_hydrograph
 from ...messages import log
 from ...particles import Particles
 from ...scene.tables import DENSITY, ReleaseTable

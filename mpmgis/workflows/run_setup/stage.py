@@ -9,8 +9,7 @@ import shapely
 from ...analysis.point_volume import point_volume
 from ...conversion.columns import unsettled_share
 from ...conversion.points import columns_to_points
-from ...conversion.starting import kirchhoff_stress, point_options
-from ...conversion.switching import switch_to_columns, switch_to_points
+from ...conversion.switching import kirchhoff_stress, point_options, switch_to_columns, switch_to_points
 from ...errors import SceneError
 from ...io.spatial_inputs import read_area
 from ...scene import resolve
@@ -20,13 +19,13 @@ from ...scene.terrain_effects import with_effects_on
 from ...solvers.columns import ColumnSolver
 from ...solvers.cost import require_memory_for_points, resolution_of
 from ...solvers.coupled import CoupledSolver
+from ...solvers.integrate import CALM_NORMAL, Cliff, Near, StageEnd
 from ...solvers.points import PointSolver
-from ...solvers.stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 from ...spatial.declared import KnownByPlace
 from ...spatial.features import Places
 from ...spatial.node_grid import ColumnGrid
-from ...spatial.watch import Watch
-from ...terrain.nodata import NodataInReach
+from ...spatial.outflow import Watch
+from ...terrain.elevation import NodataInReach
 
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 

@@ -1,19 +1,20 @@
-"""Pages of a report about the barriers of a run: loads over time, run-up, overtopping, verdict, plan and section."""
+"""Pages of a report: barriers (loads over time, run-up, overtopping, section), and the places of the largest values."""
 
 import numpy as np
 import shapely
 
-from ..analysis.barrier_history import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..analysis.frame_values import cells_of
+from ..analysis.loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..analysis.profiles import free_surface
+from ..analysis.run_summary import extremes
 from ..errors import MpmgisError
-from ..io.gdal_input import require_local
+from ..io.input_files import require_local
 from ..io.run_folder import BARRIER_FILE, SCENE_FILE, STAGE_BARRIER_FILE
 from ..io.tables import read_barrier_table
 from ..messages import log, muted
 from ..reports.band_map import write_band_map
-from ..reports.barrier_plots import write_history_plot, write_section_plot
 from ..reports.html import Lines, Picture, Table, figure_rows, section
+from ..reports.series import write_history_plot, write_section_plot
 from ..scene.reading import read_scene
 from ..spatial.barriers import half_thickness
 from .run_setup.scene_files import scene_walls
@@ -191,3 +192,92 @@ def _section(gathered, wall, history, run_up, path):
     in_wall = shapely.contains_xy(wall.footprint, x, y)
     write_section_plot(path, wall.name, along, ground, surfaces, in_wall, run_up.crest)
     return Picture(path.read_bytes(), "Section through the place of the largest depth at the wall")
+
+
+JOINED_SHARE = 0.04  # of the longer side of the map: places nearer to each other have one label
+LEAST_SHARE = 1e-5  # of the mass, from which on a place where mass left is listed
+HEADINGS = ("number", "what", "value", "E [m]", "N [m]", "time [s]")
+PEAKS = (  # band, words, unit, factor
+    ("h_max", "largest depth in the maps", "m", 1.0),
+    ("Ut_max", "largest speed in the maps", "m/s", 1.0),
+    ("p_max", "largest pressure in the maps", "kPa", 1e-3),
+)
+STEPS = (("thickness", "largest vertical thickness of any step", "m"), ("speed", "largest speed of any step", "m/s"))
+LEFT = {"hole": "into a hole of the DTM", "collar": "into the nodata around the DTM", "elsewhere": "at smaller places"}
+
+
+def places_section(gathered, folder):
+    """A section with a numbered table and map of places; None where none is known."""
+    rows = [*_of_maps(gathered), *_of_record(gathered.record)]
+    if not rows:
+        return None
+    cells = [(str(k), what, value, f"{x:.1f}", f"{y:.1f}", time) for k, (what, value, x, y, time) in
+             enumerate(rows, start=1)]  # fmt: skip
+    blocks = [Table(HEADINGS, tuple(cells))]
+    depth = gathered.peaks.get("h_max")
+    if depth is not None and np.isfinite(depth).any():
+        path = folder / "places.png"
+        marks = [(x, y, str(k)) for k, (_, _, x, y, _) in enumerate(rows, start=1)]
+        flow = gathered.flow
+        view = _view(flow.terrain, gathered.grid, depth > flow.min_depth, marks)
+        write_band_map(
+            path, flow.terrain, gathered.grid, depth, "h_max", "Places of the table", min_depth=flow.min_depth,
+            view=view, marks=_labelled(marks, JOINED_SHARE * max(view[2] - view[0], view[3] - view[1])),
+        )  # fmt: skip
+        blocks.append(Picture(path.read_bytes(), "Places of the table over the largest depth"))
+    return section("Places", *blocks, page=True)
+
+
+def _of_maps(gathered):
+    for band, words, unit, factor in PEAKS:
+        values = gathered.peaks.get(band)
+        if values is not None and np.isfinite(values).any():
+            place = np.unravel_index(np.nanargmax(values), values.shape)
+            x, y = gathered.grid.xy(*place)
+            yield words, f"{values[place] * factor:.4g} {unit}", float(x), float(y), ""
+
+
+def _of_record(record):
+    """Rows of run.json: extremes of every step with their times, and where mass left."""
+    stages = record.get("stages") or [record]
+    balances = [stage["balances"] for stage in stages if stage.get("balances")] or (
+        [record["balances"]] if record.get("balances") else []
+    )
+    found = record.get("extremes") or extremes(balances)
+    for name, words, unit in STEPS:
+        if name in found:
+            one = found[name]
+            yield words, f"{one['value']:.4g} {unit}", *map(float, one["at"]), f"{one['time']:.1f}"
+    mass = record.get("mass") or {}
+    left = mass.get("left_places") or [place for one in balances for place in one.get("left_places") or ()]
+    total = max((one.get("mass_start") or 0.0 for one in balances), default=0.0)
+    for place in left:
+        if place["mass"] > LEAST_SHARE * total:
+            words = LEFT.get(place["where"], f"over the {place['where']} edge of the DTM")
+            share = f" ({100 * place['mass'] / total:.3g} %)" if total > 0 else ""
+            yield f"mass left {words}", f"{place['mass']:.4g} kg{share}", place["east"], place["north"], ""
+
+
+def _labelled(marks, distance):
+    """All marks, with the numbers of those within `distance` [m] together at the first of them."""
+    labels = []
+    for x, y, text in marks:
+        near = next((one for one in labels if np.hypot(one[0] - x, one[1] - y) <= distance), None)
+        if near is None:
+            labels.append([x, y, text])
+        else:
+            near[2] += f", {text}"
+    return [*((x, y, "") for x, y, _ in marks), *map(tuple, labels)]
+
+
+def _view(terrain, grid, flow, marks):
+    """(west, south, east, north) [m] around flow and marks, within the terrain."""
+    row, column = np.nonzero(flow)
+    x, y = grid.xy(row, column)
+    x, y = np.r_[x, [mark[0] for mark in marks]], np.r_[y, [mark[1] for mark in marks]]
+    margin = 0.12 * max(np.ptp(x), np.ptp(y), 10 * grid.cell_size)
+    west, south, east, north = terrain.grid.bounds
+    return (
+        float(max(x.min() - margin, west)), float(max(y.min() - margin, south)), float(min(x.max() + margin, east)),
+        float(min(y.max() + margin, north)),
+    )  # fmt: skip
