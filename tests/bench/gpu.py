@@ -23,7 +23,6 @@ sys.path.insert(0, str(ROOT))
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
-from mpmgis.machine import available_memory  # noqa: E402
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
 from mpmgis.effects.fluid import Fluid  # noqa: E402
@@ -35,6 +34,7 @@ from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
 from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points import PointSolver  # noqa: E402
+from mpmgis.system import available_memory  # noqa: E402
 from mpmgis.terrain.elevation import Terrain  # noqa: E402
 from mpmgis.terrain.grid import Grid  # noqa: E402
 

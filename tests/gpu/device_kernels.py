@@ -2,13 +2,13 @@
 
 import numba
 import numpy as np
-from mpmgis.effects.transfer import WholeGradient
-from mpmgis.effects.zones import NoZones
 from numba import types
 
 from mpmgis.effects.barrier import NoBarrier
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.friction import NoZones
 from mpmgis.effects.material import MuI, drucker_prager
+from mpmgis.effects.slots import WholeGradient
 from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.gpu import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
 from mpmgis.kernels.point_rows import Settings

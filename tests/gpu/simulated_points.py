@@ -12,10 +12,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
-from mpmgis.effects.zones import FrictionZones
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.friction import FrictionZones
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import softening
 from mpmgis.gpu.launch import Launch

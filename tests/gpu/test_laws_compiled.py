@@ -5,9 +5,9 @@ import subprocess
 
 import pytest
 from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack, kernel_of, laws, methods, ptx_of
-from mpmgis.effects.viscosity import InPlaneViscosity
 
 from mpmgis.effects.friction import Bingham
+from mpmgis.effects.internal_stress import InPlaneViscosity
 from mpmgis.effects.own_law import load_laws
 
 LACK = compiler_lack()
