@@ -31,6 +31,7 @@ def run(arguments):
             resume=arguments.resume,
             threads=arguments.threads,
             law=arguments.law,
+            device=arguments.device,
             confirm=lambda question: arguments.yes or confirmed(question),
             watch=watch,
         )

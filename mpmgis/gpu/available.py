@@ -62,7 +62,7 @@ def found_device() -> Found:
         now = cuda.get_current_device()
         free, memory = cuda.current_context().get_memory_info()
     except (CudaSupportError, CudaAPIError) as error:
-        return Found(None, f"no CUDA device can be used: {one_line(error)[:160].rstrip(' :')}")
+        return Found(None, f"no CUDA device can be used: {one_line(error)[:160].rstrip(' :.')}")
     name = now.name.decode() if isinstance(now.name, bytes) else str(now.name)
     device = Device(name, tuple(now.compute_capability), int(memory), int(free))
     if device.capability < LEAST_CAPABILITY:

@@ -158,9 +158,13 @@ class Scene:
         return tables
 
     def digest(self, *inputs):
-        """Hex digest of the scene and of its further inputs (digests of the input files)."""
-        own = [self.own_laws.sha256] if self.own_laws.laws else []
-        text = json.dumps([self.as_tables(), list(inputs), *own], sort_keys=True)
+        """Hex digest of the scene and of its further inputs (digests of the input files).
+
+        It does not depend on [numerics] device: a run that began on one device can continue on another.
+        """
+        own, tables = [self.own_laws.sha256] if self.own_laws.laws else [], self.as_tables()
+        tables["numerics"] = {key: value for key, value in tables["numerics"].items() if key != "device"}
+        text = json.dumps([tables, list(inputs), *own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -33,9 +33,7 @@ class _OnDevice:
 
 def refused(effects, walls=()):
     """Names of what a device cannot take of `effects` (PointEffects) and `walls`; empty if it takes all."""
-    from ..gpu.points import unsupported
-
-    return unsupported(effects, walls)
+    return ("rigid barriers",) if walls or effects.barrier.barrier_active() else ()
 
 
 def device_memory(points, precision, material):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..errors import InputError
 from ..io.input_files import trusting
@@ -36,6 +36,11 @@ class Arguments(shared.OverwriteOptions, total=False):
     yes: Annotated[bool, shared.start_unasked("over an hour")]
     threads: Annotated[int, shared.THREADS]
     law: Annotated[PathLike, shared.LAW]
+    device: Annotated[
+        Literal["cpu", "cuda", "auto"],
+        Option("what computes 3D steps: cpu; cuda (an NVIDIA GPU); auto: cuda where it is there and saves time",
+               usual="[numerics] device of the scene", label="Device of 3D steps"),
+    ]  # fmt: skip
     template: Annotated[
         bool,
         Option("print a commented scene and stop", default=False,
@@ -85,6 +90,7 @@ def run(
     resume: bool = False,
     threads: int | None = None,
     laws: PathLike | None = None,
+    device: str | None = None,
     trust: bool = False,
     confirm: Callable[[str], bool] = lambda question: True,
 ) -> "RunSummary":
@@ -104,6 +110,8 @@ def run(
         Processor threads; the result does not depend on them.
     laws : path, optional
         Python file with your own friction law; it is executed.
+    device : {"cpu", "cuda", "auto"}, optional
+        What computes the steps of points; default [numerics] device of the scene.
     trust : bool
         Follow links of the scene's files to the network and to other files.
     confirm : callable
@@ -127,7 +135,8 @@ def run(
 
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, expected a path or a mapping of its tables")
-    given = {"output": output, "overwrite": overwrite, "resume": resume, "threads": threads, "law": laws}
+    given = {"output": output, "overwrite": overwrite, "resume": resume, "threads": threads, "law": laws,
+             "device": device}  # fmt: skip
     with python_words(VERB), trusting(trust):
         values = complete(VERB, given)
         require_one_start(values)

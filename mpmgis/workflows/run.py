@@ -18,11 +18,13 @@ from ..peaks import largest_peaks
 from ..scene import scene_text
 from ..scene.points import MACH_THRESHOLD
 from ..scene.reading import read_toml
+from ..scene.tables import CPU
 from ..solvers.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.cost import MEMORY_SHARE, effect_costs, under_way
 from ..solvers.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import available_memory
 from .run_setup.cost_prediction import OwnPace, at_most, need, predicted, prediction_line
+from .run_setup.device import devices_record, require_devices
 from .run_setup.later_end import earlier_run, go_on, goes_on
 from .run_setup.prepare import prepare
 from .run_setup.scene_files import input_files
@@ -82,7 +84,7 @@ def require_affordable(prepared, threads, confirm):
     return ahead
 
 
-def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=None,
+def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=None, device=None,
         confirm=lambda question: True, watch=lambda solver, end_time: None):  # fmt: skip
     """Simulate a scene into the folder `output` (default `results/` beside the scene).
 
@@ -91,7 +93,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
     `resume` the run continues after its last complete frame, with the same bits as without a stop; an empty or missing
     folder starts at the beginning; a finished run is not changed, unless [output] end_time is larger than before: then
     it continues to that time, with the same result as one run. `law` is the path of a Python file with the user's own
-    friction laws, which the scene can name; it is executed.
+    friction laws, which the scene can name; it is executed. `device` replaces [numerics] device; a run that began on
+    another device continues, and its record names both.
 
     Returns
     -------
@@ -108,7 +111,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
         read_toml(scene)  # a missing scene is reported before an existing folder
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
-    prepared = prepare(scene, law)
+    prepared = prepare(scene, law, device)
+    device = require_devices(prepared)
     folder.spare(input_files(scene, prepared.scene, law))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     ahead = require_affordable(prepared, used, confirm)
@@ -122,13 +126,15 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
     to_come = prepared.particles - len(prepared.frame.particles)
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
     log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    if device != CPU:
+        log.info(f"steps of points: {device}")
     with folder.held():
         start = _restored(folder, sequence) if resume else ANEW
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open(anew=start == ANEW)
         try:
-            return integrate_into(folder, sequence, start == RESUMED, pace)
+            return integrate_into(folder, sequence, start == RESUMED, pace, device)
         except KeyboardInterrupt:
             log.info(f"{folder.path} contains the results until now; `resume` continues after its last complete frame")
             raise
@@ -214,12 +220,15 @@ def _summary(folder, sequence, reason, wall, expected=None):
     )  # fmt: skip
 
 
-def integrate_into(folder, sequence, resumed, pace=None):
+def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
     """Integrate in time and write into a locked RunFolder; its record always shows the state of the run.
 
-    `pace` is an OwnPace, whose prediction is recorded, or None.
+    `pace` is an OwnPace, whose prediction is recorded, or None. `device` computes the steps of points, in words.
     """
     prepared, began = sequence.prepared, time.perf_counter()
+    devices = devices_record(folder.record().get("devices", ()) if resumed else (), sequence.solver.time, device)
+    if len(devices) > 1:
+        log.info("the run began on another device: its numbers agree with those of one device to rounding only")
     barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
 
     def record(state):
@@ -232,7 +241,7 @@ def integrate_into(folder, sequence, resumed, pace=None):
             terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
             extremes=extremes(sequence.balances()), maxima=largest_peaks(sequence.maxima()),
             events=prepared.events.record(), troubles=sequence.troubles, taken_in=sequence.taken_in,
-            terrain=_record_of_terrain(prepared.terrain), nodata=_record_of_nodata(prepared),
+            devices=devices, terrain=_record_of_terrain(prepared.terrain), nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
             **_record_of_stages(sequence),
         )  # fmt: skip

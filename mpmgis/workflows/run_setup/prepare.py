@@ -18,6 +18,7 @@ from ...io.spatial_inputs import with_crs_hint
 from ...kernels.laws import require_compiled, use_own_laws
 from ...messages import log, logged_once
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
+from ...scene.reading import check_together
 from ...scene.tables import DENSITY
 from ...seeding.options import Fixes, report_implausible
 from ...solvers.columns import ColumnNumerics
@@ -32,6 +33,7 @@ from ...terrain.elevation import nodata_in_reach
 from ...terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
 from ...terrain.release import report_cliffs
 from .cost_prediction import require_memory
+from .device import with_device
 from .scene_files import read_spatial_features, trial_parameters
 from .sources import read_point_start, read_sources
 from .stage import Stage, read_areas, require_inflow_over
@@ -120,13 +122,16 @@ class _Start:
     affine: np.ndarray | None = None
 
 
-def prepare(given, laws=None):
+def prepare(given, laws=None, device=None):
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
     `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
-    a Python file with the user's own friction laws; it is executed.
+    a Python file with the user's own friction laws; it is executed. `device` replaces [numerics] device.
     """
     scene = scene_to_prepare(given, laws)
+    if device is not None:
+        scene = replace(scene, numerics=replace(scene.numerics, device=device))
+        check_together(scene, "scene" if isinstance(given, Mapping) else Path(given).name)
     try:
         return prepare_scene(scene)
     except SceneError:
@@ -164,10 +169,11 @@ def prepare_scene(scene):
     shapes = [shape for stage in stages for shape in stage.shapes()]
     digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
-    return Prepared(
+    prepared = Prepared(
         scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
         fill,
     )  # fmt: skip
+    return with_device(prepared)
 
 
 def _first_area(scene):

@@ -14,7 +14,7 @@ from ...errors import SceneError
 from ...io.spatial_inputs import read_area
 from ...scene import resolve
 from ...scene.stages import CLIFF, WALLS
-from ...scene.tables import StageTable
+from ...scene.tables import CPU, StageTable
 from ...scene.terrain_effects import with_effects_on
 from ...solvers.columns import ColumnSolver
 from ...solvers.cost import require_memory_for_points, resolution_of
@@ -36,7 +36,7 @@ class Stage:
 
     `deciding` is the scene by which its effects are decided, `known` all spatial features, on or off. `known_walls`
     are all barriers of the scene; `window` (shapely) is the area of the points, `area` (shapely) the one whose reach
-    ends the stage; `nodata` are cells without elevation in reach of the flow.
+    ends the stage; `nodata` are cells without elevation in reach of the flow. `device` computes the steps of points.
     """
 
     scene: object
@@ -53,6 +53,7 @@ class Stage:
     window: shapely.Geometry | None = None
     area: shapely.Geometry | None = None
     nodata: NodataInReach = field(default_factory=NodataInReach)
+    device: str = CPU
 
     @property
     def walls(self):
@@ -105,11 +106,19 @@ class Stage:
     def solver(self, terrain, frame, vertical_stress=None, gradient=None):
         """Its solver, starting with `frame`; `vertical_stress` [n] [Pa] is for points, `gradient` for both solvers."""
         if self.scene.solver == "points":
-            return PointSolver(
+            return self._point_solver()(
                 frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
                 self.walls, gradient,
             )  # fmt: skip
         return ColumnSolver(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
+
+    def _point_solver(self):
+        """The class of its solver of points."""
+        if self.device == CPU:
+            return PointSolver
+        from ...solvers.device_points import DevicePointSolver
+
+        return DevicePointSolver
 
     def stress(self, vertical_stress):
         """float64[n, 6] [Pa], Kirchhoff stress of points under their weight; None if unknown."""

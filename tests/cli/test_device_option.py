@@ -1,0 +1,175 @@
+"""The option `device`: what is chosen, refused and recorded; whole runs in the simulator of CUDA."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import shapely
+from slope_site import run, slide, write_block_site, write_shapes
+
+from mpmgis.errors import SceneError
+from mpmgis.gpu import available
+from mpmgis.gpu.available import Device, Found
+from mpmgis.io.frames import read_frame
+from mpmgis.scene import scene_from_tables
+from mpmgis.solvers.device_points import device_memory
+from mpmgis.workflows.run_setup import device as rules
+from mpmgis.workflows.run_setup.device import devices_record, require_devices
+from mpmgis.workflows.run_setup.prepare import prepare
+
+CARD = Device("NVIDIA H100", (9, 0), 80_000_000_000, 79_000_000_000)
+NONE_HERE = Found(None, "no CUDA device can be used: none is there")
+BARRIER = '[[barrier]]\nsource = "wall.geojson"\nheight = 6.0\nuse = "on"\n'
+COARSE = {"cell_size": 8.0, "end_time": 0.2, "frame_interval": 0.1}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = write_block_site(tmp_path_factory.mktemp("device"))
+    write_shapes(folder / "wall.geojson", [shapely.box(200, 150, 204, 250)])
+    return folder
+
+
+def scene(device="", **more):
+    """A scene of 3D points on coarse cells."""
+    return slide(**(COARSE | more), more=f'device = "{device}"' if device else "")
+
+
+def prepared(site, text, device=None):
+    """The Prepared run of the scene `text`."""
+    path = site / "scene.toml"
+    path.write_text(text)
+    return prepare(path, device=device)
+
+
+def chosen(site, text, monkeypatch, found, fewest=0, device=None):
+    """Devices of the stages with a machine whose device is `found`."""
+    monkeypatch.setattr(available, "found_device", lambda: found)
+    monkeypatch.setattr(rules, "FEWEST_ON_DEVICE", fewest)
+    return [stage.device for stage in prepared(site, text, device).stages]
+
+
+def test_the_processor_is_the_default(site, monkeypatch):
+    assert chosen(site, scene(), monkeypatch, Found(CARD)) == ["cpu"]
+
+
+def test_the_option_replaces_the_key(site, monkeypatch):
+    assert chosen(site, scene("cuda"), monkeypatch, Found(CARD)) == ["cuda"]
+    assert chosen(site, scene("cuda"), monkeypatch, Found(CARD), device="cpu") == ["cpu"]
+    assert chosen(site, scene(), monkeypatch, Found(CARD), device="auto") == ["cuda"]
+
+
+@pytest.mark.parametrize(
+    ("found", "fewest", "more", "reason"),
+    [
+        (NONE_HERE, 0, "", "the processor, because no CUDA device can be used: none is there"),
+        (Found(CARD), 10**6, "", "are fewer than 1000000"),
+        (Found(CARD._replace(free=10)), 0, "", "GB on the device"),
+        (Found(CARD), 0, "", "cuda, for "),
+    ],
+)
+def test_auto_names_its_reason(site, monkeypatch, caplog, found, fewest, more, reason):
+    with caplog.at_level("INFO", "mpmgis"):
+        devices = chosen(site, scene("auto") + more, monkeypatch, found, fewest)
+    assert devices == ["cuda" if reason.startswith("cuda") else "cpu"]
+    (line,) = [text for text in caplog.messages if "device = 'auto'" in text]
+    assert reason in line
+
+
+def test_only_stages_of_points_are_on_a_device(site, monkeypatch):
+    staged = slide(**COARSE, head="", more='particles_per_cell = 4\ndevice = "cuda"')
+    staged += '[[stage]]\nsolver = "columns"\nuntil = {time = 0.1}\n[[stage]]\nsolver = "points"\n'
+    assert chosen(site, staged, monkeypatch, Found(CARD)) == ["cpu", "cuda"]
+
+
+def test_columns_are_refused_and_auto_takes_the_processor(site, monkeypatch):
+    columns = slide(**COARSE, head='solver = "columns"', friction='law = "Coulomb"\nmu = 0.3')
+    columns = columns[: columns.index("[material]")] + columns[columns.index("[friction]") :]
+    with pytest.raises(SceneError, match=r"device = 'cuda' requires solver = 'points'.*or take 'auto'"):
+        prepared(site, columns, "cuda")
+    assert chosen(site, columns, monkeypatch, Found(CARD), device="auto") == ["cpu"]
+
+
+def test_a_run_without_a_device_writes_nothing(site, monkeypatch, capsys):
+    monkeypatch.setattr(available, "found_device", lambda: NONE_HERE)
+    assert run(site, scene("cuda"), "-q", "-o", str(site / "none")) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.endswith("device = 'cuda': no CUDA device can be used: none is there; or take device = 'cpu'")
+    assert not (site / "none").exists()
+
+
+def test_a_later_stage_that_is_too_large_is_refused_before_the_run(site, monkeypatch):
+    monkeypatch.setattr(available, "found_device", lambda: Found(CARD._replace(free=1000)))
+    with pytest.raises(SceneError, match=r"the run needs \S+ GB on the device \(NVIDIA H100"):
+        require_devices(prepared(site, scene("cuda")))
+
+
+def test_the_digest_does_not_depend_on_the_device(site):
+    tables = {
+        "solver": "points", "terrain": {"dem": "dtm.tif"}, "release": {"source": "block.geojson", "thickness": 2.0},
+        "material": {"law": "Elastic", "bulk_modulus": 1e6, "shear_modulus": 1e6},
+        "output": {"end_time": 1.0, "frame_interval": 1.0},
+    }  # fmt: skip
+    digests = {
+        device: scene_from_tables(tables | {"numerics": {"cell_size": 1.0, "device": device}}).digest()
+        for device in ("cpu", "cuda", "auto")
+    }
+    assert len(set(digests.values())) == 1
+    other = scene_from_tables(tables | {"numerics": {"cell_size": 2.0}}).digest()
+    assert other not in digests.values()
+
+
+def test_the_record_lists_the_devices_of_a_run():
+    first = devices_record((), 0.0, "cpu")
+    assert first == [{"from": 0.0, "device": "cpu"}]
+    assert devices_record(first, 3.0, "cpu") == first
+    both = devices_record(first, 3.0, "cuda: X")
+    assert both == [*first, {"from": 3.0, "device": "cuda: X"}]
+    assert devices_record(both, 2.0, "cpu") == first  # went back to a frame before the change
+    assert devices_record(both, 0.0, "cuda: X") == [{"from": 0.0, "device": "cuda: X"}]
+
+
+def test_float32_needs_half_the_memory(site):
+    material = prepared(site, scene()).effects.material
+    assert device_memory(10**6, "float64", material) == pytest.approx(
+        2 * device_memory(10**6, "float32", material), rel=0.1
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
+def test_a_run_goes_on_between_processor_and_device(site):
+    """A whole run on a device, and one that changes the device at a frame, are those of the processor to rounding."""
+    write_shapes(site / "few.geojson", [shapely.box(104, 192, 120, 200)])  # the simulator takes milliseconds a point
+
+    def command(name, *options, simulator=False):
+        text = slide(8.0, 0.1, 0.05).replace("thickness = 12.0", "thickness = 9.0").replace("block", "few")
+        (site / f"{name}.toml").write_text(text)
+        done = subprocess.run(
+            [sys.executable, "-m", "mpmgis", "run", f"{name}.toml", "-o", name, *options], cwd=site, timeout=500,
+            capture_output=True, text=True, env=os.environ | ({"NUMBA_ENABLE_CUDASIM": "1"} if simulator else {}),
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return json.loads((site / name / "run.json").read_text())["devices"], done.stderr
+
+    names = ["processor", "device", "both"]
+    assert [entry["device"] for entry in command(names[0])[0]] == ["cpu"]
+    devices, printed = command(names[1], "--device", "cuda", simulator=True)
+    assert [entry["device"].split(":")[0] for entry in devices] == ["cuda"] and "steps of points: cuda" in printed
+    command(names[2])
+    record = json.loads((site / names[2] / "run.json").read_text())
+    frames = sorted((site / names[2]).glob("frame_*.h5"))
+    frames[-1].unlink()  # as if the run had been stopped before its last frame
+    (site / names[2] / "run.json").write_text(json.dumps(record | {"state": "interrupted", "frames": len(frames) - 1}))
+    devices, printed = command(names[2], "--resume", "--device", "cuda", simulator=True)
+    assert [entry["device"].split(":")[0] for entry in devices] == ["cpu", "cuda"]
+    assert devices[1]["from"] == pytest.approx(0.05) and "the run began on another device" in printed
+    processor, *others = [read_frame(sorted((site / name).glob("frame_*.h5"))[-1]) for name in names]
+    for other in others:
+        for quantity in ("position", "velocity", "mass"):
+            a, b = (getattr(frame.particles, quantity) for frame in (processor, other))
+            assert np.abs(a - b).max() <= 1e-9 * max(np.abs(a - a.mean(axis=0)).max(), 1.0)
