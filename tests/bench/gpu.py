@@ -3,7 +3,7 @@
 It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
 the processor for every material in both precisions, and equal bits of two runs; compute-sanitizer where it is
 installed; copy bandwidth of the device; time of a step by CUDA events for each number of points, with memory; time of a
-step on the processor. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no
+step on the processor; time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no
 agreement. The kernels of the processor compile for half a minute per material and precision; `--materials` and
 `--precisions` choose some of them.
 """
@@ -14,6 +14,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +31,7 @@ from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager 
 from mpmgis.effects.slots import PointEffects  # noqa: E402
 from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.gpu.available import found_device  # noqa: E402
+from mpmgis.io.frames import write_frame  # noqa: E402
 from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
 from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
@@ -58,6 +60,8 @@ STEPS, REPEATS, WARM_UP = 20, 5, 40
 LARGEST_ON_PROCESSOR = 10_000_000  # points
 HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
 SANITIZER_SECONDS = 900
+SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames
+FLOOR_BYTES = {"float32": 320, "float64": 640}  # read and written for a point and step by a solver without any waste
 
 
 class Cells(NamedTuple):
@@ -200,6 +204,40 @@ def timed_on_processor(points, precision):
     return {"points": solver.points, "precision": precision, "ns": float(np.median(each))}
 
 
+def timed_scene(kind, points, precision):
+    """Row of a whole run with frames: wall time [s] from the first step to the last frame on the disk."""
+    lack = no_room(points, precision)
+    if lack:
+        return {"points": points, "precision": precision, "not_run": lack}
+    solver = solver_of(kind, points, precision=precision, maxima=True)
+    solver.advance(1e9, max_steps=2)  # compiles
+    solver = solver_of(kind, points, precision=precision, maxima=True)
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        writing = 0.0
+        for number in range(1, SCENE_FRAMES + 1):
+            until = SCENE_SECONDS * number / SCENE_FRAMES
+            solver.advance(until, until + SCENE_SECONDS / SCENE_FRAMES)
+            asked = time.perf_counter()
+            write_frame(Path(folder) / f"frame_{number:04d}.h5", solver.frame())
+            writing += time.perf_counter() - asked
+        whole = time.perf_counter() - began
+    return {
+        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": whole,
+        "seconds_of_frames": writing,
+    }  # fmt: skip
+
+
+def whole_scenes(points, precisions):
+    """Rows of a whole run on the device and on the processor, and how many times faster the device is."""
+    for precision in precisions:
+        device, processor = (timed_scene(kind, points, precision) for kind in (DevicePointSolver, PointSolver))
+        row = {"precision": precision, "device": device, "processor": processor}
+        if "seconds" in device and "seconds" in processor:
+            row["times_faster"] = processor["seconds"] / device["seconds"]
+        yield row
+
+
 def no_room(points, precision):
     """Why a run does not fit into the memory of the host or of the device; "" if it does."""
     device = found_device().device
@@ -239,7 +277,19 @@ def text_of(found):
             words = row.get("not_run") or ", ".join(
                 f"{k} {v:.4g}" for k, v in row.items() if k.startswith(("ns", "by"))
             )
+            if where == "device" and "ns" in row:
+                floor = 1e9 * FLOOR_BYTES[row["precision"]] / found["copy_bandwidth"]
+                words += f", {row['ns'] / floor:.3g} times its floor of {floor:.3g} ns by the copy bandwidth"
             yield f"{where}: {row['points']} points, {row['precision']}: {words}"
+    for row in found.get("scenes", ()):
+        for where in ("device", "processor"):
+            one = row[where]
+            words = one.get("not_run") or (
+                f"{one['steps']} steps, {one['seconds']:.3g} s, {one['seconds_of_frames']:.3g} s of them for frames"
+            )
+            yield f"whole scene, {where}: {one['points']} points, {row['precision']}: {words}"
+        if "times_faster" in row:
+            yield f"whole scene, {row['precision']}: the device is {row['times_faster']:.3g} times faster"
 
 
 def write(found, folder):
@@ -249,8 +299,8 @@ def write(found, folder):
     (folder / "gpu.txt").write_text("".join(f"{line}\n" for line in text_of(found)))
 
 
-def measure(folder, sizes, checked, steps, materials, precisions):
-    """All parts into `folder`, for `sizes` [points]; returns whether device and processor agree."""
+def measure(folder, sizes, scene, checked, steps, materials, precisions):
+    """All parts into `folder`, for `sizes` and a whole `scene` [points]; returns whether both agree."""
     found = {"machine": machine(), "agreement": []}
     for row in agreement(checked, steps, materials, precisions):
         found["agreement"].append(row)
@@ -265,6 +315,11 @@ def measure(folder, sizes, checked, steps, materials, precisions):
                 for precision in precisions:
                     rows.append(timed(points, precision))
                     write(found, folder)
+    if scene:
+        found["scenes"] = []
+        for row in whole_scenes(scene, precisions):
+            found["scenes"].append(row)
+            write(found, folder)
     print((folder / "gpu.txt").read_text(), end="")
     return all(row["agrees"] for row in found["agreement"])
 
@@ -274,6 +329,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for gpu.json and gpu.txt")
     parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="numbers of points")
+    parser.add_argument("--scene-millions", type=float, default=10, help="points of the whole scene; 0: none")
     parser.add_argument("--checked", type=int, default=CHECKED_POINTS, help="points of the comparison")
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
     parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), help="of the comparison")
@@ -288,7 +344,8 @@ def main():
         solver_of(DevicePointSolver, CHECKED_POINTS).advance(1e9, max_steps=WARM_UP)
         return 0
     sizes = [round(1e6 * size) for size in given.millions]
-    agrees = measure(given.out, sizes, given.checked, given.steps, given.materials, given.precisions)
+    scene = round(1e6 * given.scene_millions)
+    agrees = measure(given.out, sizes, scene, given.checked, given.steps, given.materials, given.precisions)
     return 0 if agrees else 1
 
 
