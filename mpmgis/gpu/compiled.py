@@ -5,6 +5,8 @@ copy whose constants have the precision of the points. What the kernels of the C
 compiled from its Python source as it is: the work on nodes is done in double precision there too.
 """
 
+import sys
+import threading
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -106,3 +108,27 @@ def _single(value):
     if type(value) is tuple:
         return tuple(map(_single, value))
     return np.float32(value) if type(value) is float else value
+
+
+def _shared_array(self, shape, dtype, alignment=None):
+    """`cuda.shared.array` of the simulator, with a lock.
+
+    numba-cuda 0.30 looks an array up by the line that asks for it, and adds it where it is missing. Two threads that do
+    this at the same time get two arrays.
+    """
+    frame = sys._getframe(1)
+    line = frame.f_code.co_filename, frame.f_lineno
+    with _SHARED:
+        if line not in self._allocations:
+            kind = as_dtype(dtype) if isinstance(dtype, types.Type) else dtype
+            self._allocations[line] = np.empty(shape, kind)
+        return self._allocations[line]
+
+
+if SIMULATED:
+    from numba import types
+    from numba.cuda.simulator.kernelapi import FakeCUDAShared
+    from numba.np.numpy_support import as_dtype
+
+    _SHARED = threading.Lock()
+    FakeCUDAShared.array = _shared_array
