@@ -3,10 +3,9 @@
 It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
 the processor for every material in both precisions, and equal bits of two runs; compute-sanitizer where it is
 installed; copy bandwidth of the device; time of a step by CUDA events for each number of points, with memory; time of a
-step on the processor; time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no
-agreement. The kernels of the processor compile for half a minute per material and precision; `--materials` and
-`--precisions` choose some of them.
-"""
+step on the processor; time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The
+status is 1 if there is no device, or no agreement. The kernels of the processor compile for half a minute per material
+and precision; `--materials` and `--precisions` choose some of them.
 
 import argparse
 import json
