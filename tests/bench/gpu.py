@@ -6,6 +6,7 @@ installed; copy bandwidth of the device; time of a step by CUDA events for each 
 step on the processor; time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The
 status is 1 if there is no device, or no agreement. The kernels of the processor compile for half a minute per material
 and precision; `--materials` and `--precisions` choose some of them.
+"""
 
 import argparse
 import json
