@@ -5,10 +5,12 @@ Run as `python simulated_points.py` with NUMBA_ENABLE_CUDASIM=1 (`test_device_po
 
 import json
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
@@ -23,6 +25,10 @@ from mpmgis.gpu.points import DevicePoints, PointPlaces, PointState
 from mpmgis.kernels import point_clock as entry
 from mpmgis.kernels import point_rows as row
 from mpmgis.kernels.block_order import GONE
+from mpmgis.kernels.point_barriers import POINT_BARRIER_SUMS
+from mpmgis.kernels.point_contact import YIELD, YIELD_STEP
+from mpmgis.kernels.point_faces import FACE_BARRIER
+from mpmgis.spatial.barriers import Wall
 
 sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, and wait for each other often
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
@@ -30,7 +36,7 @@ SOFT = softening((35.0, 500.0), (20.0, 0.0), 10.0)
 STRETCH = np.array([[-3.0, 1.0, 0.0], [0.5, -1.0, 0.5], [2.0, 0.0, -8.0]])  # [s-1]
 COULOMB, VOELLMY = CoulombContact(0.3), VoellmyContact(0.2, 300.0)
 NARROW = Launch(2, 8, 1, 4, 3)
-NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "yields")
+NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "yields", "barrier_sums", "face_yields")
 WIDE = Launch(3, 16, 2, 8, 5)
 
 
@@ -92,9 +98,31 @@ def zoned(precision):
     return solver
 
 
+def at_barrier(precision, *walls, degrees=0.0, x=57.5, z=0.0, speed=12.0, size=(1.5, 1, 1), contact=COULOMB):
+    """Points that run into `walls`, over a plane that falls to the east by `degrees`, `z` [m] above it."""
+    frame = block_of(size, 0.5, (x - size[0], 12.2, 0.0), velocity=(speed, 0.5, -1.0))
+    place = frame.particles.position
+    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
+    place[:, 2] += 120.0 - np.tan(np.radians(degrees)) * place[:, 0] + z
+    terrain, options = plane(degrees, 80.0, 24.0, 120.0, 4.0), {"precision": precision, "maxima": True}
+    return points_on(terrain, frame, 1.0, SOIL, contact, SOFT, walls=walls, **options)
+
+
+def wall(west=57.5, thickness=4.0, height=20.0, mu=0.0, south=-50.0, name="dam"):
+    """A wall across the flow."""
+    return Wall(name, shapely.box(west, south, west + thickness, 80.0), height=height, mu=mu)
+
+
+def with_opening(mu=0.2, height=20.0):
+    """A wall with an opening a cell and a half wide before the flow."""
+    whole = wall(mu=mu, height=height)
+    return replace(whole, footprint=whole.footprint.difference(shapely.box(0.0, 12.1, 80.0, 13.6)))
+
+
 def device_of(solver, launch=NARROW):
     """DevicePoints of the arrays of `solver`."""
-    places = PointPlaces(solver._known_ground, solver._lowest, solver.grid.inside, solver._zone_values, solver._watched)
+    ground, places = solver._known_ground, (solver._lowest, solver.grid.inside, solver._zone_values, solver._watched)
+    places = PointPlaces(ground, *places, solver._barriers, solver._faces)
     state = PointState(*(getattr(solver, f"_{name}") for name in NAMES))
     return DevicePoints(state, places, solver._settings, solver._effects, launch)
 
@@ -126,16 +154,17 @@ def difference(one, other):
         scale = 1.0 if name == "place" else np.abs(a[:, columns]).max(initial=1e-300)
         scale = max(scale, 1e-3 * np.abs(a[:, groups["momentum"]]).max(initial=0.0)) if name == "affine" else scale
         here[name] = float(np.abs(a[:, columns] - b[:, columns]).max(initial=0.0) / scale)
-    for name in ("peaks", "yields", "ledger", "left"):
+    for name in ("peaks", "yields", "ledger", "left", "barrier_sums", "face_yields"):
         x, y = getattr(one, f"_{name}"), getattr(other, f"_{name}")
-        here[name] = float(np.abs(x - y).max() / max(np.abs(x).max(), 1e-300))
+        x, y = (x[..., YIELD], y[..., YIELD]) if name.endswith("yields") else (x, y)
+        here[name] = float(np.abs(x - y).max(initial=0.0) / max(np.abs(x).max(initial=0.0), 1e-300))
     clock, there = one._clock, other._clock
     here["time"] = float(np.abs(clock[entry.TIME] - there[entry.TIME]) / max(clock[entry.TIME], 1e-300))
     impulses = slice(entry.IMPULSE_GROUND_X, entry.IMPULSE_GRAVITY + 1)
     most = np.abs(clock[impulses]).max()
     here["impulse"] = float(np.abs(clock[impulses] - there[impulses]).max() / max(most, 1e-300))
     losses = [entry.GROUND_LOSS, entry.PLASTIC_LOSS, entry.LIMIT_LOSS, entry.LAYER_LOSS, entry.FRICTION_LOSS,
-              entry.LIFTED_ENERGY]  # fmt: skip
+              entry.LIFTED_ENERGY, entry.BARRIER_LOSS]  # fmt: skip
     most = np.abs(clock[losses]).max()
     here["losses"] = float(np.abs(clock[losses] - there[losses]).max() / max(most, 1e-300))
     counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,
@@ -145,6 +174,8 @@ def difference(one, other):
         np.array_equal(one._keys, other._keys)
         and np.array_equal(one._ids, other._ids)
         and np.array_equal(one._counts, other._counts)
+        and np.array_equal(one._yields[..., YIELD_STEP], other._yields[..., YIELD_STEP])
+        and np.array_equal(one._face_yields[..., YIELD_STEP], other._face_yields[..., YIELD_STEP])
     )
     fastest = slice(entry.FASTEST_X, entry.FASTEST_TIME + 1)
     here["fastest"] = float(np.abs(clock[fastest] - there[fastest]).max())
@@ -153,6 +184,11 @@ def difference(one, other):
     }
     here["out"] = float(one._ledger[:, 0].sum())
     here["alive"] = int(one._counts[entry.ALIVE])
+    here["loads"] = one._barrier_sums[:, :POINT_BARRIER_SUMS].tolist()
+    here["faces"], here["faces_yield"] = (
+        int((one._faces[:, FACE_BARRIER] > 0.0).sum()),
+        float(one._face_yields[..., YIELD].max()),
+    )
     return here
 
 
@@ -253,6 +289,18 @@ SCENES = {
     "under ground": under_ground,
     "zones": zoned,
 }
+TURNED = Wall("turned", shapely.Polygon([(57.5, -9), (61.5, -9), (66.5, 60), (62.5, 60)]), height=20.0, mu=0.5)
+BARRIERS = {
+    "smooth face": lambda p: at_barrier(p, wall()),
+    "face with friction": lambda p: at_barrier(p, wall(mu=0.5)),
+    "face and drag": lambda p: at_barrier(p, wall(mu=0.5), contact=VOELLMY),
+    "thin wall": lambda p: at_barrier(p, wall(57.9, 0.1, mu=0.3)),
+    "overtopping": lambda p: at_barrier(p, wall(57.2, height=1.5, mu=0.3), x=58.4, z=1.0, size=(2.5, 1, 1.5)),
+    "over a face": lambda p: at_barrier(p, wall(57.2, height=3.75, mu=0.3), x=58.0, z=2.0, size=(1.5, 1, 2)),
+    "opening": lambda p: at_barrier(p, with_opening(), x=58.6, size=(2.5, 1.5, 1)),
+    "two barriers": lambda p: at_barrier(p, wall(mu=0.2), wall(56.0, 1.6, 1.0, 0.4, 13.0, "block"), x=57.4),
+    "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
+}
 
 
 def cases():
@@ -260,9 +308,12 @@ def cases():
     small = lambda precision: slab(precision, size=(1, 1, 1))  # noqa: E731
     here = {"reasons": reasons, "rejected": rejected}
     for p in BOTH:
-        here |= {f"{name} {p}": partial(compared, make, p, 2) for name, make in SCENES.items()}
+        here |= {f"{name} {p}": partial(compared, make, p, 2) for name, make in (SCENES | BARRIERS).items()}
         here[f"permuted {p}"] = partial(permuted, SCENES["drag"], p, 2)
         here[f"permuted outflow {p}"] = partial(permuted, out_of_domain, p, 2)
+        here[f"permuted barriers {p}"] = partial(permuted, BARRIERS["two barriers"], p, 2)
+        here[f"permuted opening {p}"] = partial(permuted, BARRIERS["opening"], p, 2)
+        here[f"resumed barriers {p}"] = partial(resumed, BARRIERS["two barriers"], p, 2)
         here[f"resumed {p}"] = partial(resumed, slab, p, 2)
         here[f"other launch {p}"] = partial(other_launch, slab, p, 1)
         here[f"reordered {p}"] = partial(compared, small, p, 21)
