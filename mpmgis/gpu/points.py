@@ -156,9 +156,10 @@ class DevicePoints:
 
     def _grow(self):
         """Make arrays in which the present step fits, with half as much in addition."""
-        run, old = self._run, self._run.copy()
+        run, old, few = self._run, self._run.copy(), self._launch.room
         for room, needed, least in (
-            (ROOM_PLACES, SIZE, 1024), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 256), (ROOM_DEPTH, DEPTH, 8),
+            (ROOM_PLACES, SIZE, 16 * few), (ROOM_ACTIVE, ACTIVE, few), (ROOM_TOUCHED, TOUCHED, 4 * few),
+            (ROOM_DEPTH, DEPTH, min(few, 8)),
         ):  # fmt: skip
             if run[needed] > run[room] or not old[room]:
                 run[room] = max(int(run[needed]) * 3 // 2, least)
@@ -213,9 +214,12 @@ class DevicePoints:
         return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
 
     def download(self):
-        """Copy all that changes into the arrays of the host state."""
+        """Copy all that changes into the arrays of the host state.
+
+        Not `clock` and `counts`, which `advance` has copied: the host may have changed them since.
+        """
         state = self.state
-        for name in ("rows", "ids", "keys", "clock", "counts", "ledger", "peaks", "yields"):
+        for name in ("rows", "ids", "keys", "ledger", "peaks", "yields"):
             values = getattr(state, name)
             values[...] = getattr(self, f"_{name}").copy_to_host()
         state.left_cells[...] = self._left.copy_to_host() * self._units

@@ -11,6 +11,8 @@ from mpmgis.effects.material import MuI, drucker_prager
 from mpmgis.effects.slots import WholeGradient
 from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.gpu import grid_to_points, point_barriers, point_nodes, point_reports, point_sort, points_to_grid
+from mpmgis.gpu.compiled import Kernel
+from mpmgis.gpu.grid_to_points import _between
 from mpmgis.kernels.point_rows import Settings
 
 SETTINGS = Settings(
@@ -25,6 +27,12 @@ MATERIALS = {
     "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
 }
 CONTACTS = {"coulomb": CoulombContact(0.3), "voellmy": VoellmyContact(0.2, 300.0)}
+
+
+@Kernel
+def within(out):
+    """How a wall stops a point."""
+    out[0] = _between(out[0], out[1], out[2])
 
 
 def array(kind, dimensions):
