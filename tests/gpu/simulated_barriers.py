@@ -25,6 +25,8 @@ from simulated_points import (
     print_results,
     resumed,
     slab,
+    terrain_of,
+    with_zones,
 )
 
 from mpmgis.gpu import compiled
@@ -34,13 +36,17 @@ from mpmgis.kernels.point_faces import FACE_BARRIER, FACE_ENTRIES
 from mpmgis.spatial.barriers import Wall
 
 
-def at_barrier(precision, *walls, degrees=0.0, x=57.5, z=0.0, speed=12.0, size=(1.5, 1, 1), contact=COULOMB):
+def at_barrier(
+    precision, *walls, degrees=0.0, x=57.5, y=12.2, z=0.0, speed=12.0, size=(1.5, 1, 1), contact=COULOMB, terrain=None,
+    **options,
+):  # fmt: skip
     """Points that run into `walls`, over a plane that falls to the east by `degrees`, `z` [m] above it."""
-    frame = block_of(size, 0.5, (x - size[0], 12.2, 0.0), velocity=(speed, 0.5, -1.0))
+    frame = block_of(size, 0.5, (x - size[0], y, 0.0), velocity=(speed, 0.5, -1.0))
     place = frame.particles.position
     frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
     place[:, 2] += 120.0 - np.tan(np.radians(degrees)) * place[:, 0] + z
-    terrain, options = plane(degrees, 80.0, 24.0, 120.0, 4.0), {"precision": precision, "maxima": True}
+    terrain = terrain or plane(degrees, 80.0, 24.0, 120.0, 4.0)
+    options |= {"precision": precision, "maxima": True}
     return points_on(terrain, frame, 1.0, SOIL, contact, SOFT, walls=walls, **options)
 
 
@@ -73,6 +79,7 @@ def drawn(seed, precision):
     return points_on(plane(degrees, 80.0, 24.0, 120.0, 4.0), frame, cell, SOIL, contact, SOFT, walls=walls, **options)
 
 
+STEP = terrain_of(lambda x, y: np.where(x < 60.0, 120.0, 105.0), 80.0, 24.0, 4.0)
 TURNED = Wall("turned", shapely.Polygon([(57.5, -9), (61.5, -9), (66.5, 60), (62.5, 60)]), height=20.0, mu=0.5)
 BARRIERS = {
     "smooth face": lambda p: at_barrier(p, wall()),
@@ -83,6 +90,9 @@ BARRIERS = {
     "over a face": lambda p: at_barrier(p, wall(57.2, height=3.75, mu=0.3), x=58.0, z=2.0, size=(1.5, 1, 2)),
     "opening": lambda p: at_barrier(p, with_opening(), x=58.6, size=(2.5, 1.5, 1)),
     "two barriers": lambda p: at_barrier(p, wall(mu=0.2), wall(56.0, 1.6, 1.0, 0.4, 13.0, "block"), x=57.4),
+    "at the edge": lambda p: at_barrier(p, wall(mu=0.3), y=0.1, degrees=20.0, speed=4.0, edges="wall"),
+    "at a cliff": lambda p: at_barrier(p, wall(57.2, 1.0, mu=0.3), terrain=STEP, z=0.3),
+    "on friction zones": lambda p: with_zones(at_barrier(p, wall(mu=0.3))),
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
 KERNELS = {"press_on_faces", "hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"}

@@ -87,7 +87,11 @@ def restarted(solver):
 
 def zoned(precision):
     """Friction from a map."""
-    solver = slab(precision)
+    return with_zones(slab(precision))
+
+
+def with_zones(solver):
+    """`solver` with friction that differs from row to row of nodes."""
     values = np.full((*solver._ground.shape[:2], 1), 0.3)
     values[::2] = 0.6
     solver._zone_values = values
