@@ -14,6 +14,10 @@ from numba import cuda
 from numba.core import config
 
 SIMULATED = bool(config.ENABLE_CUDASIM)
+if SIMULATED:
+    from .simulator import repair
+
+    repair()
 KERNELS = "mpmgis.kernels."
 
 _functions = {}  # (function, precision) -> what a kernel calls

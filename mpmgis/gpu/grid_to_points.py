@@ -94,6 +94,14 @@ def _clear(mine):
 
 
 @Part
+def _between(x, low, high):
+    """`x` within `low` and `high`; NaN remains, from which min and max of the device would make a number."""
+    if x < low:
+        return low
+    return high if x > high else x
+
+
+@Part
 def _variance(tile, t, wx, wy, wz, u, v, w):
     """Weighted variance [m2 s-2] of the velocities of the nodes around a point about its own."""
     east = north = up = real(0.0)
@@ -257,8 +265,7 @@ def grid_to_points(
             if wall:
                 if x1 < west + INSIDE or x1 > east - INSIDE or y1 < south + INSIDE or y1 > north - INSIDE:
                     mine[entry.HELD_WALL] += 1.0
-                x1 = min(max(x1, west + INSIDE), east - INSIDE)
-                y1 = min(max(y1, south + INSIDE), north - INSIDE)
+                x1, y1 = _between(x1, west + INSIDE, east - INSIDE), _between(y1, south + INSIDE, north - INSIDE)
             way = entry.EDGES
             if (x1 + y1 + z1) * 0.0 != 0.0:  # NaN or infinite
                 mine[entry.NOT_FINITE] += 1.0

@@ -29,6 +29,8 @@ class Launch(NamedTuple):
         Threads that solve for the layers of node columns; each has a work array.
     batch : int
         Steps between two looks at the reason to stop.
+    room : int
+        Blocks with points for which there is room at the start; arrays grow with the flow.
     """
 
     workers: int = 512
@@ -36,6 +38,7 @@ class Launch(NamedTuple):
     shares: int = 7
     couplers: int = 4096
     batch: int = 20
+    room: int = 64
 
 
 SMALL = Launch(2, 4, 1, 4, 4)  # for the simulator, where each thread of the device is one of the host

@@ -6,6 +6,7 @@ here stand the loops over them. Each thread has a report of its own, that of `ke
 
 from numba import cuda, float64
 
+from ..kernels.point_barriers import BARRIER
 from ..kernels.point_clock import STEP
 from ..kernels.point_contact import press_column
 from ..kernels.point_ground import Ground
@@ -26,7 +27,7 @@ from ..kernels.point_nodes import (
 )
 from ..kernels.point_peaks import COLUMN_SUMS, _is_lowest, note_block_peaks
 from ..kernels.point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW, BlockWindow, NodeBlocks
-from .compiled import Kernel, real
+from .compiled import Kernel, Part, real
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 NODES = BLOCK * BLOCK * BLOCK
@@ -74,7 +75,7 @@ def spread_contact(run, masses, touched, slots, lowest, columns):
     """Sum the blocks' `masses` from the lowest upwards into `columns` float64[rows, columns, entries] of the ground."""
     if run[STATUS] != 0:
         return
-    width, depth = run[WIDTH], run[DEPTH]
+    width, depth, entries = run[WIDTH], run[DEPTH], columns.shape[2]
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
         row, block_column = touched[t, 0], touched[t, 1]
@@ -84,11 +85,11 @@ def spread_contact(run, masses, touched, slots, lowest, columns):
             continue
         if not _is_lowest(slots, place, touched[t, 2] - lowest[row, block_column, 0]):
             continue
-        for entry in range(COLUMN_MASSES):
+        for entry in range(entries):
             total = 0.0
             for up in range(depth):
                 if slots[place + up] >= 0:
-                    total += masses[slots[place + up], column * COLUMN_MASSES + entry]
+                    total += masses[slots[place + up], column * entries + entry]
             columns[jj, ii, entry] = total
 
 
@@ -101,7 +102,7 @@ def clear_contact(run, touched, columns):
         t, column = e // COLUMNS, e % COLUMNS
         jj, ii = touched[t, 0] * BLOCK + column // BLOCK, touched[t, 1] * BLOCK + column % BLOCK
         if jj < columns.shape[0] and ii < columns.shape[1]:
-            for entry in range(COLUMN_MASSES):
+            for entry in range(columns.shape[2]):
                 columns[jj, ii, entry] = 0.0
 
 
@@ -184,19 +185,29 @@ def press_on_ground(
             )  # fmt: skip
 
 
+@Part
+def _stands_on(barriers, touched, t, column):
+    """Whether a barrier stands on node `column` (0 to 15) of touched block `t`."""
+    j, i = touched[t, 0] * BLOCK + column // BLOCK, touched[t, 1] * BLOCK + column % BLOCK
+    return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
+
+
 @Kernel
 def hold_nodes(
     run, stage, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
-    """Contact node by node on folds and deep under the ground, in each column of blocks that are not `free`."""
+    """Contact node by node on folds and deep under the ground, in each column of blocks that are not `free`.
+
+    Node columns that barriers stand on are those of `point_barriers.hold_at_barriers`.
+    """
     if run[STATUS] != 0:
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
-        if free[t] == 0:
+        if free[t] == 0 and not (barrier.barrier_active() and _stands_on(barriers, touched, t, column)):
             hold_column(
                 t, column // BLOCK, column % BLOCK, grid, ground, zone_values, barriers, column_mass, flow,
                 reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,

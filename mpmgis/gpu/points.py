@@ -19,14 +19,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import cuda
 
+from ..effects.barrier import NoBarrier
 from ..kernels import point_clock as entry
 from ..kernels.block_order import CHUNKS, LEFT_MASS
-from ..kernels.point_barriers import COLUMN_FLOW, POINT_BARRIER_SUMS
+from ..kernels.point_barriers import BLOCK_FLOW
 from ..kernels.point_layers import LAYER_ENTRIES
 from ..kernels.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
 from ..kernels.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
 from ..kernels.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
-from . import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
+from . import grid_to_points, point_barriers, point_nodes, point_reports, point_sort, points_to_grid
 from .compiled import SIMULATED
 from .launch import (
     ACTIVE,
@@ -63,6 +64,8 @@ class PointState(NamedTuple):
     left_cells: np.ndarray
     peaks: np.ndarray
     yields: np.ndarray
+    barrier_sums: np.ndarray
+    face_yields: np.ndarray
 
 
 class PointPlaces(NamedTuple):
@@ -73,21 +76,13 @@ class PointPlaces(NamedTuple):
     inside: np.ndarray
     zone_values: np.ndarray
     watched: np.ndarray
+    barriers: np.ndarray
+    faces: np.ndarray
 
 
 def unsupported(effects, walls=()):
-    """What a device cannot take of a 3D run, as a tuple of names; empty if it takes all of it.
-
-    Parameters
-    ----------
-    effects : PointEffects
-    walls : sequence of Wall
-        Rigid barriers.
-    """
-    names = []
-    if walls or effects.barrier.barrier_active():
-        names.append("rigid barriers")
-    return tuple(names)
+    """What a device cannot take of a 3D run, as a tuple of names: empty, it takes all of `effects` and `walls`."""
+    return ()
 
 
 class DevicePoints:
@@ -102,17 +97,12 @@ class DevicePoints:
         Material and softening in the precision of the rows.
     launch : Launch, optional
         Sizes of launches; by default those for a card, in the simulator small ones.
-
-    Raises
-    ------
-    ValueError
-        With what a device cannot take (see `unsupported`).
     """
 
     def __init__(self, state, places, settings, effects, launch=None):
-        names = unsupported(effects)
-        if names:
-            raise ValueError(f"a CUDA device cannot take {', '.join(names)}; use device = 'cpu'")
+        self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
+        if not self._barred:
+            effects = effects._replace(barrier=NoBarrier())
         self.state, self._settings, self._effects = state, settings, effects
         self._launch = launch or (SMALL if SIMULATED else Launch())
         self._real = state.rows.dtype.type
@@ -139,11 +129,8 @@ class DevicePoints:
         self._zone_values = cuda.to_device(np.ascontiguousarray(places.zone_values))
         watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
         self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
-        self._barriers, self._booked = (
-            cuda.to_device(np.zeros((1, 1, 1))),
-            cuda.to_device(np.zeros((1, POINT_BARRIER_SUMS))),
-        )
-        self._flow = cuda.to_device(np.zeros((1, 1, COLUMN_FLOW)))
+        arrays = places.barriers, places.faces, state.barrier_sums, state.face_yields
+        self._barriers = point_barriers.DeviceBarriers(*arrays)
         rows, columns = ground.nodes.shape[:2] if self._drags else (1, 1)
         self._column_mass = cuda.to_device(np.zeros((rows, columns, COLUMN_MASSES)))
         self._units = left_units(
@@ -169,9 +156,10 @@ class DevicePoints:
 
     def _grow(self):
         """Make arrays in which the present step fits, with half as much in addition."""
-        run, old = self._run, self._run.copy()
+        run, old, few = self._run, self._run.copy(), self._launch.room
         for room, needed, least in (
-            (ROOM_PLACES, SIZE, 1024), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 256), (ROOM_DEPTH, DEPTH, 8),
+            (ROOM_PLACES, SIZE, 16 * few), (ROOM_ACTIVE, ACTIVE, few), (ROOM_TOUCHED, TOUCHED, 4 * few),
+            (ROOM_DEPTH, DEPTH, min(few, 8)),
         ):  # fmt: skip
             if run[needed] > run[room] or not old[room]:
                 run[room] = max(int(run[needed]) * 3 // 2, least)
@@ -191,6 +179,7 @@ class DevicePoints:
             )
             self._touched, self._sources = (cuda.device_array((size, k), np.int32) for k in (3, 8))
             self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), np.float64)
+            self._flows = cuda.device_array((size if self._barriers.opens else 1, BLOCK_FLOW), np.float64)
         if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
             threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
             levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
@@ -225,12 +214,17 @@ class DevicePoints:
         return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
 
     def download(self):
-        """Copy all that changes into the arrays of the host state."""
+        """Copy all that changes into the arrays of the host state.
+
+        Not `clock` and `counts`, which `advance` has copied: the host may have changed them since.
+        """
         state = self.state
-        for name in ("rows", "ids", "keys", "clock", "counts", "ledger", "peaks", "yields"):
+        for name in ("rows", "ids", "keys", "ledger", "peaks", "yields"):
             values = getattr(state, name)
             values[...] = getattr(self, f"_{name}").copy_to_host()
         state.left_cells[...] = self._left.copy_to_host() * self._units
+        state.barrier_sums[...] = self._barriers.sums.copy_to_host()
+        state.face_yields[...] = self._barriers.face_yields.copy_to_host()
 
     def _all(self, kernel, *arguments):
         """Launch a kernel whose threads share the work."""
@@ -286,26 +280,27 @@ class DevicePoints:
         self._all(point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
         if self._drags:
             self._all(point_nodes.weigh_contact, run, self._nodes, self._touched, *self._ground, self._masses, settings)
-            self._all(
-                point_nodes.spread_contact, run, self._masses, self._touched, self._slots, self._lowest,
-                self._column_mass,
-            )  # fmt: skip
+            self._spread(self._masses, self._column_mass)
+        if self._barriers.opens:
+            self._all(point_barriers.weigh_flow, run, self._nodes, self._flows)
+            self._spread(self._flows, self._barriers.flow)
         self._all(point_nodes.move_nodes, run, self._d_stage, self._nodes, settings)
 
+    def _spread(self, masses, columns):
+        """Sum `masses` of blocks' node columns into `columns` of the ground."""
+        self._all(
+            point_nodes.spread_contact, self._d_run, masses, self._touched, self._slots, self._lowest, columns
+        )  # fmt: skip
+
     def _contact(self):
-        """Ground, walls and layers; then peaks, and the length of the next step."""
+        """Ground, barriers, walls and layers; then peaks, and the length of the next step."""
         run, stage, settings, ground = self._d_run, self._d_stage, self._settings, self._ground
         laws = settings, self._effects.contact, self._effects.zones, self._effects.barrier
-        nodes, touched, slots, lowest, reports = (
-            self._nodes,
-            self._touched,
-            self._slots,
-            self._lowest,
-            self._node_sums[0],
-        )
-        places = *ground, self._zone_values, self._barriers
+        nodes, touched, slots, lowest = self._nodes, self._touched, self._slots, self._lowest
+        reports, free, barred = self._node_sums[0], self._free, self._barriers
+        places = *ground, self._zone_values, barred.values
         self._all(
-            point_nodes.find_contacts, run, nodes, touched, self._free, *ground, self._barriers, reports, settings,
+            point_nodes.find_contacts, run, nodes, touched, free, *ground, barred.values, reports, settings,
             self._effects.barrier,
         )  # fmt: skip
         if self._drags:
@@ -314,21 +309,37 @@ class DevicePoints:
                 self._layers, reports, *laws,
             )  # fmt: skip
         self._all(
-            point_nodes.press_on_ground, run, stage, self._counts, nodes, touched, slots, lowest, self._free, *places,
+            point_nodes.press_on_ground, run, stage, self._counts, nodes, touched, slots, lowest, free, *places,
             self._yields, reports, *laws,
         )  # fmt: skip
+        if self._barred and len(barred.faces):
+            self._all(
+                point_barriers.press_on_faces, run, stage, self._counts, nodes, touched, slots, lowest, *ground,
+                self._zone_values, barred.faces, barred.lines, self._yields, barred.face_yields, barred.booked,
+                reports, *laws,
+            )  # fmt: skip
         self._all(
-            point_nodes.hold_nodes, run, stage, nodes, touched, self._free, *places, self._column_mass, self._flow,
-            self._booked, reports, *laws,
+            point_nodes.hold_nodes, run, stage, nodes, touched, free, *places, self._column_mass, barred.flow,
+            barred.booked, reports, *laws,
         )  # fmt: skip
-        self._all(point_nodes.finish_nodes, run, nodes, touched, self._free, *ground, reports, settings)
+        if self._barred:
+            self._all(
+                point_barriers.hold_at_barriers, run, stage, barred.columns, nodes, touched, slots, lowest, *places,
+                self._column_mass, barred.flow, barred.booked, reports, *laws,
+            )  # fmt: skip
+        self._all(point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
         if self._drags:
             self._all(point_nodes.clear_contact, run, touched, self._column_mass)
+        if barred.opens:
+            self._all(point_nodes.clear_contact, run, touched, barred.flow)
         if settings.keep_peaks:
             self._all(
                 point_nodes.note_peaks, run, stage, nodes, touched, slots, lowest, ground[0], self._peaks, settings
             )
         self._add_up(point_reports.sum_node_reports, self._node_sums)
+        if self._barred:
+            self._all(point_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
+            self._all(point_barriers.collect_barriers, run, stage, barred.report, barred.sums)
         self._one(point_reports.choose_step, run, stage, self._clock, self._counts, self._node_sums[-1], settings)
 
     def _move_points(self):

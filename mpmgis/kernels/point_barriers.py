@@ -27,19 +27,26 @@ LOOK = 64  # [cells] how far an opening looks for the flow before it
 ) = range(9)  # fmt: skip
 
 
+@jit_inline
+def column_flow(block, column):
+    """(mass [kg], momentum east and north [kg m s-1]) of node `column` (0 to 15) of a block."""
+    mass = east = north = 0.0
+    for k in range(BLOCK):
+        n = (k * BLOCK * BLOCK + column) * 4
+        mass += block[n + NODE_MASS]
+        east += block[n + NODE_X]
+        north += block[n + NODE_Y]
+    return mass, east, north
+
+
 @jit_parallel
 def weigh_flow(nodes, touched, n_touched, flows):
     """Mass and momentum in each block's node columns, into `flows` float[blocks, BLOCK_FLOW]."""
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            block, mine = nodes[t], flows[t]
-            mine[:] = 0.0
             for column in range(BLOCK * BLOCK):
-                for k in range(BLOCK):
-                    n = (k * BLOCK * BLOCK + column) * 4
-                    mine[column * COLUMN_FLOW + FLOW_MASS] += block[n + NODE_MASS]
-                    mine[column * COLUMN_FLOW + FLOW_X] += block[n + NODE_X]
-                    mine[column * COLUMN_FLOW + FLOW_Y] += block[n + NODE_Y]
+                n = column * COLUMN_FLOW
+                flows[t, n + FLOW_MASS], flows[t, n + FLOW_X], flows[t, n + FLOW_Y] = column_flow(nodes[t], column)
 
 
 @jit
@@ -138,12 +145,18 @@ def book_impulse(book, jx, jy, jz, normal, arm_x, arm_y, up):
 
 
 @jit
+def collect_point_barrier(b, report, sums, dt):
+    """`collect_point_barriers` for barrier `b`."""
+    normal = 0.0
+    for c in range(CHUNKS):
+        normal += report[c, b, NORMAL]
+        for entry in range(POINT_BARRIER_SUMS):
+            sums[b, entry] += report[c, b, entry]
+    sums[b, POINT_BARRIER_SUMS] = max(sums[b, POINT_BARRIER_SUMS], normal / dt)
+
+
+@jit
 def collect_point_barriers(report, sums, dt):
     """Add a step's bookings of all chunks, in their order, to the run's, and keep the largest force."""
     for b in range(sums.shape[0]):
-        normal = 0.0
-        for c in range(CHUNKS):
-            normal += report[c, b, NORMAL]
-            for entry in range(POINT_BARRIER_SUMS):
-                sums[b, entry] += report[c, b, entry]
-        sums[b, POINT_BARRIER_SUMS] = max(sums[b, POINT_BARRIER_SUMS], normal / dt)
+        collect_point_barrier(b, report, sums, dt)

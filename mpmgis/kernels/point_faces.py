@@ -319,6 +319,54 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
             mine[FRICTION_WORK] -= taken * (work - (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz))
 
 
+@jit_borrowing
+def press_face(
+    f, grid, window, ground, zone_values, faces, lines, yields, face_yields, step, mine, booked, dt, settings, contact,
+    zones, barrier,
+):  # fmt: skip
+    """`press_on_faces` for face `f`; `mine` and `booked` are the reports of its chunk."""
+    face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
+    if face[FACE_BARRIER] == 0.0:
+        return
+    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
+    span = (window.west, window.south, window.width, window.height, window.depth)
+    before, after = yields[(step - 1) % 2], yields[step % 2]
+    face_before, face_after = face_yields[(step - 1) % 2], face_yields[step % 2]
+    first, last = _begin_rows(nodes, slots, span, lowest, face, f + 1, ground, own, face_before, step, dt, settings)
+    reach = 0
+    for n in range(COLUMNS):
+        _, _, height, _, _, _ = _ground_under(ground, face, n, dx)
+        _begin_column(nodes, slots, span, lowest, face, n, ground, own[n], before, step, dt, settings)
+        reach = max(reach, foot_of(height, dx)[0] + 1)
+    largest = 0.0
+    for sweep in range(SWEEPS):
+        change = 0.0
+        for k in range(first, (last if sweep == 0 else min(last, reach)) + 1):
+            if own[COLUMNS + k - base, LINE_ON] > 0.0:
+                change = max(change, _press_row(
+                    nodes, slots, span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
+                ))  # fmt: skip
+        for n in range(COLUMNS):
+            if own[n, LINE_ON] > 0.0:
+                change = max(change, _press_column(
+                    nodes, slots, span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact, zones
+                ))  # fmt: skip
+        largest = max(largest, change)
+        if change <= SETTLED * largest:
+            break
+    for k in range(first, last + 1):
+        line = own[COLUMNS + k - base]
+        if line[LINE_ON] > 0.0:
+            _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine)
+            face_after[f + 1, k - base + 1, YIELD] = line[LINE_YIELDED]
+            face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
+    for n in range(COLUMNS):
+        if own[n, LINE_ON] > 0.0:
+            j, i, _, _, _, _ = _ground_under(ground, face, n, dx)
+            _book_column(nodes, slots, span, lowest, face, n, ground, own[n], dx, mine)
+            after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1
+
+
 @jit_parallel
 def press_on_faces(
     grid, window, ground, zone_values, faces, lines, yields, face_yields, step, report, barrier_report, dt, settings,
@@ -342,49 +390,9 @@ def press_on_faces(
     face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
         Of the faces, with a rim.
     """
-    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
-    span = (window.west, window.south, window.width, window.height, window.depth)
-    before, after = yields[(step - 1) % 2], yields[step % 2]
-    face_before, face_after = face_yields[(step - 1) % 2], face_yields[step % 2]
     for c in prange(CHUNKS):
-        mine, booked = report[c], barrier_report[c]
         for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
-            face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
-            if face[FACE_BARRIER] == 0.0:
-                continue
-            first, last = _begin_rows(
-                nodes, slots, span, lowest, face, f + 1, ground, own, face_before, step, dt, settings
-            )
-            reach = 0
-            for n in range(COLUMNS):
-                _, _, height, _, _, _ = _ground_under(ground, face, n, dx)
-                _begin_column(nodes, slots, span, lowest, face, n, ground, own[n], before, step, dt, settings)
-                reach = max(reach, foot_of(height, dx)[0] + 1)
-            largest = 0.0
-            for sweep in range(SWEEPS):
-                change = 0.0
-                for k in range(first, (last if sweep == 0 else min(last, reach)) + 1):
-                    if own[COLUMNS + k - base, LINE_ON] > 0.0:
-                        change = max(change, _press_row(
-                            nodes, slots, span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
-                        ))  # fmt: skip
-                for n in range(COLUMNS):
-                    if own[n, LINE_ON] > 0.0:
-                        change = max(change, _press_column(
-                            nodes, slots, span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact,
-                            zones,
-                        ))  # fmt: skip
-                largest = max(largest, change)
-                if change <= SETTLED * largest:
-                    break
-            for k in range(first, last + 1):
-                line = own[COLUMNS + k - base]
-                if line[LINE_ON] > 0.0:
-                    _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine)
-                    face_after[f + 1, k - base + 1, YIELD] = line[LINE_YIELDED]
-                    face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
-            for n in range(COLUMNS):
-                if own[n, LINE_ON] > 0.0:
-                    j, i, _, _, _, _ = _ground_under(ground, face, n, dx)
-                    _book_column(nodes, slots, span, lowest, face, n, ground, own[n], dx, mine)
-                    after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1
+            press_face(
+                f, grid, window, ground, zone_values, faces, lines, yields, face_yields, step, report[c],
+                barrier_report[c], dt, settings, contact, zones, barrier,
+            )  # fmt: skip

@@ -59,6 +59,7 @@ class DevicePointSolver(PointSolver):
 
     _device, _ahead = None, False  # DevicePoints, and whether its arrays are newer than those of the host
     _rows, _ids, _keys, _ledger, _left, _peaks, _yields = (_OnDevice() for _ in range(7))
+    _barrier_sums, _face_yields = _OnDevice(), _OnDevice()
 
     def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
         require_device(device_memory(len(frame.particles), numerics.precision, effects.material))
@@ -95,9 +96,12 @@ class DevicePointSolver(PointSolver):
 
         state = PointState(
             self._rows, self._ids, self._keys, self._clock, self._counts, self._ledger, self._left, self._peaks,
-            self._yields,
+            self._yields, self._barrier_sums, self._face_yields,
         )  # fmt: skip
-        places = PointPlaces(self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._watched)
+        places = PointPlaces(
+            self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._watched, self._barriers,
+            self._faces,
+        )  # fmt: skip
         return DevicePoints(state, places, self._settings, self._effects)
 
     def _give_impulses(self):

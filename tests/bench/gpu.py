@@ -1,14 +1,15 @@
 """The 3D solver on a CUDA device against the processor of the same machine: `python tests/bench/gpu.py OUT`.
 
-It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
-the processor for every material in both precisions, and equal bits of two runs; compute-sanitizer where it is
-installed; copy bandwidth of the device; time of a step by CUDA events for each number of points, with memory; time of a
-step on the processor; time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The
-status is 1 if there is no device, or no agreement. The kernels of the processor compile for half a minute per material
-and precision; `--materials` and `--precisions` choose some of them.
+It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py; with shapely it checks a barrier too. In
+this order: agreement with the kernels of the processor for every material in both precisions, and equal bits of two
+runs; compute-sanitizer where it is installed; copy bandwidth of the device; time of a step by CUDA events for each
+number of points, with memory; time of a step on the processor; time of a whole scene with frames on both. OUT gets
+gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no agreement. The kernels of the
+processor compile for half a minute per material and precision; `--materials` and `--precisions` choose some of them.
 """
 
 import argparse
+import importlib.util
 import json
 import platform
 import shutil
@@ -25,6 +26,7 @@ sys.path.insert(0, str(ROOT))
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
 
+from mpmgis.effects.barrier import Barrier  # noqa: E402
 from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
 from mpmgis.effects.fluid import Fluid  # noqa: E402
 from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
@@ -54,6 +56,9 @@ MATERIALS = {
     ),
     "fluid": (Fluid(7.1e6, 0.0, 0.0), NoSoftening(), VoellmyContact(0.1, 900.0)),
 }  # fmt: skip
+AT_BARRIER = "Drucker-Prager at a barrier"
+if importlib.util.find_spec("shapely") is not None:  # which places a barrier on the nodes
+    MATERIALS[AT_BARRIER] = MATERIALS["Drucker-Prager"]
 AGREES = {"float64": 1e-9, "float32": 2e-3}  # largest difference of places [cells] and of speeds over the largest
 CHECKED_POINTS, CHECKED_STEPS = 4096, 60
 STEPS, REPEATS, WARM_UP = 20, 5, 40
@@ -99,7 +104,20 @@ def solver_of(kind, points, material="Drucker-Prager", precision="float32", maxi
     law, soft, contact = MATERIALS[material]
     terrain, frame = slab(points)
     numerics = PointNumerics(1.0, density=DENSITY, precision=precision, maxima=maxima)
-    return kind(frame, terrain, PointEffects(law, soft, contact), numerics)
+    effects, walls = PointEffects(law, soft, contact), ()
+    if material == AT_BARRIER:
+        effects, walls = effects._replace(barrier=Barrier()), barrier_before(frame)
+    return kind(frame, terrain, effects, numerics, walls=walls)
+
+
+def barrier_before(frame):
+    """A wall with friction that the slab of `frame` touches when it begins to slide."""
+    import shapely
+
+    from mpmgis.spatial.barriers import Wall
+
+    west = float(frame.particles.position[:, 0].max()) + 0.5
+    return (Wall("dam", shapely.box(west, -1e4, west + 4.0, 1e4), height=20.0, mu=0.4),)
 
 
 def state_after(kind, points, steps, material, precision):

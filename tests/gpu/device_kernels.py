@@ -4,13 +4,15 @@ import numba
 import numpy as np
 from numba import types
 
-from mpmgis.effects.barrier import NoBarrier
+from mpmgis.effects.barrier import Barrier, NoBarrier
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.friction import NoZones
 from mpmgis.effects.material import MuI, drucker_prager
 from mpmgis.effects.slots import WholeGradient
 from mpmgis.effects.softening import NoSoftening, softening
-from mpmgis.gpu import grid_to_points, point_nodes, point_reports, point_sort, points_to_grid
+from mpmgis.gpu import grid_to_points, point_barriers, point_nodes, point_reports, point_sort, points_to_grid
+from mpmgis.gpu.compiled import Kernel
+from mpmgis.gpu.grid_to_points import _between
 from mpmgis.kernels.point_rows import Settings
 
 SETTINGS = Settings(
@@ -25,6 +27,12 @@ MATERIALS = {
     "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
 }
 CONTACTS = {"coulomb": CoulombContact(0.3), "voellmy": VoellmyContact(0.2, 300.0)}
+
+
+@Kernel
+def within(out):
+    """How a wall stops a point."""
+    out[0] = _between(out[0], out[1], out[2])
 
 
 def array(kind, dimensions):
@@ -83,14 +91,32 @@ def signatures(real):
         ("note_peaks", run, stage, nodes, touched, window, lowest, ground[0], columns, settings),
     ):
         yield name, getattr(point_nodes, name), arguments
-    for label, law in CONTACTS.items():
-        laws = settings, numba.typeof(law), zones, barrier
-        given = nodes, touched, window, lowest
-        layers = "couple_layers", run, stage, *given, *places, columns, columns, reports, *laws
-        press = "press_on_ground", run, stage, counts, *given, free, *places, array(f8, 4), reports, *laws
-        hold = "hold_nodes", run, stage, nodes, touched, free, *places, columns, columns, reports, reports, *laws
-        for name, *arguments in (layers, press, hold):
-            yield f"{name}_{label}", getattr(point_nodes, name), arguments
+    walled = numba.typeof(Barrier())
+    yield "find_contacts_barred", point_nodes.find_contacts, (
+        run, nodes, touched, free, *ground, columns, reports, settings, walled,
+    )  # fmt: skip
+    for label, barrier_type in (("", barrier), ("_barred", walled)):
+        for name, law in CONTACTS.items():
+            laws = settings, numba.typeof(law), zones, barrier_type
+            given = nodes, touched, window, lowest
+            layers = "couple_layers", run, stage, *given, *places, columns, columns, reports, *laws
+            press = "press_on_ground", run, stage, counts, *given, free, *places, array(f8, 4), reports, *laws
+            hold = "hold_nodes", run, stage, nodes, touched, free, *places, columns, columns, reports, reports, *laws
+            for kernel, *arguments in (layers, press, hold):
+                yield f"{kernel}_{name}{label}", getattr(point_nodes, kernel), arguments
+    for name, law in CONTACTS.items():
+        laws = settings, numba.typeof(law), zones, walled
+        given, faces = (nodes, touched, window, lowest), (reports, columns, array(f8, 4), array(f8, 4))
+        press = "press_on_faces", run, stage, counts, *given, *ground, array(f8, 3), *faces, reports, reports, *laws
+        hold = "hold_at_barriers", run, stage, touched, *given, *places, columns, columns, reports, reports, *laws
+        for kernel, *arguments in (press, hold):
+            yield f"{kernel}_{name}", getattr(point_barriers, kernel), arguments
+    for name, *arguments in (
+        ("weigh_flow", run, nodes, reports),
+        ("sum_booked", run, reports, start, columns),
+        ("collect_barriers", run, stage, columns, reports),
+    ):
+        yield name, getattr(point_barriers, name), arguments
     yield "sum_node_reports", point_reports.sum_node_reports, (run, reports, reports)
     yield "sum_point_reports", point_reports.sum_point_reports, (run, reports, reports)
     yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, reports, settings)

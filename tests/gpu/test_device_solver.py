@@ -30,9 +30,8 @@ def in_simulator(*command):
 
 def test_runs_on_a_device_are_those_on_the_processor():
     found = json.loads(in_simulator("tests/gpu/device_runs.py"))
-    refusal = found.pop("refusal")
-    assert "device = 'cuda' cannot compute rigid barriers" in refusal and "device = 'cpu'" in refusal
-    assert found.pop("same_bits_after_resuming")
+    assert found.pop("same_bits_after_resuming") and found.pop("same_bits_with_a_barrier")
+    assert found.pop("load") > 0.0
     assert {name: value for name, value in found.items() if not value < ROUNDING} == {}
 
 

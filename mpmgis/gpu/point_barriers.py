@@ -1,0 +1,160 @@
+"""Rigid barriers on the device: smooth faces, what stands on node columns, openings, and the loads on all of them.
+
+What happens at a face or a node column is the code of the CPU's kernels. A face is the work of one thread, and so is a
+node column that a barrier stands on, with all its blocks. Each of them books what it takes up in a row of its own, so
+that the loads, sums of these rows, always have one order.
+"""
+
+import numpy as np
+from numba import cuda
+
+from ..kernels import point_barriers as entry
+from ..kernels.block_order import CHUNKS
+from ..kernels.point_barriers import (
+    COLUMN_FLOW,
+    FLOW_MASS,
+    FLOW_X,
+    FLOW_Y,
+    POINT_BARRIER_ENTRIES,
+    POINT_BARRIER_SUMS,
+    SHARE,
+    collect_point_barrier,
+    column_flow,
+)
+from ..kernels.point_clock import STEP
+from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, press_face
+from ..kernels.point_ground import Ground
+from ..kernels.point_nodes import hold_column
+from ..kernels.point_rows import BLOCK, BlockWindow, NodeBlocks
+from .compiled import Kernel
+from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
+
+
+@Kernel
+def weigh_flow(run, nodes, flows):
+    """Mass and momentum in each block's node columns, into `flows` float64[blocks, BLOCK_FLOW]."""
+    if run[STATUS] != 0:
+        return
+    for e in range(cuda.grid(1), BLOCK * BLOCK * run[TOUCHED], cuda.gridsize(1)):
+        t, column = e // (BLOCK * BLOCK), e % (BLOCK * BLOCK)
+        mass, east, north = column_flow(nodes[t], column)
+        n = column * COLUMN_FLOW
+        flows[t, n + FLOW_MASS], flows[t, n + FLOW_X], flows[t, n + FLOW_Y] = mass, east, north
+
+
+@Kernel
+def press_on_faces(
+    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, yields,
+    face_yields, booked, reports, settings, contact, zones, barrier,
+):  # fmt: skip
+    """Contact with smooth faces, and with the ground beside them (see `kernels.point_faces`)."""
+    if run[STATUS] != 0:
+        return
+    grid = NodeBlocks(nodes, touched, run[TOUCHED])
+    ground = Ground(ground_nodes, folds, exact)
+    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
+        if faces[f, FACE_BARRIER] > 0.0:
+            for k in range(POINT_BARRIER_SUMS):
+                booked[int(faces[f, FACE_BARRIER]) - 1, k] = 0.0
+        press_face(
+            f, grid, window, ground, zone_values, faces, lines, yields, face_yields, counts[STEP] + 1,
+            reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
+        )  # fmt: skip
+
+
+@Kernel
+def hold_at_barriers(
+    run, stage, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
+    flow, booked, reports, settings, contact, zones, barrier,
+):  # fmt: skip
+    """Contact node by node in the node `columns` int32[n, 2] that barriers stand on, from the lowest block upwards."""
+    if run[STATUS] != 0:
+        return
+    grid = NodeBlocks(nodes, touched, run[TOUCHED])
+    ground = Ground(ground_nodes, folds, exact)
+    for e in range(cuda.grid(1), columns.shape[0], cuda.gridsize(1)):
+        j, i = columns[e, 0], columns[e, 1]
+        for k in range(POINT_BARRIER_SUMS):
+            booked[int(barriers[j, i, entry.BARRIER]) - 1, k] = 0.0
+        north, east = j // BLOCK - run[SOUTH_NOW], i // BLOCK - run[WEST_NOW]
+        if north < 0 or east < 0 or north >= run[HEIGHT] or east >= run[WIDTH]:
+            continue
+        place = (north * run[WIDTH] + east) * run[DEPTH]
+        for up in range(run[DEPTH]):
+            t = slots[place + up]
+            if t >= 0:
+                hold_column(
+                    t, j % BLOCK, i % BLOCK, grid, ground, zone_values, barriers, column_mass, flow,
+                    reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
+                )  # fmt: skip
+
+
+@Kernel
+def sum_booked(run, booked, start, sums):
+    """Sum the rows of each barrier, `start` int64[barriers + 1] of `booked`, into `sums` float64[CHUNKS, barriers, .].
+
+    One thread per number.
+    """
+    if run[STATUS] != 0:
+        return
+    barriers, entries = sums.shape[1], sums.shape[2]
+    for e in range(cuda.grid(1), CHUNKS * barriers * entries, cuda.gridsize(1)):
+        c, b, k = e // (barriers * entries), e // entries % barriers, e % entries
+        first, count = start[b], start[b + 1] - start[b]
+        total = 0.0
+        for r in range(first + c * count // CHUNKS, first + (c + 1) * count // CHUNKS):
+            total += booked[r, k]
+        sums[c, b, k] = total
+
+
+@Kernel
+def collect_barriers(run, stage, report, sums):
+    """Add the loads of a step to those of the run; one thread per barrier."""
+    if run[STATUS] != 0:
+        return
+    for b in range(cuda.grid(1), sums.shape[0], cuda.gridsize(1)):
+        collect_point_barrier(b, report, sums, stage[DT])
+
+
+class DeviceBarriers:
+    """The barriers of a run on the device.
+
+    Parameters
+    ----------
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    faces : float64[n, FACE_ENTRIES]
+    sums : float64[barriers, POINT_BARRIER_SUMS + 1]
+    face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
+    """
+
+    def __init__(self, barriers, faces, sums, face_yields):
+        if not len(sums):
+            barriers = np.zeros((1, 1, POINT_BARRIER_ENTRIES))
+        columns, barriers, faces, start = own_rows(barriers, faces, len(sums))
+        self.opens = bool((barriers[..., SHARE] > 0.0).any())  # is any node column partly open?
+        self.columns, self.values, self.faces, self.start = map(cuda.to_device, (columns, barriers, faces, start))
+        self.lines = cuda.device_array((len(faces), COLUMNS + face_yields.shape[2] - 2, LINE_ENTRIES), np.float64)
+        self.booked = cuda.to_device(np.zeros((int(start[-1]), POINT_BARRIER_SUMS)))
+        self.report = cuda.device_array((CHUNKS, len(sums), POINT_BARRIER_SUMS), np.float64)
+        self.sums, self.face_yields = (cuda.to_device(np.ascontiguousarray(values)) for values in (sums, face_yields))
+        rows, width = barriers.shape[:2] if self.opens else (1, 1)
+        self.flow = cuda.to_device(np.zeros((rows, width, COLUMN_FLOW)))
+
+
+def own_rows(barriers, faces, count):
+    """(int32[n, 2] node columns with a barrier, `barriers`, `faces`, int64[count + 1] first row of each barrier).
+
+    In the copies of `barriers` and `faces` the number of the barrier is 1 + the row in which the node column or the
+    face books what it takes up; the rows of a barrier follow each other.
+    """
+    columns, standing = np.argwhere(barriers[..., entry.BARRIER] > 0.0), faces[:, FACE_BARRIER] > 0.0
+    barriers, faces = np.array(barriers, order="C"), np.array(faces, order="C")
+    at = tuple(columns.T)
+    number = np.concatenate([barriers[at][:, entry.BARRIER], faces[standing, FACE_BARRIER]]).astype(np.int64)
+    row = np.empty(len(number), np.int64)
+    row[np.argsort(number, kind="stable")] = np.arange(len(number))
+    barriers[(*at, entry.BARRIER)] = 1 + row[: len(columns)]
+    faces[standing, FACE_BARRIER] = 1 + row[len(columns) :]
+    start = np.searchsorted(np.sort(number), np.arange(1, count + 2))
+    return columns.astype(np.int32), barriers, faces, start.astype(np.int64)

@@ -1,0 +1,36 @@
+"""Results of scripts of cases in the CUDA simulator, which is chosen before numba is imported; and how they compare."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
+# of places [cells] and of momentum, affine momentum, state, peaks, yields, outflow, impulses, losses and loads over the
+# largest of each: sums of the same numbers in another order, over a few steps
+TOLERANCE = {"float64": 1e-12, "float32": 1e-4}
+PLACES = {"float64": 1e-12, "float32": 2e-6}
+COMPARED = (
+    *("momentum", "affine", "state", "peaks", "yields", "ledger", "left", "impulse", "losses", "time"),
+    *("barrier_sums", "face_yields"),
+)
+
+
+def results_of(script):
+    """Name of case -> result, of all cases of a `script` beside this file."""
+    path = Path(__file__).with_name(script)
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, env=environment, timeout=1800)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return dict(json.loads(line) for line in done.stdout.splitlines())
+
+
+def require_agreement(here, precision, slack=1.0):
+    """Fail unless the result `here` of `compared` says that device and processor agree, to `slack` tolerances."""
+    assert here["exact"], "keys, ids, counts or touched ground differ"
+    assert here["place"] <= slack * PLACES[precision]
+    worst = {name: here[name] for name in COMPARED if not here[name] <= slack * TOLERANCE[precision]}
+    assert not worst
+    assert here["counted"] == 0.0

@@ -1,0 +1,64 @@
+"""Ends of runs on a CUDA device, jumps, and arrays that grow, in the simulator: as on the processor."""
+
+import pytest
+from device_cases import LACK, require_agreement, results_of
+from law_kernels import PRECISIONS, compiler_lack, ptx_of
+
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+ENDS = {
+    "nan": "NOT_FINITE_STATE",
+    "nan at walls": "NOT_FINITE_STATE",
+    "infinite": "NOT_FINITE_STATE",
+    "sunk": "LEAKED",
+    "scattered": "SCATTERED",
+    "leaving": "ALL_LEFT",
+    "left twice": "ALL_LEFT",
+}
+each_precision = pytest.mark.parametrize("precision", PRECISIONS)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return results_of("simulated_stops.py")
+
+
+@each_precision
+@pytest.mark.parametrize("case", ENDS)
+def test_runs_end_for_the_same_reason_in_the_same_step(found, case, precision):
+    here = found[f"{case} {precision}"]
+    assert here["reason"] == here["reason_there"] == ENDS[case]
+    assert here["steps"] == here["steps_there"] == 1
+    assert here["bad"] == here["bad_there"] and (here["bad"][1] > 0) == (ENDS[case] == "NOT_FINITE_STATE")
+    assert here["difference"]["exact"]
+    if case in ("sunk", "leaving", "left twice"):
+        require_agreement(here["difference"], precision)
+        assert here["difference"]["alive"] == (0 if ENDS[case] == "ALL_LEFT" else 12)
+
+
+@each_precision
+@pytest.mark.parametrize("case", ["thrown", "thrown with drag"])
+def test_points_that_jump_over_blocks_are_where_the_processor_puts_them(found, case, precision):
+    require_agreement(found[f"{case} {precision}"], precision, 100.0)
+
+
+@each_precision
+@pytest.mark.parametrize("case", ["grown", "grown at barriers"])
+def test_arrays_that_grow_in_the_middle_of_a_run_change_no_bits(found, case, precision):
+    here = found[f"{case} {precision}"]
+    assert here["same"] and here["grew"] >= 3
+
+
+def test_threads_of_a_simulated_block_share_their_arrays(found):
+    assert found["shared arrays"]["same"]
+
+
+@pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
+@each_precision
+def test_walls_keep_what_is_not_a_number(precision):
+    """min and max of a device make a number of NaN, and the run would not end."""
+    from device_kernels import within
+    from numba import from_dtype, types
+
+    number = from_dtype(PRECISIONS[precision])
+    text = ptx_of(within.python(PRECISIONS[precision]), (types.Array(number, 1, "C"),), (9, 0))
+    assert "setp" in text and "min.f" not in text and "max.f" not in text
