@@ -15,6 +15,13 @@ SIMULATED = bool(config.ENABLE_CUDASIM)
 KERNELS = "mpmgis.kernels."
 
 _functions = {}  # (function, precision) -> what a kernel calls
+_stand_ins = {}  # module of functions -> {name of a global: what stands for it on the device}
+
+
+def stand_in(modules, names):
+    """Let `names` (name -> value) stand for globals of functions of the `modules` of kernels on the device."""
+    for module in modules:
+        _stand_ins.setdefault(module.__name__, {}).update(names)
 
 
 def real(value):
@@ -64,10 +71,10 @@ def _device_function(function, precision, single):
 
 def _of_precision(function, precision, single):
     """A copy of `function` whose functions are those of the device, with constants of single precision if `single`."""
-    names = {}
+    names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
     for name in _names(function.__code__):
-        if name in function.__globals__:
-            names[name] = _on_device(function.__globals__[name], precision, single)
+        if name in known:
+            names[name] = _on_device(known[name], precision, single)
     code = _with_constants(function.__code__) if single else function.__code__
     return FunctionType(
         code, function.__globals__ | names, function.__name__, function.__defaults__, function.__closure__
@@ -89,7 +96,7 @@ def _on_device(value, precision, single):
     if value is real:
         return precision
     plain = getattr(value, "py_func", value)
-    if isinstance(plain, FunctionType) and plain.__module__.startswith(KERNELS):
+    if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
         return _device_function(plain, precision, False)
     if single and not isinstance(value, (ModuleType, type)):
         return _single(value)
