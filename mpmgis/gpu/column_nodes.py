@@ -123,22 +123,29 @@ def update_nodes(
     mine[DEEPEST_AT] = -1.0
     if run[STATUS] != 0:
         return
+    trees, state = fields.forest, fields.forest_state
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             if forest.forest_active():
-                mine[BROKEN_NOW] += break_trees(nodes, fields, j, i, settings, forest, metric)
+                mine[BROKEN_NOW] += break_trees(
+                    nodes, fields.forest, fields.forest_state, fields.gradient, j, i, settings, forest, metric
+                )
             deepest = mine[DEEPEST]
             eroded = update_node(
-                nodes, fields, wet, j, i, mine, stage[KICK], settings, friction, zones, cohesion, metric, curvature,
-                entrainment, forest,
+                nodes, fields.bed, fields.gradient, fields.zone_values, fields.erodible, trees, state,
+                fields.trigger_thickness, wet, j, i, mine, stage[KICK], settings, friction, zones, cohesion, metric,
+                curvature, entrainment, forest,
             )  # fmt: skip
             if mine[DEEPEST] > deepest:
                 mine[DEEPEST_AT] = e
             if entrainment.bed_lowering() > 0.0:
                 lowered[j, i] = eroded
             if forest.forest_active():
-                find_share(nodes, fields, j, i, stage[DT], settings, forest, metric, entrainment)
+                find_share(
+                    nodes, trees, state, fields.forest_share, fields.gradient, j, i, stage[DT], settings, forest,
+                    metric, entrainment,
+                )  # fmt: skip
 
 
 @Kernel

@@ -7,11 +7,11 @@ a thread owns a node of the tile of a block, and adds the columns of the block i
 from numba import cuda, float64, int32, int64
 
 from ..kernels.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
+from ..kernels.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE
 from ..kernels.column_report import FASTEST2, REPORT, STIFF
 from ..kernels.column_rows import BLOCK, MASS, ROW, TILE, U, V, X, Y
 from ..kernels.columns_to_grid import _impulses
 from ..kernels.grid_to_columns import clear_report, finish_report, move_batch
-from ..kernels.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE
 from .column_lines import LINES, QUAD, QUADS, WX, WY
 from .column_sort import BEHIND, DT, KICK, LEFT, node_at, nodes_of
 from .column_sort import STIFF as STIFF_NOW
@@ -142,7 +142,7 @@ def grid_to_columns(
         for e in range(ROW):
             scratch[e] = rows[p, e]
         move_batch(
-            keys, order, q, 1, scratch, moved, quads, place, stays, nodes, bed, fields, fields.bed.shape, mine, times,
+            keys, order, q, 1, scratch, moved, quads, place, stays, nodes, bed, fields.bed, fields.inside, mine, times,
             settings, limits, metric, curvature, entrainment,
         )  # fmt: skip
         for e in range(ROW):

@@ -40,6 +40,7 @@ from .launch import (
     Launch,
 )
 
+ROOMS = ((ROOM_PLACES, SIZE, 256), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 128))  # and the least room
 OWNERS = 128  # threads of a block that sums columns to the nodes of a tile
 CHANGING = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left_cells")
 CHANGING_FIELDS = ("bed", "gradient", "erodible", "forest_state", "forest_sums")
@@ -86,7 +87,7 @@ class Sorted:
         """Make arrays in which the present step fits, with half as much in addition."""
         self.run.copy_to_host(self.host)
         run, old = self.host, self.host.copy()
-        for room, needed, least in ((ROOM_PLACES, SIZE, 256), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 128)):
+        for room, needed, least in ROOMS:
             if run[needed] > run[room] or not old[room]:
                 run[room] = max(int(run[needed]) * 3 // 2, least)
         if run[ROOM_PLACES] != old[ROOM_PLACES]:
@@ -129,6 +130,7 @@ class DeviceColumns:
     ----------
     state : ColumnArrays
     settings : kernels.columns.Settings
+        Kept as `settings`, which can be replaced between two calls of `advance`.
     fields : kernels.columns.NodeFields
     effects : ColumnEffects
     watched : uint8[block rows, block columns], optional
@@ -147,7 +149,7 @@ class DeviceColumns:
         if names:
             raise ValueError(f"a CUDA device cannot take {', '.join(names)}; use device = 'cpu'")
         self.state, self.fields, self._effects = state, fields, effects
-        self._settings, self._launch = settings, launch or (SMALL if SIMULATED else Launch())
+        self.settings, self._launch = settings, launch or (SMALL if SIMULATED else Launch())
         self._nothing_watched = cuda.to_device(np.zeros((1, 1), np.uint8))
         self._watched = self._nothing_watched
         if watched is not None and watched.size:
@@ -163,7 +165,7 @@ class DeviceColumns:
         """Copy state and fields to the device."""
         state, fields, effects = self.state, self.fields, self._effects
         for name in CHANGING:
-            setattr(self, f"_{name}", cuda.to_device(np.ascontiguousarray(getattr(state, name))))
+            setattr(self, f"_{name}", cuda.to_device(_some(getattr(state, name))))
         shape, n = fields.bed.shape, len(state.rows)
         self._flat_bed = cuda.to_device(np.append(fields.bed.ravel(), np.zeros(4)))  # three nodes are read as four
         self._flat_nodes = cuda.to_device(np.zeros(4 * fields.bed.size))
@@ -176,6 +178,7 @@ class DeviceColumns:
         lowers = effects.entrainment.bed_lowering() > 0.0
         self._lowered = cuda.to_device(np.zeros(shape if lowers else (1, 1)))
         count = state.barrier_sums.shape[0]
+        self._walled = effects.barrier.barrier_active() and count > 0
         places, first = column_nodes.barrier_nodes(fields.barriers, count)
         self._walls, self._first_of_wall = cuda.to_device(_some(places)), cuda.to_device(first)
         self._held = cuda.to_device(np.zeros((max(len(places), 1), column_nodes.HELD)))
@@ -234,7 +237,8 @@ class DeviceColumns:
         """Copy all that changes into the arrays of the host."""
         for name in CHANGING:
             values = getattr(self.state, name)
-            values[...] = getattr(self, f"_{name}").copy_to_host()
+            if values.size:
+                values[...] = getattr(self, f"_{name}").copy_to_host()
         for name in self._changing_fields():
             values = getattr(self.fields, name)
             values[...] = getattr(self._fields, name).copy_to_host()
@@ -257,7 +261,7 @@ class DeviceColumns:
         _one(column_sort.begin_step, now.run, self._d_stage, self._clock, self._counts)
         now.sort(self._counts, self._keys, self._watched)
         self._reorder()
-        _one(column_sort.choose_step, now.run, self._d_stage, self._clock, self._counts, self._settings)
+        _one(column_sort.choose_step, now.run, self._d_stage, self._clock, self._counts, self.settings)
         self._sum_to_nodes()
         self._move_nodes()
         self._move_columns()
@@ -276,21 +280,21 @@ class DeviceColumns:
         width = launch.width if SIMULATED else OWNERS
         column_transfer.columns_to_grid.of(np.float64)[8 * launch.workers, width](
             now.run, self._d_stage, self._rows, now.order, now.start, now.block, now.tiles, self._fields.bed,
-            self._fields.lake_level, self._settings, effects.metric, effects.still_water, effects.earth_pressure,
+            self._fields.lake_level, self.settings, effects.metric, effects.still_water, effects.earth_pressure,
             effects.viscosity,
         )  # fmt: skip
-        if self._settings.wall:
+        if self.settings.wall:
             self._all(column_nodes.clear_ghosts, now.run, self._nodes)
         self._all(column_transfer.gather_nodes, now.run, now.tiles, now.slot, now.touched, self._nodes)
 
     def _move_nodes(self):
         """Walls, barriers, friction, erosion, trees and peaks."""
         now, stage, nodes, fields = self._now, self._d_stage, self._nodes, self._fields
-        settings, effects, run, touched = self._settings, self._effects, self._now.run, self._now.touched
+        settings, effects, run, touched = self.settings, self._effects, self._now.run, self._now.touched
         if settings.wall:
             for along_columns in (True, False):
                 self._all(column_nodes.fold_walls, run, nodes, along_columns)
-        if effects.barrier.barrier_active():
+        if self._walled:
             self._all(
                 column_nodes.hold_at_barriers, run, stage, nodes, now.slot, fields, self._walls, self._held, settings,
                 effects.barrier, effects.metric,
@@ -318,7 +322,7 @@ class DeviceColumns:
         now, effects, clock, counts = self._now, self._effects, self._clock, self._counts
         self._all(
             column_transfer.grid_to_columns, now.run, self._d_stage, clock, self._rows, self._keys, now.order,
-            self._flat_nodes, self._flat_bed, self._fields, self._left, self._column_sums[0], self._settings,
+            self._flat_nodes, self._flat_bed, self._fields, self._left, self._column_sums[0], self.settings,
             effects.metric, effects.curvature, effects.earth_pressure, effects.entrainment,
         )  # fmt: skip
         _add_up(column_reports.sum_node_reports, now.run, self._node_sums)
@@ -326,22 +330,22 @@ class DeviceColumns:
         _one(
             column_reports.collect_reports, now.run, self._d_stage, clock, counts, self._ledger,
             self._column_sums[-1], self._node_sums[-1], self._rows, now.order, now.touched, self._lost,
-            self._fields.forest_sums, self._settings, effects.barrier, effects.forest,
+            self._fields.forest_sums, self.settings, effects.barrier, effects.forest,
         )  # fmt: skip
         self._all(column_sort.rank_left, now.run, self._left, self._ranked_left)
         self._all(
             column_transfer.book_left, now.run, self._d_stage, self._rows, now.order, self._ranked_left,
-            self._fields.inside, self._left_cells, self._settings,
+            self._fields.inside, self._left_cells, self.settings,
         )  # fmt: skip
 
     def _finish(self):
         """Launch what comes after the columns moved: what trees take, and reasons to stop."""
         if self._again is not None:
             self._detrain()
-        _one(column_reports.end_step, self._now.run, self._clock, self._counts, self._settings)
+        _one(column_reports.end_step, self._now.run, self._clock, self._counts, self.settings)
 
     def _detrain(self):
-        now, again, fields, settings = self._now, self._again, self._fields, self._settings
+        now, again, fields, settings = self._now, self._again, self._fields, self.settings
         _one(column_sort.begin_again, now.run, again.run, self._counts)
         again.sort(self._counts, self._keys, self._nothing_watched)
         _one(column_sort.end_again, now.run, again.run)
@@ -380,5 +384,5 @@ def _add_up(kernel, run, sums):
 
 
 def _some(array):
-    """`array`, or one row of -1 in place of none: a device has no empty arrays."""
-    return array if len(array) else np.full((1, *array.shape[1:]), -1, array.dtype)
+    """`array` in order, or one row of zeros in place of none: a device has no empty arrays."""
+    return np.ascontiguousarray(array) if array.size else np.zeros((1, *array.shape[1:]), array.dtype)

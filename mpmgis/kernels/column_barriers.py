@@ -103,8 +103,8 @@ def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
     step_x, step_y = side * walls[j, i, WALL_X], side * walls[j, i, WALL_Y]
     thickness, speed = 0.0, 0.0
     for k in range(1, LOOK):
-        near_j, near_i = floor(j + k * step_y + 0.5), floor(i + k * step_x + 0.5)
-        far_j, far_i = floor(j + (k + 1) * step_y + 0.5), floor(i + (k + 1) * step_x + 0.5)
+        near_j, near_i = node_near(j + k * step_y), node_near(i + k * step_x)
+        far_j, far_i = node_near(j + (k + 1) * step_y), node_near(i + (k + 1) * step_x)
         if min(near_j, near_i, far_j, far_i) < 0:
             break
         if max(near_j, far_j) >= nodes.shape[0] or max(near_i, far_i) >= nodes.shape[1]:
@@ -119,6 +119,12 @@ def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
             speed = -(nodes[near_j, near_i, NODE_X] * step_x + nodes[near_j, near_i, NODE_Y] * step_y) / mass
         break
     return thickness, max(speed, 0.0)
+
+
+@jit_inline
+def node_near(place):
+    """Index of the node nearest to `place` [nodes] along an axis."""
+    return int(floor(place + 0.5))  # noqa: RUF046  (floor answers a float where it is compiled for a device)
 
 
 @jit_inline

@@ -4,7 +4,7 @@ A pass over the nodes before their update finds the trees that are reached and b
 mass at each node that stops. The columns give that share to the nodes at the end of the step (`column_detrainment`).
 """
 
-import numpy as np
+from math import sqrt
 
 from ..effects.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ..effects.metric import cosine_squared
@@ -32,6 +32,7 @@ def break_forest(nodes, fields, touched, n_touched, window, report, settings, fo
     Its speed is that of the columns before the forces of this step, or with them where that is less. The nodes have
     momentum; `report` float64[CHUNKS] becomes the number of nodes that broke.
     """
+    values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
     west, south, width = window
     for c in prange(CHUNKS):
@@ -41,22 +42,22 @@ def break_forest(nodes, fields, touched, n_touched, window, report, settings, fo
             i_first = (touched[k] % (width + 1) + west) * BLOCK
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
-                    report[c] += break_trees(nodes, fields, j, i, settings, forest, metric)
+                    report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric)
 
 
 @jit_inline
-def break_trees(nodes, fields, j, i, settings, forest, metric):
+def break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric):
     """`break_forest` at node [j, i]; answers 1 where trees broke, else 0."""
-    values, state, node_gradient, density = fields.forest, fields.forest_state, fields.gradient, settings.density
+    density = settings.density
     mass, least = nodes[j, i, NODE_MASS], density * settings.dx * settings.dx * settings.wet_thickness
     if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
         return 0.0
     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
     w = u * mx + v * my
-    before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
-    speed = min(np.sqrt(u * u + v * v + w * w), before)
-    thickness = mass / (density * settings.dx * settings.dx) * np.sqrt(_cosine_squared(mx, my))
+    before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+    speed = min(sqrt(u * u + v * v + w * w), before)
+    thickness = mass / (density * settings.dx * settings.dx) * sqrt(_cosine_squared(mx, my))
     slow, thin = values[j, i, SLOW], values[j, i, THIN]
     state[j, i, TREES] = STANDING
     if slow > 0.0 or thin > 0.0:
@@ -89,6 +90,7 @@ def find_shares(nodes, fields, touched, n_touched, window, dt, settings, forest,
 
     The nodes have the velocity in the middle of the step.
     """
+    values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
     west, south, width = window
     for k in prange(n_touched):
@@ -96,13 +98,12 @@ def find_shares(nodes, fields, touched, n_touched, window, dt, settings, forest,
         i_first = (touched[k] % (width + 1) + west) * BLOCK
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                find_share(nodes, fields, j, i, dt, settings, forest, metric, entrainment)
+                find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment)
 
 
 @jit_inline
-def find_share(nodes, fields, j, i, dt, settings, forest, metric, entrainment):
+def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment):
     """`find_shares` at node [j, i]."""
-    values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
     mass = nodes[j, i, NODE_MASS]
     if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
         return
@@ -111,9 +112,9 @@ def find_share(nodes, fields, j, i, dt, settings, forest, metric, entrainment):
         u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
     w = u * mx + v * my
-    speed = np.sqrt(u * u + v * v + w * w)
+    speed = sqrt(u * u + v * v + w * w)
     stopping = forest.forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
-    share[j, i] = min(stopping * settings.dx * settings.dx / (np.sqrt(_cosine_squared(mx, my)) * mass), 1.0)
+    share[j, i] = min(stopping * settings.dx * settings.dx / (sqrt(_cosine_squared(mx, my)) * mass), 1.0)
 
 
 @jit_parallel

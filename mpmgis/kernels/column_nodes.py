@@ -1,6 +1,6 @@
 """Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
-import numpy as np
+from math import sqrt
 
 from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
@@ -123,6 +123,9 @@ def update_nodes(
 
     `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
     """
+    # arrays come out of `fields` before the loop: numba drops what a loop writes to arrays that it takes from a tuple
+    bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
+    trees, state, trigger_thickness = fields.forest, fields.forest_state, fields.trigger_thickness
     west, south, width = window
     rows, columns = nodes.shape[0], nodes.shape[1]
     for c in prange(CHUNKS):
@@ -134,20 +137,20 @@ def update_nodes(
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     eroded = update_node(
-                        nodes, fields, wet, j, i, part, dt, settings, friction, zones, cohesion, metric, curvature,
-                        entrainment, forest,
+                        nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i,
+                        part, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest,
                     )  # fmt: skip
                     if entrainment.entrainment_active():
-                        fields.bed[j, i] -= eroded * entrainment.bed_lowering()
+                        bed[j, i] -= eroded * entrainment.bed_lowering()
 
 
 @jit_inline
 def update_node(
-    nodes, fields, wet, j, i, report, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest
+    nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i, report, dt, settings,
+    friction, zones, cohesion, metric, curvature, entrainment, forest,
 ):  # fmt: skip
     """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
-    node_gradient, zone_values, erodible = fields.gradient, fields.zone_values, fields.erodible
-    trigger_thickness, dx, density, gravity = fields.trigger_thickness, settings.dx, settings.density, settings.gravity
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
     thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
     rows, columns = nodes.shape[0], nodes.shape[1]
     per_area = 1.0 / (density * dx * dx)
@@ -162,10 +165,10 @@ def update_node(
     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
     c2 = _cosine_squared(mx, my)
     w = u * mx + v * my
-    speed = np.sqrt(u * u + v * v + w * w)
+    speed = sqrt(u * u + v * v + w * w)
     centrifugal = 0.0
     if curvature.curvature_active():
-        bend_xx, bend_xy, bend_yy = bending_at(fields.bed, j, i, 1.0 / dx)
+        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
         centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
     effective = curvature.effective_gravity(gravity, centrifugal)
     if effective == 0.0:
@@ -176,7 +179,7 @@ def update_node(
         thickness = max(grid_thickness, thickness_floor)
         if grid_thickness < thickness_floor:
             report[THIN_MASS] += mass
-        normal_thickness = thickness * np.sqrt(c2)
+        normal_thickness = thickness * sqrt(c2)
         normal_stress = density * thickness * effective * c2
         dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
         dry += cohesion.cohesive_stress()
@@ -184,10 +187,10 @@ def update_node(
         drag = law.drag_coefficient(gravity, normal_thickness, speed)
         per_mass = 1.0 / (density * normal_thickness)
         own = mass * share_within(j, i, rows, columns, wall)
-        before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+        before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
         decelerated, drawn = dry * per_mass, drag / normal_thickness
         if forest.forest_active():
-            trees_dry, trees_drag = added_resistance(fields.forest, fields.forest_state, j, i, effective * np.sqrt(c2))
+            trees_dry, trees_drag = added_resistance(trees, state, j, i, effective * sqrt(c2))
             decelerated += trees_dry
             drawn += trees_drag
         slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
@@ -198,7 +201,7 @@ def update_node(
         u, v = u * (slowed / speed), v * (slowed / speed)
         if entrainment.entrainment_active():
             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
-            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / np.sqrt(c2)
+            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / sqrt(c2)
             covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
             most = MOST_GAIN * mass / (dx * dx)
             if min(covered * wanted, erodible[j, i]) > most:
@@ -275,7 +278,7 @@ def note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thic
         mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
         w = u * mx + v * my
         speed2 = u * u + v * v + w * w
-        peaks[j, i, 1] = max(peaks[j, i, 1], np.sqrt(speed2))
+        peaks[j, i, 1] = max(peaks[j, i, 1], sqrt(speed2))
         peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
         if peaks[j, i, 3] < 0.0:
             peaks[j, i, 3] = time

@@ -215,6 +215,7 @@ def grid_to_particles(
     `fields` are NodeFields, `times` = (dt, time behind the last kick, time ahead of the next) [s], `limits` = (highest
     bed [m], energy [m2 s-2], largest pressure factor) of the speed bound.
     """
+    bed, inside = fields.bed, fields.inside
     for c in prange(CHUNKS):
         part = report[c]
         clear_report(part)
@@ -229,7 +230,7 @@ def grid_to_particles(
             count = min(BATCH, end - first)
             take_rows(rows, order, first, count, end, scratch, False)
             move_batch(
-                keys, order, first, count, scratch, moved, quads, place, stays, nodes, fields.bed, fields, nodes.shape,
+                keys, order, first, count, scratch, moved, quads, place, stays, nodes, bed, bed, inside,
                 part, times, settings, limits, metric, curvature, entrainment,
             )  # fmt: skip
             _give_rows(rows, order, first, count, moved)
@@ -258,21 +259,21 @@ def finish_report(part):
 
 @jit_inline
 def move_batch(
-    keys, order, first, count, scratch, moved, quads, place, stays, nodes, bed, fields, shape, part, times, settings,
+    keys, order, first, count, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, times, settings,
     limits, metric, curvature, entrainment,
 ):  # fmt: skip
     """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `scratch`.
 
-    `nodes` and `bed` are read by flat index; `shape` is that of the nodes.
+    `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index.
     """
-    inside, dx, density, gravity = fields.inside, settings.dx, settings.density, settings.gravity
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
     clamp, wall, holes = settings.clamp, settings.wall, settings.holes
     dt, behind, ahead = times
     bound_bed, bound_energy, pressure_factor = limits
     inverse_dx = 1.0 / dx
-    ny, nx = inside.shape
-    _weigh(scratch, place, count, shape[1], inverse_dx)
-    _read_nodes(scratch, quads, place, count, nodes, 4 * shape[1])
+    (ny, nx), row_length = inside.shape, bed.shape[1]
+    _weigh(scratch, place, count, row_length, inverse_dx)
+    _read_nodes(scratch, quads, place, count, nodes, 4 * row_length)
     factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
     part[HELD_STRETCH] += factors
     part[HELD_THIN] += thin
@@ -282,9 +283,9 @@ def move_batch(
         part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
     if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
         driven = 1.0 - ahead / dt
-        book_out(scratch, moved, stays, count, fields.bed, inside, part, dx, driven, density, gravity, metric)
-    _weigh_bed(moved, place, count, shape[1], inverse_dx)
-    _read_bed(moved, quads, place, count, bed, shape[1])
+        book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric)
+    _weigh_bed(moved, place, count, row_length, inverse_dx)
+    _read_bed(moved, quads, place, count, flat_bed, row_length)
     turn(
         scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
         pressure_factor, metric, curvature, entrainment,

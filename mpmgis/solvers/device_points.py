@@ -7,28 +7,13 @@ to it before a step once they were changed: a frame costs one copy, a step none.
 from ..errors import SceneError
 from ..gpu.available import CPU_INSTEAD, require_device
 from ..kernels.point_rows import ROW_LONG, ROW_SHORT
+from .on_device import OnDevice
 from .points import PointSolver
 
 ROW_COPIES = 1.2  # of the rows on the device: the rows themselves, and strips and order of the sort
 BYTES_PER_POINT = 45  # ids, keys and names of points on the device
 BYTES_PER_BLOCK = 12_000  # tile, nodes and lists of a block, in float32; twice as much in float64
 POINTS_PER_BLOCK = 100  # fewest, of a flow that is thin
-
-
-class _OnDevice:
-    """An array of the host that is current after it is read through this attribute."""
-
-    def __set_name__(self, owner, name):
-        self._name = f"{name}_of_host"
-
-    def __get__(self, solver, owner=None):
-        if solver is None:
-            return self
-        solver.download()
-        return getattr(solver, self._name)
-
-    def __set__(self, solver, values):
-        setattr(solver, self._name, values)
 
 
 def refused(effects, walls=()):
@@ -60,7 +45,7 @@ class DevicePointSolver(PointSolver):
     """
 
     _device, _ahead = None, False  # DevicePoints, and whether its arrays are newer than those of the host
-    _rows, _ids, _keys, _ledger, _left, _peaks, _yields = (_OnDevice() for _ in range(7))
+    _rows, _ids, _keys, _ledger, _left, _peaks, _yields = (OnDevice() for _ in range(7))
 
     def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
         require_device(device_memory(len(frame.particles), numerics.precision, effects.material))

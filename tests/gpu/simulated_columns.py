@@ -8,8 +8,9 @@ import sys
 from functools import partial
 
 import numpy as np
-from column_slots import SCENES, made, pile
+from column_slots import SCENES, made
 
+from mpmgis.gpu import columns
 from mpmgis.gpu.columns import CHANGING_FIELDS, ColumnArrays, DeviceColumns
 from mpmgis.gpu.launch import Launch
 from mpmgis.kernels import column_clock as entry
@@ -18,6 +19,7 @@ from mpmgis.kernels.block_order import GONE
 
 sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, and wait for each other often
 NARROW, WIDE = Launch(2, 8, 1, 1, 3), Launch(3, 16, 1, 1, 5)
+REPEATED = "slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls"
 NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left")
 PLACES = (  # of what is largest: of nodes with values that differ by rounding another may be taken
     entry.DEEPEST_X, entry.DEEPEST_Y, entry.FASTEST_X, entry.FASTEST_Y, entry.BOUND_NOW_X, entry.BOUND_NOW_Y,
@@ -54,7 +56,9 @@ def difference(one, other):
     alive = one._keys[:n] != GONE
     exact = {name: bool(np.array_equal(getattr(one, f"_{name}")[:n], getattr(other, f"_{name}")[:n]))
              for name in ("ids", "keys")}  # fmt: skip
-    exact |= {name: bool(np.array_equal(getattr(one, f"_{name}"), getattr(other, f"_{name}"))) for name in ("counts", "wet")}
+    exact |= {
+        name: bool(np.array_equal(getattr(one, f"_{name}"), getattr(other, f"_{name}"))) for name in ("counts", "wet")
+    }
     here = {"inexact": [name for name, same in exact.items() if not same]}
     if here["inexact"]:
         return here
@@ -136,9 +140,59 @@ def resumed(make, steps):
     return {"same": bits(one) == bits(other)}
 
 
+def other_launch(make, steps):
+    """Whether the motion is the same with another number of threads (sums of reports may differ in the last bits)."""
+    one, other = make(), make()
+    advanced(one, steps)
+    advanced(other, steps, launch=WIDE)
+    return {"same": one._rows.tobytes() + one._keys.tobytes() == other._rows.tobytes() + other._keys.tobytes()}
+
+
+def grown(make, steps):
+    """Whether arrays that are too small at first, in every step anew, give the same bits."""
+    one, other = make(), make()
+    advanced(one, steps)
+    rooms, columns.ROOMS = columns.ROOMS, tuple((room, needed, 1) for room, needed, _ in columns.ROOMS)
+    try:
+        advanced(other, steps)
+    finally:
+        columns.ROOMS = rooms
+    return {"same": bits(one) == bits(other)}
+
+
+def reasons():
+    """Reasons to stop: time reached, watched blocks, all columns gone, a state that is not finite."""
+    here = {}
+    solver = made()
+    device = device_of(solver)
+    here["reached"] = device.advance(0.25, 10) == entry.REACHED_TIME and solver.time == 0.25
+    watching = made()
+    watching._watched = np.ones((5, 5), np.uint8)
+    before = bits(watching)
+    here["watched"] = advanced(watching, 3) == entry.WATCHED_REACHED
+    here["untouched"] = bits(watching) == before
+    beside = made()
+    beside._watched = np.zeros((5, 5), np.uint8)
+    beside._watched[0, 0] = 1
+    here["beside"] = advanced(beside, 1) == entry.RUNNING
+    gone = made()
+    gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
+    here["left"] = advanced(gone, 3) == entry.ALL_LEFT
+    broken = made()
+    broken._rows[5, row.U] = np.nan
+    here["not finite"] = advanced(broken, 3) == entry.NOT_FINITE_STATE and broken._counts[entry.BAD] > 0
+    here["one step"] = broken.step == 1
+    return here
+
+
 def cases():
     """Name -> what answers the results of each case."""
-    return {name: partial(compared, make, steps) for name, (make, steps) in SCENES.items()}
+    here = {"reasons": reasons} | {name: partial(compared, make, steps) for name, (make, steps) in SCENES.items()}
+    for name in REPEATED:
+        here |= {f"{kind.__name__}: {name}": partial(kind, SCENES[name][0], 2) for kind in (permuted, resumed)}
+    for name in ("slide", "forest, erosion and walls"):
+        here |= {f"{kind.__name__}: {name}": partial(kind, SCENES[name][0], 2) for kind in (other_launch, grown)}
+    return here
 
 
 def main():
