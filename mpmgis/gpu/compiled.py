@@ -5,8 +5,6 @@ copy whose constants have the precision of the points. What the kernels of the C
 compiled from its Python source as it is: the work on nodes is done in double precision there too.
 """
 
-import sys
-import threading
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -21,6 +19,13 @@ if SIMULATED:
 KERNELS = "mpmgis.kernels."
 
 _functions = {}  # (function, precision) -> what a kernel calls
+_stand_ins = {}  # module of functions -> {name of a global: what stands for it on the device}
+
+
+def stand_in(modules, names):
+    """Let `names` (name -> value) stand for globals of functions of the `modules` of kernels on the device."""
+    for module in modules:
+        _stand_ins.setdefault(module.__name__, {}).update(names)
 
 
 def real(value):
@@ -70,10 +75,10 @@ def _device_function(function, precision, single):
 
 def _of_precision(function, precision, single):
     """A copy of `function` whose functions are those of the device, with constants of single precision if `single`."""
-    names = {}
+    names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
     for name in _names(function.__code__):
-        if name in function.__globals__:
-            names[name] = _on_device(function.__globals__[name], precision, single)
+        if name in known:
+            names[name] = _on_device(known[name], precision, single)
     code = _with_constants(function.__code__) if single else function.__code__
     return FunctionType(
         code, function.__globals__ | names, function.__name__, function.__defaults__, function.__closure__
@@ -95,7 +100,7 @@ def _on_device(value, precision, single):
     if value is real:
         return precision
     plain = getattr(value, "py_func", value)
-    if isinstance(plain, FunctionType) and plain.__module__.startswith(KERNELS):
+    if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
         return _device_function(plain, precision, False)
     if single and not isinstance(value, (ModuleType, type)):
         return _single(value)
@@ -112,27 +117,3 @@ def _single(value):
     if type(value) is tuple:
         return tuple(map(_single, value))
     return np.float32(value) if type(value) is float else value
-
-
-def _shared_array(self, shape, dtype, alignment=None):
-    """`cuda.shared.array` of the simulator, with a lock.
-
-    numba-cuda 0.30 looks an array up by the line that asks for it, and adds it where it is missing. Two threads that do
-    this at the same time get two arrays.
-    """
-    frame = sys._getframe(1)
-    line = frame.f_code.co_filename, frame.f_lineno
-    with _SHARED:
-        if line not in self._allocations:
-            kind = as_dtype(dtype) if isinstance(dtype, types.Type) else dtype
-            self._allocations[line] = np.empty(shape, kind)
-        return self._allocations[line]
-
-
-if SIMULATED:
-    from numba import types
-    from numba.cuda.simulator.kernelapi import FakeCUDAShared
-    from numba.np.numpy_support import as_dtype
-
-    _SHARED = threading.Lock()
-    FakeCUDAShared.array = _shared_array

@@ -8,7 +8,6 @@ Interface (used by the solver):
 
 `state` holds the solver's own host arrays: `advance` keeps `clock` and `counts` current in them, `download` all others.
 After any change of the host arrays (insertion, restart, other laws) make a new DevicePoints.
-`unsupported(...)` names what a device cannot take, before the run.
 
 Arrays whose size depends on the flow grow when a step does not fit: nothing of the step is done before that is known.
 """
@@ -78,11 +77,6 @@ class PointPlaces(NamedTuple):
     watched: np.ndarray
     barriers: np.ndarray
     faces: np.ndarray
-
-
-def unsupported(effects, walls=()):
-    """What a device cannot take of a 3D run, as a tuple of names: empty, it takes all of `effects` and `walls`."""
-    return ()
 
 
 class DevicePoints:

@@ -1,6 +1,6 @@
 """Sorting by blocks: ranks of blocks, even division of work, reordering of rows; mass that left, by block."""
 
-from .jit import jit, jit_parallel, prange
+from .jit import jit, jit_inline, jit_parallel, prange
 
 CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
 REORDER_STEPS = 20  # rows are put into block order in memory this often
@@ -78,6 +78,16 @@ def book_left(left, shape, x, y, dx, mass):
 
     `left` is float64[WAYS, blocks, blocks, LEFT_ENTRIES]; a place beyond the edge counts on the edge.
     """
+    way, row, column, x, y = place_left(shape, x, y, dx)
+    sums = left[way, row, column]
+    sums[LEFT_MASS] += mass
+    sums[LEFT_X] += mass * x
+    sums[LEFT_Y] += mass * y
+
+
+@jit_inline
+def place_left(shape, x, y, dx):
+    """(way, row and column of the block of cells, place [m] on the edge) of what left to (x, y) [m]."""
     ny, nx = shape
     way = INTO_NODATA
     if x < 0.0:
@@ -90,7 +100,4 @@ def book_left(left, shape, x, y, dx, mass):
         way = NORTH_EDGE
     x, y = min(max(x, 0.0), nx * dx), min(max(y, 0.0), ny * dx)
     row, column = min(int(y / dx), ny - 1) // LEFT_BLOCK, min(int(x / dx), nx - 1) // LEFT_BLOCK
-    sums = left[way, row, column]
-    sums[LEFT_MASS] += mass
-    sums[LEFT_X] += mass * x
-    sums[LEFT_Y] += mass * y
+    return way, row, column, x, y

@@ -4,7 +4,7 @@ The pass comes between the gathering of the tiles and the update of the nodes. I
 nodes of walls and reads nodes outside walls, which it does not change, so that the order of nodes does not matter.
 """
 
-import numpy as np
+from math import floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
@@ -34,7 +34,7 @@ def hold_at_barriers(
     away from that side; the overtopping is the mean flux through the middle of the wall.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
-    per_metre = density * dx * dx  # mass of a node for each metre of thickness
+    window = west, south, width, height
     for c in prange(CHUNKS):
         report[c, :, :] = 0.0
         for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
@@ -45,39 +45,52 @@ def hold_at_barriers(
                     mass, number = nodes[j, i, NODE_MASS], int(walls[j, i, BARRIER])
                     if mass <= 0.0 or number <= 0:
                         continue
-                    here, sums = walls[j, i], report[c, number - 1]
-                    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
-                    window = west, south, width, height
-                    before, speed_before = _adjacent_flow(nodes, bed, walls, slot, window, j, i, 1.0, per_metre)
-                    beyond, speed_beyond = _adjacent_flow(nodes, bed, walls, slot, window, j, i, -1.0, per_metre)
-                    side = 1.0 if before >= beyond else -1.0  # with the higher flow
-                    head = max(before, beyond) - (here[CREST] - bed[j, i])
-                    speed = speed_before if before >= beyond else speed_beyond
-                    over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
-                    if here[SHARE] > 0.0:
-                        through = here[LIMIT] * barrier.opening_discharge(
-                            gravity, before, speed_before, beyond, speed_beyond
-                        )
-                        u_held, v_held = barrier.let_through(
-                            u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU],
-                            (over + through) * per_metre / mass,
-                        )  # fmt: skip
-                        over /= max(over + through, 1e-300)
-                    else:
-                        u_held, v_held = barrier.deflected(
-                            u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass
-                        )
-                        over = 1.0
-                    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
-                    own = mass * share_within(j, i, rows, columns, wall)
-                    slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-                    sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
-                    sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
-                    sums[IMPULSE_X] += own * (u - u_held)
-                    sums[IMPULSE_Y] += own * (v - v_held)
-                    across = -side * (u_held * here[WALL_X] + v_held * here[WALL_Y])
-                    if head > 0.0 and across > 0.0:
-                        sums[OVERTOPPED] += own * across * dt * here[WEIGHT] * over
+                    hold_node(
+                        nodes, bed, node_gradient, slot, window, j, i, report[c, number - 1], dx, dt, density, gravity,
+                        wall, walls, barrier, metric,
+                    )  # fmt: skip
+
+
+@jit_inline
+def hold_node(
+    nodes, bed, node_gradient, slot, window, j, i, sums, dx, dt, density, gravity, wall, walls, barrier, metric
+):  # fmt: skip
+    """`hold_at_barriers` at node [j, i], which is in a wall and has mass; adds to `sums` float64[BARRIER_LOSS + 1].
+
+    `window` = (west, south, width, height) of the blocks with columns in `slot`.
+    """
+    per_metre = density * dx * dx  # mass of a node for each metre of thickness
+    here, mass = walls[j, i], nodes[j, i, NODE_MASS]
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+    before, speed_before = _adjacent_flow(nodes, bed, walls, slot, window, j, i, 1.0, per_metre)
+    beyond, speed_beyond = _adjacent_flow(nodes, bed, walls, slot, window, j, i, -1.0, per_metre)
+    side = 1.0 if before >= beyond else -1.0  # with the higher flow
+    head = max(before, beyond) - (here[CREST] - bed[j, i])
+    speed = speed_before if before >= beyond else speed_beyond
+    over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
+    if here[SHARE] > 0.0:
+        through = here[LIMIT] * barrier.opening_discharge(gravity, before, speed_before, beyond, speed_beyond)
+        u_held, v_held = barrier.let_through(
+            u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU],
+            (over + through) * per_metre / mass,
+        )  # fmt: skip
+        over /= max(over + through, 1e-300)
+    else:
+        u_held, v_held = barrier.deflected(
+            u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass
+        )
+        over = 1.0
+    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
+    own = mass * share_within(j, i, rows, columns, wall)
+    slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
+    sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
+    sums[IMPULSE_X] += own * (u - u_held)
+    sums[IMPULSE_Y] += own * (v - v_held)
+    across = -side * (u_held * here[WALL_X] + v_held * here[WALL_Y])
+    if head > 0.0 and across > 0.0:
+        sums[OVERTOPPED] += own * across * dt * here[WEIGHT] * over
 
 
 @jit_inline
@@ -90,8 +103,8 @@ def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
     step_x, step_y = side * walls[j, i, WALL_X], side * walls[j, i, WALL_Y]
     thickness, speed = 0.0, 0.0
     for k in range(1, LOOK):
-        near_j, near_i = int(np.floor(j + k * step_y + 0.5)), int(np.floor(i + k * step_x + 0.5))
-        far_j, far_i = int(np.floor(j + (k + 1) * step_y + 0.5)), int(np.floor(i + (k + 1) * step_x + 0.5))
+        near_j, near_i = node_near(j + k * step_y), node_near(i + k * step_x)
+        far_j, far_i = node_near(j + (k + 1) * step_y), node_near(i + (k + 1) * step_x)
         if min(near_j, near_i, far_j, far_i) < 0:
             break
         if max(near_j, far_j) >= nodes.shape[0] or max(near_i, far_i) >= nodes.shape[1]:
@@ -109,8 +122,20 @@ def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
 
 
 @jit_inline
+def node_near(place):
+    """Index of the node nearest to `place` [nodes] along an axis."""
+    return int(floor(place + 0.5))  # noqa: RUF046  (floor answers a float where it is compiled for a device)
+
+
+@jit_inline
 def _mass_now(nodes, slot, window, j, i):
     """Mass of a node [kg]; 0 in blocks that no column touches, whose nodes are as an earlier step left them."""
+    return nodes[j, i, NODE_MASS] if is_touched(slot, window, j, i) else 0.0
+
+
+@jit_inline
+def is_touched(slot, window, j, i):
+    """Whether node [j, i] is in a block that columns touch."""
     west, south, width, height = window
     bi, bj = i // BLOCK - west, j // BLOCK - south
     touched = False
@@ -119,7 +144,7 @@ def _mass_now(nodes, slot, window, j, i):
             oi, oj = bi - back_i, bj - back_j
             if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
                 touched = True
-    return nodes[j, i, NODE_MASS] if touched else 0.0
+    return touched
 
 
 @jit_inline
@@ -135,7 +160,7 @@ def _loss_at_wall(node, u, v, u_held, v_held, slopes):
         return 0.0
     held2 = u_held * u_held + v_held * v_held + w_held * w_held
     along = u * u_held + v * v_held + w * w_held
-    share = np.sqrt(2.0 * node[NODE_KINETIC] / (node[NODE_MASS] * speed2))
+    share = sqrt(2.0 * node[NODE_KINETIC] / (node[NODE_MASS] * speed2))
     node[NODE_KINETIC] *= held2 / speed2
     return 0.5 * (share * (speed2 - along) + along - held2)
 
@@ -161,10 +186,17 @@ def collect_barriers(barrier_report, sums, dt):
     """
     lost = 0.0
     for k in range(sums.shape[0]):
-        before = sums[k, IMPULSE]
-        for c in range(CHUNKS):
-            for entry in range(BARRIER_SUMS):
-                sums[k, entry] += barrier_report[c, k, entry]
-            lost += barrier_report[c, k, BARRIER_LOSS]
-        sums[k, PEAK_FORCE] = max(sums[k, PEAK_FORCE], (sums[k, IMPULSE] - before) / dt)
+        lost = collect_barrier(barrier_report, sums, k, dt, lost)
+    return lost
+
+
+@jit_inline
+def collect_barrier(barrier_report, sums, k, dt, lost):
+    """`collect_barriers` for barrier `k`; answers the energy `lost` to barriers [J] with that of this one."""
+    before = sums[k, IMPULSE]
+    for c in range(barrier_report.shape[0]):
+        for entry in range(BARRIER_SUMS):
+            sums[k, entry] += barrier_report[c, k, entry]
+        lost += barrier_report[c, k, BARRIER_LOSS]
+    sums[k, PEAK_FORCE] = max(sums[k, PEAK_FORCE], (sums[k, IMPULSE] - before) / dt)
     return lost

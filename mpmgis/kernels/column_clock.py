@@ -125,12 +125,12 @@ ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = r
 
 @jit
 def collect(report, node_report, ledger, clock, counts):
-    """Reduce the chunks' reports in their order into clock, counts and ledger."""
+    """Reduce the reports, of all chunks or of fewer parts of the work, in their order into clock, counts and ledger."""
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
     moving, flowing, airborne, limited, wild, alive_before = 0.0, 0.0, 0.0, 0.0, 0.0, counts[ALIVE]
     stiff, triggered, thin, greedy = 0.0, 0.0, 0.0, 0.0
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
-    for c in range(CHUNKS):
+    for c in range(report.shape[0]):
         part = report[c]
         stiff += part[STIFF]
         clock[ENTRAINED_TOTAL] += part[ENTRAINED]

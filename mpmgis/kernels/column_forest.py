@@ -4,7 +4,7 @@ A pass over the nodes before their update finds the trees that are reached and b
 mass at each node that stops. The columns give that share to the nodes at the end of the step (`column_detrainment`).
 """
 
-import numpy as np
+from math import sqrt
 
 from ..effects.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ..effects.metric import cosine_squared
@@ -32,9 +32,8 @@ def break_forest(nodes, fields, touched, n_touched, window, report, settings, fo
     Its speed is that of the columns before the forces of this step, or with them where that is less. The nodes have
     momentum; `report` float64[CHUNKS] becomes the number of nodes that broke.
     """
-    values, state, node_gradient, density = fields.forest, fields.forest_state, fields.gradient, settings.density
+    values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
-    least = density * settings.dx * settings.dx * settings.wet_thickness
     west, south, width = window
     for c in prange(CHUNKS):
         report[c] = 0.0
@@ -43,23 +42,31 @@ def break_forest(nodes, fields, touched, n_touched, window, report, settings, fo
             i_first = (touched[k] % (width + 1) + west) * BLOCK
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
-                    mass = nodes[j, i, NODE_MASS]
-                    if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
-                        continue
-                    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
-                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-                    w = u * mx + v * my
-                    before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
-                    speed = min(np.sqrt(u * u + v * v + w * w), before)
-                    thickness = mass / (density * settings.dx * settings.dx) * np.sqrt(_cosine_squared(mx, my))
-                    slow, thin = values[j, i, SLOW], values[j, i, THIN]
-                    state[j, i, TREES] = STANDING
-                    if slow > 0.0 or thin > 0.0:
-                        only_detrains = forest.forest_only_detrains(slow, thin, thickness, speed)
-                        state[j, i, TREES] = TAKING if only_detrains else BRAKING
-                    if forest.forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
-                        state[j, i, TREES] = BROKEN
-                        report[c] += 1.0
+                    report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric)
+
+
+@jit_inline
+def break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric):
+    """`break_forest` at node [j, i]; answers 1 where trees broke, else 0."""
+    density = settings.density
+    mass, least = nodes[j, i, NODE_MASS], density * settings.dx * settings.dx * settings.wet_thickness
+    if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
+        return 0.0
+    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    w = u * mx + v * my
+    before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+    speed = min(sqrt(u * u + v * v + w * w), before)
+    thickness = mass / (density * settings.dx * settings.dx) * sqrt(_cosine_squared(mx, my))
+    slow, thin = values[j, i, SLOW], values[j, i, THIN]
+    state[j, i, TREES] = STANDING
+    if slow > 0.0 or thin > 0.0:
+        only_detrains = forest.forest_only_detrains(slow, thin, thickness, speed)
+        state[j, i, TREES] = TAKING if only_detrains else BRAKING
+    if forest.forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
+        state[j, i, TREES] = BROKEN
+        return 1.0
+    return 0.0
 
 
 @jit_inline
@@ -84,24 +91,30 @@ def find_shares(nodes, fields, touched, n_touched, window, dt, settings, forest,
     The nodes have the velocity in the middle of the step.
     """
     values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
-    dx, rows, columns = settings.dx, nodes.shape[0], nodes.shape[1]
+    rows, columns = nodes.shape[0], nodes.shape[1]
     west, south, width = window
     for k in prange(n_touched):
         j_first = (touched[k] // (width + 1) + south) * BLOCK
         i_first = (touched[k] % (width + 1) + west) * BLOCK
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                mass = nodes[j, i, NODE_MASS]
-                if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
-                    continue
-                u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
-                if entrainment.entrainment_active():  # the mass taken up is at rest
-                    u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
-                mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-                w = u * mx + v * my
-                speed = np.sqrt(u * u + v * v + w * w)
-                stopping = forest.forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
-                share[j, i] = min(stopping * dx * dx / (np.sqrt(_cosine_squared(mx, my)) * mass), 1.0)
+                find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment)
+
+
+@jit_inline
+def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment):
+    """`find_shares` at node [j, i]."""
+    mass = nodes[j, i, NODE_MASS]
+    if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
+        return
+    u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+    if entrainment.entrainment_active():  # the mass taken up is at rest
+        u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    w = u * mx + v * my
+    speed = sqrt(u * u + v * v + w * w)
+    stopping = forest.forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
+    share[j, i] = min(stopping * settings.dx * settings.dx / (sqrt(_cosine_squared(mx, my)) * mass), 1.0)
 
 
 @jit_parallel

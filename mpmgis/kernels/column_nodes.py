@@ -1,6 +1,6 @@
 """Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
-import numpy as np
+from math import sqrt
 
 from ..effects.friction import slowed_speed
 from ..effects.metric import cosine_squared
@@ -45,39 +45,65 @@ def fold_walls(nodes):
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
     """
-    ny, nx = nodes.shape[0], nodes.shape[1]
-    for i in range(nx):
-        for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
-            for e in range(4):
-                nodes[wall, i, e] *= 2.0
-                nodes[inner, i, e] += -nodes[ghost, i, e] if e == NODE_Y else nodes[ghost, i, e]
-            nodes[wall, i, NODE_Y] = 0.0
-    for j in range(ny):
-        for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
-            for e in range(4):
-                nodes[j, wall, e] *= 2.0
-                nodes[j, inner, e] += -nodes[j, ghost, e] if e == NODE_X else nodes[j, ghost, e]
-            nodes[j, wall, NODE_X] = 0.0
+    for i in range(nodes.shape[1]):
+        fold_column(nodes, i)
+    for j in range(nodes.shape[0]):
+        fold_row(nodes, j)
+
+
+@jit_inline
+def fold_column(nodes, i):
+    """Southern and northern wall at column `i` of the nodes; all columns come before `fold_row`."""
+    ny = nodes.shape[0]
+    for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+        for e in range(4):
+            nodes[wall, i, e] *= 2.0
+            nodes[inner, i, e] += -nodes[ghost, i, e] if e == NODE_Y else nodes[ghost, i, e]
+        nodes[wall, i, NODE_Y] = 0.0
+
+
+@jit_inline
+def fold_row(nodes, j):
+    """Western and eastern wall at row `j` of the nodes."""
+    nx = nodes.shape[1]
+    for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+        for e in range(4):
+            nodes[j, wall, e] *= 2.0
+            nodes[j, inner, e] += -nodes[j, ghost, e] if e == NODE_X else nodes[j, ghost, e]
+        nodes[j, wall, NODE_X] = 0.0
 
 
 @jit
 def mirror_walls(nodes):
     """Give the ghosts the mirrored state of the inner nodes, so that particles at a wall see no flow through it."""
-    ny, nx = nodes.shape[0], nodes.shape[1]
-    for j in range(ny):
-        for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
-            nodes[j, wall, NODE_X] = 0.0
-            nodes[j, ghost, NODE_MASS] = nodes[j, inner, NODE_MASS]
-            nodes[j, ghost, NODE_GAIN] = nodes[j, inner, NODE_GAIN]
-            nodes[j, ghost, NODE_X] = -nodes[j, inner, NODE_X]
-            nodes[j, ghost, NODE_Y] = nodes[j, inner, NODE_Y]
-    for i in range(nx):
-        for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
-            nodes[wall, i, NODE_Y] = 0.0
-            nodes[ghost, i, NODE_MASS] = nodes[inner, i, NODE_MASS]
-            nodes[ghost, i, NODE_GAIN] = nodes[inner, i, NODE_GAIN]
-            nodes[ghost, i, NODE_X] = nodes[inner, i, NODE_X]
-            nodes[ghost, i, NODE_Y] = -nodes[inner, i, NODE_Y]
+    for j in range(nodes.shape[0]):
+        mirror_row(nodes, j)
+    for i in range(nodes.shape[1]):
+        mirror_column(nodes, i)
+
+
+@jit_inline
+def mirror_row(nodes, j):
+    """Ghosts beyond the western and eastern wall at row `j` of the nodes; all rows come before `mirror_column`."""
+    nx = nodes.shape[1]
+    for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+        nodes[j, wall, NODE_X] = 0.0
+        nodes[j, ghost, NODE_MASS] = nodes[j, inner, NODE_MASS]
+        nodes[j, ghost, NODE_GAIN] = nodes[j, inner, NODE_GAIN]
+        nodes[j, ghost, NODE_X] = -nodes[j, inner, NODE_X]
+        nodes[j, ghost, NODE_Y] = nodes[j, inner, NODE_Y]
+
+
+@jit_inline
+def mirror_column(nodes, i):
+    """Ghosts beyond the southern and northern wall at column `i` of the nodes."""
+    ny = nodes.shape[0]
+    for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+        nodes[wall, i, NODE_Y] = 0.0
+        nodes[ghost, i, NODE_MASS] = nodes[inner, i, NODE_MASS]
+        nodes[ghost, i, NODE_GAIN] = nodes[inner, i, NODE_GAIN]
+        nodes[ghost, i, NODE_X] = nodes[inner, i, NODE_X]
+        nodes[ghost, i, NODE_Y] = -nodes[inner, i, NODE_Y]
 
 
 @jit_parallel
@@ -97,94 +123,106 @@ def update_nodes(
 
     `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
     """
+    # arrays come out of `fields` before the loop: numba drops what a loop writes to arrays that it takes from a tuple
     bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
-    trigger_thickness, (west, south, width) = fields.trigger_thickness, window
-    dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
-    thickness_floor, wet_thickness = settings.thickness_floor, settings.wet_thickness
+    trees, state, trigger_thickness = fields.forest, fields.forest_state, fields.trigger_thickness
+    west, south, width = window
     rows, columns = nodes.shape[0], nodes.shape[1]
-    per_area = 1.0 / (density * dx * dx)
     for c in prange(CHUNKS):
-        report[c, :] = 0.0
+        part = report[c]
+        part[:] = 0.0
         for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             j_first = (touched[k] // (width + 1) + south) * BLOCK
             i_first = (touched[k] % (width + 1) + west) * BLOCK
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
-                    mass = nodes[j, i, NODE_MASS]
-                    if mass <= 0.0:
-                        continue
-                    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
-                    grid_thickness = mass * per_area
-                    report[c, DEEPEST] = max(report[c, DEEPEST], grid_thickness)
-                    if grid_thickness > wet_thickness and wet[j, i] != REACHED:
-                        _reach(wet, j, i, grid_thickness, trigger_thickness, report[c])
-                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-                    c2 = _cosine_squared(mx, my)
-                    w = u * mx + v * my
-                    speed = np.sqrt(u * u + v * v + w * w)
-                    centrifugal = 0.0
-                    if curvature.curvature_active():
-                        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
-                        centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
-                    effective = curvature.effective_gravity(gravity, centrifugal)
-                    if effective == 0.0:
-                        report[c, AIRBORNE_MASS] += mass
-                    gain = 0.0
-                    if speed > 0.0:
-                        law = zones.local(friction, zone_values, j, i)
-                        thickness = max(grid_thickness, thickness_floor)
-                        if grid_thickness < thickness_floor:
-                            report[c, THIN_MASS] += mass
-                        normal_thickness = thickness * np.sqrt(c2)
-                        normal_stress = density * thickness * effective * c2
-                        dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
-                        dry += cohesion.cohesive_stress()
-                        viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
-                        drag = law.drag_coefficient(gravity, normal_thickness, speed)
-                        per_mass = 1.0 / (density * normal_thickness)
-                        own = mass * share_within(j, i, rows, columns, wall)
-                        before = np.sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
-                        decelerated, drawn = dry * per_mass, drag / normal_thickness
-                        if forest.forest_active():
-                            trees_dry, trees_drag = added_resistance(
-                                fields.forest, fields.forest_state, j, i, effective * np.sqrt(c2)
-                            )
-                            decelerated += trees_dry
-                            drawn += trees_drag
-                        slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
-                        for _ in range(CHORDS - 1):
-                            if viscous > 0.0 and slowed > 0.0:
-                                viscous = law.viscous_coefficient(
-                                    density, gravity, normal_stress, normal_thickness, slowed
-                                )
-                                slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
-                        u, v = u * (slowed / speed), v * (slowed / speed)
-                        if entrainment.entrainment_active():
-                            basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
-                            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / np.sqrt(c2)
-                            covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
-                            most = MOST_GAIN * mass / (dx * dx)
-                            if min(covered * wanted, erodible[j, i]) > most:
-                                report[c, GREEDY_MASS] += mass
-                            eroded = min(covered * wanted, erodible[j, i], most)
-                            gain = eroded * dx * dx / mass
-                            erodible[j, i] -= eroded
-                            bed[j, i] -= eroded * entrainment.bed_lowering()
-                            report[c, LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
-                        after = slowed / (1.0 + gain)
-                        loss = 0.5 * own * (speed - slowed) * (before + after)
-                        if forest.forest_active():
-                            share = share_of_resistance(
-                                trees_dry, trees_drag, decelerated, viscous * per_mass, drawn, slowed
-                            )
-                            report[c, FOREST_LOSS] += share * loss
-                            loss -= share * loss
-                        report[c, FRICTION_LOSS] += loss
-                        report[c, MERGING_LOSS] += 0.5 * own * gain * before * after
-                    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
+                    eroded = update_node(
+                        nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i,
+                        part, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest,
+                    )  # fmt: skip
                     if entrainment.entrainment_active():
-                        nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
-                        nodes[j, i, NODE_GAIN] = gain
+                        bed[j, i] -= eroded * entrainment.bed_lowering()
+
+
+@jit_inline
+def update_node(
+    nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i, report, dt, settings,
+    friction, zones, cohesion, metric, curvature, entrainment, forest,
+):  # fmt: skip
+    """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    per_area = 1.0 / (density * dx * dx)
+    mass = nodes[j, i, NODE_MASS]
+    if mass <= 0.0:
+        return 0.0
+    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+    grid_thickness = mass * per_area
+    report[DEEPEST] = max(report[DEEPEST], grid_thickness)
+    if grid_thickness > wet_thickness and wet[j, i] != REACHED:
+        _reach(wet, j, i, grid_thickness, trigger_thickness, report)
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    c2 = _cosine_squared(mx, my)
+    w = u * mx + v * my
+    speed = sqrt(u * u + v * v + w * w)
+    centrifugal = 0.0
+    if curvature.curvature_active():
+        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
+        centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
+    effective = curvature.effective_gravity(gravity, centrifugal)
+    if effective == 0.0:
+        report[AIRBORNE_MASS] += mass
+    gain = eroded = 0.0
+    if speed > 0.0:
+        law = zones.local(friction, zone_values, j, i)
+        thickness = max(grid_thickness, thickness_floor)
+        if grid_thickness < thickness_floor:
+            report[THIN_MASS] += mass
+        normal_thickness = thickness * sqrt(c2)
+        normal_stress = density * thickness * effective * c2
+        dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
+        dry += cohesion.cohesive_stress()
+        viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
+        drag = law.drag_coefficient(gravity, normal_thickness, speed)
+        per_mass = 1.0 / (density * normal_thickness)
+        own = mass * share_within(j, i, rows, columns, wall)
+        before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+        decelerated, drawn = dry * per_mass, drag / normal_thickness
+        if forest.forest_active():
+            trees_dry, trees_drag = added_resistance(trees, state, j, i, effective * sqrt(c2))
+            decelerated += trees_dry
+            drawn += trees_drag
+        slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+        for _ in range(CHORDS - 1):
+            if viscous > 0.0 and slowed > 0.0:
+                viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, slowed)
+                slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+        u, v = u * (slowed / speed), v * (slowed / speed)
+        if entrainment.entrainment_active():
+            basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
+            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / sqrt(c2)
+            covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
+            most = MOST_GAIN * mass / (dx * dx)
+            if min(covered * wanted, erodible[j, i]) > most:
+                report[GREEDY_MASS] += mass
+            eroded = min(covered * wanted, erodible[j, i], most)
+            gain = eroded * dx * dx / mass
+            erodible[j, i] -= eroded
+            report[LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
+        after = slowed / (1.0 + gain)
+        loss = 0.5 * own * (speed - slowed) * (before + after)
+        if forest.forest_active():
+            share = share_of_resistance(trees_dry, trees_drag, decelerated, viscous * per_mass, drawn, slowed)
+            report[FOREST_LOSS] += share * loss
+            loss -= share * loss
+        report[FRICTION_LOSS] += loss
+        report[MERGING_LOSS] += 0.5 * own * gain * before * after
+    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
+    if entrainment.entrainment_active():
+        nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
+        nodes[j, i, NODE_GAIN] = gain
+    return eroded
 
 
 @jit
@@ -225,16 +263,22 @@ def accumulate_peaks(
         i_first = (touched[k] % (width + 1) + west) * BLOCK
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
-                peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
-                if thickness >= arrival_thickness:
-                    u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
-                    if entrainment.entrainment_active():
-                        u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
-                    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-                    w = u * mx + v * my
-                    speed2 = u * u + v * v + w * w
-                    peaks[j, i, 1] = max(peaks[j, i, 1], np.sqrt(speed2))
-                    peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
-                    if peaks[j, i, 3] < 0.0:
-                        peaks[j, i, 3] = time
+                note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment)
+
+
+@jit_inline
+def note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment):
+    """`accumulate_peaks` at node [j, i]."""
+    thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
+    peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
+    if thickness >= arrival_thickness:
+        u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+        if entrainment.entrainment_active():
+            u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
+        mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+        w = u * mx + v * my
+        speed2 = u * u + v * v + w * w
+        peaks[j, i, 1] = max(peaks[j, i, 1], sqrt(speed2))
+        peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
+        if peaks[j, i, 3] < 0.0:
+            peaks[j, i, 3] = time

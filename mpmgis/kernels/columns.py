@@ -176,6 +176,28 @@ def next_time_step(clock, step, settings):
 
 
 @jit
+def choose_step(clock, counts, until, settings):
+    """(length of the step, time of its kick, time of the last step before it not driven yet [s], whether it is the last
+    before the time `until`); the clock keeps what the next step needs.
+
+    Leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end where
+    a frame is due; second order in time, also where steps change.
+    """
+    dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
+    clock[LAST_DT] = dt
+    left = until - clock[TIME]
+    last = dt >= left * (1.0 - 1e-12)
+    if last:
+        dt = left
+    elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny
+        dt = 0.5 * left
+    behind = clock[KICK_BEFORE]
+    kick = behind + (dt if last else 0.5 * dt)
+    clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt
+    return dt, kick, behind, last
+
+
+@jit
 def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
     """Add the columns that left in this step of `dt` [s] to `left_cells` at their new places (see `book_left`)."""
     for q in range(alive):
@@ -241,20 +263,7 @@ def advance(
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
         split_evenly(start, active, bounds)
 
-        dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
-        clock[LAST_DT] = dt
-        left = until - clock[TIME]
-        last = dt >= left * (1.0 - 1e-12)
-        if last:
-            dt = left
-        elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny
-            dt = 0.5 * left
-        # leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end
-        # where a frame is due; second order in time, also where steps change
-        behind = clock[KICK_BEFORE]
-        kick = behind + (dt if last else 0.5 * dt)
-        clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt
-
+        dt, kick, behind, last = choose_step(clock, counts, until, settings)
         particles_to_grid(
             rows, order, start, block, bounds, window, tiles, fields, report, kick, settings, effects.metric,
             effects.still_water, effects.earth_pressure, effects.viscosity,

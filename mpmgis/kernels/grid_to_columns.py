@@ -14,12 +14,12 @@ from .column_report import (
     BLOCK_WEST,
     BOUND_RATIO,
     CLAMPED,
-    ENTRAINED,
     HELD_STRETCH,
     HELD_THIN,
     HELD_WALL,
     KINETIC,
     NOT_FINITE,
+    REPORT,
     SIGNAL_MAX,
     SPEED_MAX,
     STIFF,
@@ -97,10 +97,9 @@ def _slope_and_moment(first, middle, last, offset, moment):
 
 
 @jit
-def _read_nodes(scratch, quads, place, count, nodes):
-    """Mean, slopes and first moments of the nodes' four entries around each column."""
+def _read_nodes(scratch, quads, place, count, nodes, row_length):
+    """Mean, slopes and first moments of the nodes' four entries around each column; `row_length` numbers a row."""
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
-    row_length = nodes.shape[1] * 4
     for k in range(count):
         t0 = place[k]
         t1 = t0 + row_length
@@ -148,10 +147,9 @@ def _weigh_bed(moved, place, count, row_length, inverse_dx):
 
 
 @jit
-def _read_bed(moved, quads, place, count, bed):
+def _read_bed(moved, quads, place, count, bed, row_length):
     """For each column its three bed rows summed over y: with the weights, and with their slopes."""
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
-    row_length = bed.shape[1]
     for k in range(count):
         t = place[k]
         value = slope = nothing
@@ -217,18 +215,10 @@ def grid_to_particles(
     `fields` are NodeFields, `times` = (dt, time behind the last kick, time ahead of the next) [s], `limits` = (highest
     bed [m], energy [m2 s-2], largest pressure factor) of the speed bound.
     """
-    bed, inside, dx, density, gravity = fields.bed, fields.inside, settings.dx, settings.density, settings.gravity
-    clamp, wall, holes = settings.clamp, settings.wall, settings.holes
-    dt, behind, ahead = times
-    bound_bed, bound_energy, pressure_factor = limits
-    inverse_dx = 1.0 / dx
-    ny, nx = inside.shape
+    bed, inside = fields.bed, fields.inside
     for c in prange(CHUNKS):
         part = report[c]
-        part[:STIFF] = 0.0
-        part[ENTRAINED:] = 0.0
-        part[BLOCK_WEST] = part[BLOCK_SOUTH] = 1 << 16
-        part[BLOCK_EAST] = part[BLOCK_NORTH] = -1
+        clear_report(part)
         scratch = np.empty(LINES)
         moved = np.empty(LINES)
         quads = np.empty(QUADS)
@@ -239,29 +229,66 @@ def grid_to_particles(
         while first < end:
             count = min(BATCH, end - first)
             take_rows(rows, order, first, count, end, scratch, False)
-            _weigh(scratch, place, count, nodes.shape[1], inverse_dx)
-            _read_nodes(scratch, quads, place, count, nodes)
-            factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
-            part[HELD_STRETCH] += factors
-            part[HELD_THIN] += thin
-            if clamp > 0.0:
-                part[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
-            if wall:
-                part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
-            if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
-                driven = 1.0 - ahead / dt
-                book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric)
-            _weigh_bed(moved, place, count, bed.shape[1], inverse_dx)
-            _read_bed(moved, quads, place, count, bed)
-            turn(
-                scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
-                pressure_factor, metric, curvature, entrainment,
+            move_batch(
+                keys, order, first, count, scratch, moved, quads, place, stays, nodes, bed, bed, inside,
+                part, times, settings, limits, metric, curvature, entrainment,
             )  # fmt: skip
-            survey(moved, stays, count, part, dx, gravity, entrainment)
             _give_rows(rows, order, first, count, moved)
-            _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)
             first += count
-        part[SIGNAL_MAX], part[SPEED_MAX] = sqrt(part[SIGNAL_MAX]), sqrt(part[SPEED_MAX])
-        part[KINETIC] *= 0.5
-        if part[NOT_FINITE] > 0.0:
-            part[BOUND_RATIO] = 0.0
+        finish_report(part)
+
+
+@jit_inline
+def clear_report(part):
+    """Begin the report of a chunk; the transfer before has written STIFF."""
+    for entry in range(REPORT):
+        if entry != STIFF:
+            part[entry] = 0.0
+    part[BLOCK_WEST] = part[BLOCK_SOUTH] = 1 << 16
+    part[BLOCK_EAST] = part[BLOCK_NORTH] = -1
+
+
+@jit_inline
+def finish_report(part):
+    """Roots of the squares in the report of a chunk; where a column is not finite, its place is reported."""
+    part[SIGNAL_MAX], part[SPEED_MAX] = sqrt(part[SIGNAL_MAX]), sqrt(part[SPEED_MAX])
+    part[KINETIC] *= 0.5
+    if part[NOT_FINITE] > 0.0:
+        part[BOUND_RATIO] = 0.0
+
+
+@jit_inline
+def move_batch(
+    keys, order, first, count, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, times, settings,
+    limits, metric, curvature, entrainment,
+):  # fmt: skip
+    """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `scratch`.
+
+    `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index.
+    """
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    clamp, wall, holes = settings.clamp, settings.wall, settings.holes
+    dt, behind, ahead = times
+    bound_bed, bound_energy, pressure_factor = limits
+    inverse_dx = 1.0 / dx
+    (ny, nx), row_length = inside.shape, bed.shape[1]
+    _weigh(scratch, place, count, row_length, inverse_dx)
+    _read_nodes(scratch, quads, place, count, nodes, 4 * row_length)
+    factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
+    part[HELD_STRETCH] += factors
+    part[HELD_THIN] += thin
+    if clamp > 0.0:
+        part[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
+    if wall:
+        part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
+    if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
+        driven = 1.0 - ahead / dt
+        book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric)
+    _weigh_bed(moved, place, count, row_length, inverse_dx)
+    _read_bed(moved, quads, place, count, flat_bed, row_length)
+    turn(
+        scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
+        pressure_factor, metric, curvature, entrainment,
+    )  # fmt: skip
+    survey(moved, stays, count, part, dx, gravity, entrainment)
+    _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)

@@ -19,7 +19,7 @@ from ..errors import SceneError, one_line
 from .scene import Scene, friction_laws
 from .stages import check_points, check_solver, check_stages
 from .table_values import checked_value, is_number, listed, made_table, meant, range_of, refuse_both
-from .tables import CUDA, FASTEST, LISTED, TABLES, MaterialTable
+from .tables import FASTEST, LISTED, TABLES, MaterialTable
 from .terrain_effects import check_forest
 
 
@@ -35,11 +35,6 @@ def check_together(scene, where):
         raise SceneError(
             f"{where} [numerics]: precision = {numerics.precision!r} requires solver = 'points'; columns are "
             "computed in float64 (float32 would save 5 % of the time): remove it"
-        )
-    if numerics.device == CUDA and "points" not in scene.solvers:
-        raise SceneError(
-            f"{where} [numerics]: device = 'cuda' requires solver = 'points'; columns are computed on the processor: "
-            "remove it, or take 'auto'"
         )
     _check_material(scene, where)
     _check_zones(scene, where)

@@ -300,7 +300,7 @@ class StillWaterTable:
     use: str = _key("auto and on: used; off: not used", "auto", str, choices=USE)
 
 
-CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where the steps of points are computed
+CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ class NumericsTable:
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
     precision: str = _key("3D: float32: half the memory, two thirds of the time; columns are always float64", "float64",
                           str, choices=("float64", "float32"))  # fmt: skip
-    device: str = _key("3D: cpu; cuda: a GPU of NVIDIA; auto: cuda where it is there and saves time", "cpu", str,
+    device: str = _key("cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str,
                        choices=DEVICES)  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
                      choices=tuple(metric.FORMS), solver="columns")  # fmt: skip

@@ -318,11 +318,14 @@ class ColumnSolver(ColumnState):
         if not self.columns:
             return column_clock.ALL_LEFT
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
+        return self._take_steps(float(until), int(max_steps), settings)
+
+    def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(
             self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
-            self._ledger, self._peaks, self._barrier_sums, self._left, float(until), int(max_steps),
-            settings, self.fields, self.effects, self._watched,
+            self._ledger, self._peaks, self._barrier_sums, self._left, until, max_steps, settings, self.fields,
+            self.effects, self._watched,
         )  # fmt: skip
 
     def _integrate_with(self, effects, places, walls):

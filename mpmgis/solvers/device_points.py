@@ -4,36 +4,15 @@ The arrays of the host are those of `PointSolver`. They are copied from the devi
 to it before a step once they were changed: a frame costs one copy, a step none.
 """
 
-from ..errors import SceneError
-from ..gpu.available import CPU_INSTEAD, require_device
+from ..gpu.available import require_device
 from ..kernels.point_rows import ROW_LONG, ROW_SHORT
+from .on_device import OnDevice
 from .points import PointSolver
 
 ROW_COPIES = 1.2  # of the rows on the device: the rows themselves, and strips and order of the sort
 BYTES_PER_POINT = 45  # ids, keys and names of points on the device
 BYTES_PER_BLOCK = 12_000  # tile, nodes and lists of a block, in float32; twice as much in float64
 POINTS_PER_BLOCK = 100  # fewest, of a flow that is thin
-
-
-class _OnDevice:
-    """An array of the host that is current after it is read through this attribute."""
-
-    def __set_name__(self, owner, name):
-        self._name = f"{name}_of_host"
-
-    def __get__(self, solver, owner=None):
-        if solver is None:
-            return self
-        solver.download()
-        return getattr(solver, self._name)
-
-    def __set__(self, solver, values):
-        setattr(solver, self._name, values)
-
-
-def refused(effects, walls=()):
-    """Names of what a device cannot take of `effects` (PointEffects) and `walls`; empty if it takes all."""
-    return ("rigid barriers",) if walls or effects.barrier.barrier_active() else ()
 
 
 def device_memory(points, precision, material):
@@ -54,23 +33,15 @@ class DevicePointSolver(PointSolver):
     Raises
     ------
     SceneError
-        There is no device, or something that a device cannot take; with its name.
+        There is no device, or it has too little memory.
     """
 
     _device, _ahead = None, False  # DevicePoints, and whether its arrays are newer than those of the host
-    _rows, _ids, _keys, _ledger, _left, _peaks, _yields = (_OnDevice() for _ in range(7))
-    _barrier_sums, _face_yields = _OnDevice(), _OnDevice()
+    _rows, _ids, _keys, _ledger, _left, _peaks, _yields, _barrier_sums, _face_yields = (OnDevice() for _ in range(9))
 
     def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
         require_device(device_memory(len(frame.particles), numerics.precision, effects.material))
-        self._require_supported(effects, walls)
         super().__init__(frame, terrain, effects, numerics, stress, zone_values, walls, affine)
-
-    @staticmethod
-    def _require_supported(effects, walls):
-        names = refused(effects, walls)
-        if names:
-            raise SceneError(f"device = 'cuda' cannot compute {', '.join(names)}; {CPU_INSTEAD}")
 
     def download(self):
         """Copy what the device has computed into the arrays of the host."""
@@ -109,7 +80,6 @@ class DevicePointSolver(PointSolver):
         super()._give_impulses()
 
     def _integrate_with(self, effects, places, walls):
-        self._require_supported(effects, walls)
         self._forget()
         super()._integrate_with(effects, places, walls)
 

@@ -38,8 +38,8 @@ class Arguments(shared.OverwriteOptions, total=False):
     law: Annotated[PathLike, shared.LAW]
     device: Annotated[
         Literal["cpu", "cuda", "auto"],
-        Option("what computes 3D steps: cpu; cuda (an NVIDIA GPU); auto: cuda where it is there and saves time",
-               usual="[numerics] device of the scene", label="Device of 3D steps"),
+        Option("what computes the steps: cpu; cuda (a GPU of NVIDIA); auto: cuda where there is one and particles are many",
+               usual="[numerics] device of the scene", label="Device that computes the steps"),
     ]  # fmt: skip
     template: Annotated[
         bool,
@@ -111,7 +111,7 @@ def run(
     laws : path, optional
         Python file with your own friction law; it is executed.
     device : {"cpu", "cuda", "auto"}, optional
-        What computes the steps of points; default [numerics] device of the scene.
+        What computes the steps; default [numerics] device of the scene.
     trust : bool
         Follow links of the scene's files to the network and to other files.
     confirm : callable

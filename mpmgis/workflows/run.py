@@ -127,7 +127,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
     log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
     if device != CPU:
-        log.info(f"steps of points: {device}")
+        log.info(f"steps: {device}")
     with folder.held():
         start = _restored(folder, sequence) if resume else ANEW
         if start == FINISHED:
@@ -223,7 +223,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
 def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
     """Integrate in time and write into a locked RunFolder; its record always shows the state of the run.
 
-    `pace` is an OwnPace, whose prediction is recorded, or None. `device` computes the steps of points, in words.
+    `pace` is an OwnPace, whose prediction is recorded, or None. `device` computes the steps, in words.
     """
     prepared, began = sequence.prepared, time.perf_counter()
     devices = devices_record(folder.record().get("devices", ()) if resumed else (), sequence.solver.time, device)

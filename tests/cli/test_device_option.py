@@ -23,7 +23,6 @@ from mpmgis.workflows.run_setup.prepare import prepare
 
 CARD = Device("NVIDIA H100", (9, 0), 80_000_000_000, 79_000_000_000)
 NONE_HERE = Found(None, "no CUDA device can be used: none is there")
-BARRIER = '[[barrier]]\nsource = "wall.geojson"\nheight = 6.0\nuse = "on"\n'
 COARSE = {"cell_size": 8.0, "end_time": 0.2, "frame_interval": 0.1}
 
 
@@ -66,7 +65,7 @@ def test_the_option_replaces_the_key(site, monkeypatch):
 @pytest.mark.parametrize(
     ("found", "fewest", "more", "reason"),
     [
-        (NONE_HERE, 0, "", "the processor, because no CUDA device can be used: none is there"),
+        (NONE_HERE, 0, "", "cpu, because no CUDA device can be used: none is there"),
         (Found(CARD), 10**6, "", "are fewer than 1000000"),
         (Found(CARD._replace(free=10)), 0, "", "GB on the device"),
         (Found(CARD), 0, "", "cuda, for "),
@@ -80,18 +79,26 @@ def test_auto_names_its_reason(site, monkeypatch, caplog, found, fewest, more, r
     assert reason in line
 
 
-def test_only_stages_of_points_are_on_a_device(site, monkeypatch):
+def test_all_stages_are_on_the_device(site, monkeypatch):
     staged = slide(**COARSE, head="", more='particles_per_cell = 4\ndevice = "cuda"')
     staged += '[[stage]]\nsolver = "columns"\nuntil = {time = 0.1}\n[[stage]]\nsolver = "points"\n'
-    assert chosen(site, staged, monkeypatch, Found(CARD)) == ["cpu", "cuda"]
+    assert chosen(site, staged, monkeypatch, Found(CARD)) == ["cuda", "cuda"]
 
 
-def test_columns_are_refused_and_auto_takes_the_processor(site, monkeypatch):
+def test_columns_outside_a_window_are_refused(site, monkeypatch):
+    staged = slide(**COARSE, head="", more="particles_per_cell = 4")
+    staged += '[[stage]]\nsolver = "columns"\nuntil = {time = 0.1}\n'
+    staged += '[[stage]]\nsolver = "points"\nwindow = "wall.geojson"\noutside = "columns"\n'
+    with pytest.raises(SceneError, match="device = 'cuda': a device cannot compute outside = 'columns' of stage 2"):
+        prepared(site, staged, "cuda")
+    assert chosen(site, staged, monkeypatch, Found(CARD), device="auto") == ["cpu", "cpu"]
+
+
+def test_columns_need_memory_too(site, monkeypatch):
     columns = slide(**COARSE, head='solver = "columns"', friction='law = "Coulomb"\nmu = 0.3')
     columns = columns[: columns.index("[material]")] + columns[columns.index("[friction]") :]
-    with pytest.raises(SceneError, match=r"device = 'cuda' requires solver = 'points'.*or take 'auto'"):
-        prepared(site, columns, "cuda")
-    assert chosen(site, columns, monkeypatch, Found(CARD), device="auto") == ["cpu"]
+    assert chosen(site, columns, monkeypatch, Found(CARD), device="cuda") == ["cuda"]
+    assert chosen(site, columns, monkeypatch, Found(CARD._replace(free=1000)), device="auto") == ["cpu"]
 
 
 def test_a_run_without_a_device_writes_nothing(site, monkeypatch, capsys):
@@ -159,7 +166,7 @@ def test_a_run_goes_on_between_processor_and_device(site):
     names = ["processor", "device", "both"]
     assert [entry["device"] for entry in command(names[0])[0]] == ["cpu"]
     devices, printed = command(names[1], "--device", "cuda", simulator=True)
-    assert [entry["device"].split(":")[0] for entry in devices] == ["cuda"] and "steps of points: cuda" in printed
+    assert [entry["device"].split(":")[0] for entry in devices] == ["cuda"] and "steps: cuda" in printed
     command(names[2])
     record = json.loads((site / names[2] / "run.json").read_text())
     frames = sorted((site / names[2]).glob("frame_*.h5"))

@@ -1,12 +1,13 @@
-"""Where the steps of a run's points are computed: on the processor or on a CUDA device."""
+"""Where the steps of a run are computed: on the processor or on a CUDA device."""
 
 from dataclasses import replace
 
 from ...errors import SceneError
 from ...messages import log
 from ...scene.tables import AUTO, CPU, CUDA
+from ...solvers.cost import BYTES_PER_NODE
 
-FEWEST_ON_DEVICE = 200_000  # points; with fewer the launches of kernels take most of the time (estimated)
+FEWEST_ON_DEVICE = 200_000  # particles; with fewer the launches of kernels take most of the time (estimated)
 
 
 def with_device(prepared):
@@ -15,76 +16,69 @@ def with_device(prepared):
     Raises
     ------
     SceneError
-        device = 'cuda', and a stage of points has something that a device cannot compute; with its name.
+        device = 'cuda', and a stage has something that a device cannot compute; with its name.
     """
     requested = prepared.scene.numerics.device
-    stages = [(number, stage) for number, stage in enumerate(prepared.stages) if stage.scene.solver == "points"]
-    if requested == CPU or not stages:
+    if requested == CPU:
         return prepared
-    reason = ""
-    for number, stage in stages:
-        lack = lack_of(stage)
-        if lack and requested == CUDA:
-            where = f"stage {number + 1}: " if stage.table is not None else ""
-            raise SceneError(f"{where}device = 'cuda' cannot compute {lack}; take device = 'cpu', or 'auto'")
-        reason = reason or (lack and f"a device cannot compute {lack}")
+    outside = next((number for number, stage in enumerate(prepared.stages, 1) if stage.has_columns_outside), None)
+    lack = "" if outside is None else f"a device cannot compute outside = 'columns' of stage {outside}"
+    if lack and requested == CUDA:
+        raise SceneError(f"device = 'cuda': {lack}; take device = 'cpu', or 'auto'")
     if requested == AUTO:
-        points = max(prepared.particles_of(number) for number, _ in stages)
-        reason = reason or _lack_here(points, stages)
-        log.info(f"device = 'auto': {'the processor, because ' + reason if reason else f'cuda, for {points} points'}")
-    if reason:
+        particles = max(prepared.particles_of(number) for number in range(len(prepared.stages)))
+        lack = lack or _lack_here(particles, prepared)
+        log.info(f"device = 'auto': {'cpu, because ' + lack if lack else f'cuda, for {particles} particles'}")
+    if lack:
         return prepared
-    made = (replace(one, device=CUDA) if one.scene.solver == "points" else one for one in prepared.stages)
-    return replace(prepared, stages=tuple(made))
+    return replace(prepared, stages=tuple(replace(stage, device=CUDA) for stage in prepared.stages))
 
 
-def lack_of(stage):
-    """Names of what a device cannot compute of a Stage of points; "" if it computes all."""
-    from ...solvers.device_points import refused
-
-    names = list(refused(stage.effects, stage.known_walls))
-    if stage.has_columns_outside:
-        names.append("columns outside the window of a stage")
-    return ", ".join(names)
-
-
-def _lack_here(points, stages):
-    """Why the processor is the better device of this machine for `points`; "" if a CUDA device is."""
+def _lack_here(particles, prepared):
+    """Why the processor is the better device of this machine; "" if a CUDA device is."""
     from ...gpu.available import found_device
 
-    if points < FEWEST_ON_DEVICE:
-        return f"{points} points are fewer than {FEWEST_ON_DEVICE}"
+    if particles < FEWEST_ON_DEVICE:
+        return f"{particles} particles are fewer than {FEWEST_ON_DEVICE}"
     found = found_device()
     if found.device is None:
         return found.lack
-    needed = max(_memory(points, stage) for _, stage in stages)
+    needed = _memory(prepared)
     if needed > found.device.free and not found.device.simulated:
         return f"the run needs {needed / 1e9:.3g} GB on the device ({found.line()})"
     return ""
 
 
 def require_devices(prepared):
-    """What computes the steps of points, in words; "cpu" without a CUDA device.
+    """What computes the steps, in words; "cpu" without a CUDA device.
 
     Raises
     ------
     SceneError
-        A stage needs a CUDA device, and there is none, or it has too little memory for the points of the stage.
+        The run needs a CUDA device, and there is none, or it has too little memory for the particles of a stage.
     """
+    if all(stage.device == CPU for stage in prepared.stages):
+        return CPU
     from ...gpu.available import require_device
 
-    needed = [
-        _memory(prepared.particles_of(number), stage)
-        for number, stage in enumerate(prepared.stages) if stage.device == CUDA
-    ]  # fmt: skip
-    return f"{CUDA}: {require_device(max(needed)).line()}" if needed else CPU
+    return f"{CUDA}: {require_device(_memory(prepared)).line()}"
 
 
-def _memory(points, stage):
-    """Memory [bytes] that `points` of a `stage` need on a device."""
-    from ...solvers.device_points import device_memory
+def _memory(prepared):
+    """Memory [bytes] that the largest stage needs on a device."""
+    return max(_memory_of(prepared.particles_of(number), stage) for number, stage in enumerate(prepared.stages))
 
-    return device_memory(points, stage.scene.numerics.precision, stage.effects.material)
+
+def _memory_of(particles, stage):
+    """Memory [bytes] that `particles` of a `stage` need on a device."""
+    if stage.scene.solver == "points":
+        from ...solvers.device_points import device_memory
+
+        return device_memory(particles, stage.scene.numerics.precision, stage.effects.material)
+    from ...solvers.device_columns import device_memory_of_columns
+
+    nodes = stage.grid.bed.size
+    return device_memory_of_columns(particles, nodes, nodes * BYTES_PER_NODE, stage.effects)
 
 
 def devices_record(earlier, time, device):

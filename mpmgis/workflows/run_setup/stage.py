@@ -36,7 +36,7 @@ class Stage:
 
     `deciding` is the scene by which its effects are decided, `known` all spatial features, on or off. `known_walls`
     are all barriers of the scene; `window` (shapely) is the area of the points, `area` (shapely) the one whose reach
-    ends the stage; `nodata` are cells without elevation in reach of the flow. `device` computes the steps of points.
+    ends the stage; `nodata` are cells without elevation in reach of the flow. `device` computes its steps.
     """
 
     scene: object
@@ -106,19 +106,23 @@ class Stage:
     def solver(self, terrain, frame, vertical_stress=None, gradient=None):
         """Its solver, starting with `frame`; `vertical_stress` [n] [Pa] is for points, `gradient` for both solvers."""
         if self.scene.solver == "points":
-            return self._point_solver()(
+            return self._solver_class()(
                 frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
                 self.walls, gradient,
             )  # fmt: skip
-        return ColumnSolver(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
+        return self._solver_class()(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
 
-    def _point_solver(self):
-        """The class of its solver of points."""
+    def _solver_class(self):
+        """The class of its solver, on its device."""
         if self.device == CPU:
-            return PointSolver
-        from ...solvers.device_points import DevicePointSolver
+            return PointSolver if self.scene.solver == "points" else ColumnSolver
+        if self.scene.solver == "points":
+            from ...solvers.device_points import DevicePointSolver
 
-        return DevicePointSolver
+            return DevicePointSolver
+        from ...solvers.device_columns import DeviceColumnSolver
+
+        return DeviceColumnSolver
 
     def stress(self, vertical_stress):
         """float64[n, 6] [Pa], Kirchhoff stress of points under their weight; None if unknown."""

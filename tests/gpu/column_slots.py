@@ -1,0 +1,219 @@
+"""Small scenes of the depth-averaged solver, one for each slot and branch, for a solver of any kind."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
+from column_scenes import columns_of, terrain_of
+
+from mpmgis.effects import friction as laws
+from mpmgis.effects.barrier import Barrier
+from mpmgis.effects.curvature import Curvature
+from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
+from mpmgis.effects.forest import FOREST_ENTRIES, Forest
+from mpmgis.effects.internal_stress import InPlaneViscosity, earth_pressure
+from mpmgis.effects.metric import StillWater, WaterMetric
+from mpmgis.effects.slots import ColumnEffects
+from mpmgis.kernels.column_rows import CXX
+from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
+from mpmgis.spatial.barriers import Wall, wall_nodes
+from mpmgis.spatial.features import NO_LAKE, Places, barrier_entries
+from mpmgis.spatial.node_grid import ColumnGrid
+
+DX = 5.0
+LENGTH, WIDTH = 130.0, 90.0
+VOELLMY = laws.Voellmy(0.15, 800.0)
+HOLE = (65.0, 75.0, 30.0, 50.0)  # west, east, south, north of cells without elevation
+POOL = 16.0  # [m] still level of the lake
+
+
+def rough(x, y):
+    """A rough slope of some 20 degrees, to the east."""
+    return 0.36 * (400 - x) + 1.5 * np.sin(x / 9) * np.cos(y / 8)
+
+
+def with_hole(x, y):
+    """The same with cells without elevation."""
+    west, east, south, north = HOLE
+    return np.where((x > west) & (x < east) & (y > south) & (y < north), np.nan, rough(x, y))
+
+
+def beach(x, y):
+    """A beach, to the east under water."""
+    return 0.2 * (LENGTH - x) + 0.3 * np.cos(y / 9)
+
+
+def cap(x, y):
+    """Thickness [m] of a pile without symmetry, across the borders of blocks."""
+    return np.maximum(2.0 - ((x - 42) ** 2 + (y - 41) ** 2) / 60, 0.0) + 0.05 * np.sin(x + 2 * y)
+
+
+def thin(x, y):
+    """A pile with a film around it."""
+    return np.where(cap(x, y) > 0.1, cap(x, y), 1e-5)
+
+
+def pile(thickness=cap, velocity=(3.0, -2.0), west=30.0, east=55.0, south=30.0, north=55.0, spacing=2.5):
+    """The columns of a pile; their velocities differ."""
+    frame = columns_of(thickness, west, east, south, north, spacing, velocity=velocity)
+    p = frame.particles
+    p.velocity[:, 0] += 0.04 * (p.position[:, 0] - 42) + 0.03 * (p.position[:, 1] - 41)
+    p.velocity[:, 1] += 0.05 * (p.position[:, 0] - 42) - 0.02 * (p.position[:, 1] - 41)
+    return frame
+
+
+def made(kind=ColumnSolver, bed=rough, frame=None, places=None, cell_size=DX, gradient=True, **more):
+    """A solver of `kind`; `more` are effects by the name of their slot, and numerics."""
+    frame = pile() if frame is None else frame
+    slots = {"friction": VOELLMY} | {name: law for name, law in more.items() if name in ColumnEffects._fields}
+    numerics = {"stop_at_rest": False, "maxima": True} | {n: v for n, v in more.items() if n not in slots}
+    terrain = terrain_of(bed, LENGTH, WIDTH, DX)
+    places = places(ColumnGrid.on(terrain, cell_size)) if callable(places) else places
+    solver = kind(frame, terrain, ColumnEffects(**slots), ColumnNumerics(cell_size, **numerics), places)
+    if gradient:
+        solver._rows[:, CXX : CXX + 4] = 0.1 * np.sin(np.arange(4 * len(solver._rows))).reshape(-1, 4)
+    return solver
+
+
+def zones(grid):
+    """Voellmy parameters from a map."""
+    x, y = grid.node_points()
+    return Places(zone_values=np.stack([0.1 + 0.002 * x, 500.0 + 5 * y], axis=-1))
+
+
+def erodible(grid):
+    """A bed of which less can be taken up in the south."""
+    x, y = grid.node_points()
+    return Places(erodible=np.where(y > 40, 500.0, 0.5) + 0 * x)
+
+
+def lake(grid):
+    """A lake in the east."""
+    ny, nx = grid.inside.shape
+    x = (np.arange(nx) + 0.5) * grid.cell_size
+    return Places(lake_level=np.where(x > LENGTH - POOL / 0.2, POOL, NO_LAKE) + np.zeros((ny, 1)))
+
+
+def walls(grid):
+    """A wall across the flow and one with a narrow opening along it."""
+    rows, columns = grid.bed.shape
+    x, y = grid.x0 + (np.arange(columns) - 1) * DX, grid.y0 + (np.arange(rows) - 1) * DX
+    across = shapely.box(56.0, 20.0, 57.0, 44.0)
+    opened = shapely.union_all([shapely.box(30, 26, 44, 27), shapely.box(46, 26, 60, 27)])
+    made_of = [Wall("low", across, 0.6, mu=0.1), Wall("opened", opened, 50.0)]
+    nodes = wall_nodes(made_of, x, y, grid.bed, grid.cell_size)
+    return Places(barriers=barrier_entries(nodes), barrier_names=("low", "opened"))
+
+
+def trees(*values, also_erodible=False):
+    """Forest of `values` everywhere, a clearing in the south."""
+
+    def places(grid):
+        x, y = grid.node_points()
+        forest = np.zeros((*x.shape, FOREST_ENTRIES))
+        forest[..., : len(values)] = values
+        forest[(y < 35) | ~grid.domain_nodes()] = 0.0
+        return Places(forest=forest, erodible=np.full(x.shape, 50.0) if also_erodible else None)
+
+    return places
+
+
+def armed(kind=ColumnSolver):
+    """An area that the flow releases when it arrives."""
+    solver = made(kind)
+    solver.arm(1, (np.array([9, 10]), np.array([14, 14])), 0.05)
+    solver.arm(2, (np.array([12]), np.array([20])), None)
+    return solver
+
+
+def fast(kind=ColumnSolver):
+    """Some columns are faster than their drop allows, one by far."""
+    solver = made(kind)
+    solver._rows[::3, 2] = 45.0
+    return solver
+
+
+def spread(kind=ColumnSolver):
+    """Columns with areas that the thickness clamp resets."""
+    solver = made(kind, clamp=1.5)
+    solver._rows[::4, 9] *= 6.0
+    solver._rows[1::4, 9] *= 0.1
+    return solver
+
+
+def leaving(velocity, **box):
+    """Columns that leave over an edge."""
+    return lambda kind=ColumnSolver: made(kind, frame=pile(1.0, velocity, **box), time_step=0.3)
+
+
+WATER = {"metric": WaterMetric(), "bed": beach}
+WEST, EAST = {"west": 0, "east": 15, "south": 0, "north": 15}, {"west": 115, "east": 130, "south": 75, "north": 90}
+# name -> (what makes a solver of a kind, steps)
+SCENES = {
+    "slide": (made, 3),
+    "fixed step": (lambda kind=ColumnSolver: made(kind, time_step=0.11), 3),
+    "reordered": (lambda kind=ColumnSolver: made(kind, frame=pile(spacing=5.0)), 23),
+    "thin": (lambda kind=ColumnSolver: made(kind, frame=pile(thin)), 2),
+    "outflow west and south": (leaving((-14.0, -12.0), **WEST), 3),
+    "outflow east and north": (leaving((14.0, 12.0), **EAST), 3),
+    "nodata": (lambda kind=ColumnSolver: made(kind, with_hole, pile(1.0, (14.0, 0.0)), time_step=0.4), 3),
+    "walls at edges": (
+        lambda kind=ColumnSolver: made(kind, frame=pile(1.0, (-14.0, -12.0), **WEST), edges="wall", time_step=0.3),
+        3,
+    ),
+    "Coulomb": (lambda kind=ColumnSolver: made(kind, friction=laws.Coulomb(0.4)), 2),
+    "Frictionless": (lambda kind=ColumnSolver: made(kind, friction=laws.Frictionless()), 2),
+    "ModifiedVoellmy": (lambda kind=ColumnSolver: made(kind, friction=laws.ModifiedVoellmy(0.15, 800.0, 200.0)), 2),
+    "Bingham": (lambda kind=ColumnSolver: made(kind, friction=laws.Bingham(500.0, 50.0)), 2),
+    "Pouliquen": (lambda kind=ColumnSolver: made(kind, friction=laws.Pouliquen(0.38, 0.6, 0.136, 0.05)), 2),
+    "zones": (lambda kind=ColumnSolver: made(kind, places=zones, zones=laws.FrictionZones()), 2),
+    "cohesion": (lambda kind=ColumnSolver: made(kind, cohesion=laws.Cohesion(800.0)), 2),
+    "curvature": (lambda kind=ColumnSolver: made(kind, curvature=Curvature()), 3),
+    "earth pressure": (lambda kind=ColumnSolver: made(kind, earth_pressure=earth_pressure(35.0, 20.0)), 3),
+    "viscosity": (lambda kind=ColumnSolver: made(kind, viscosity=InPlaneViscosity(2000.0, 4000.0)), 3),
+    "swe": (lambda kind=ColumnSolver: made(kind, metric=WaterMetric()), 2),
+    "still water": (
+        lambda kind=ColumnSolver: made(
+            kind, frame=pile(1.5, west=70.0, east=95.0), places=lake, still_water=StillWater(), **WATER
+        ),
+        3,
+    ),
+    "erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(0.02)), 3),
+    "greedy erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(3.0)), 2),
+    "lowered bed": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3)), 3),
+    "clamp": (spread, 2),
+    "speed bound": (fast, 2),
+    "area factor": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=Curvature()), 3),
+    "triggers": (armed, 9),
+    "barriers": (lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier()), 6),
+    "barriers and walls": (
+        lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier(), edges="wall", curvature=Curvature()),
+        6,
+    ),
+    "forest": (lambda kind=ColumnSolver: made(kind, places=trees(100.0, 0.03, 0.05, 1e12), forest=Forest()), 4),
+    "forest breaks": (
+        lambda kind=ColumnSolver: made(kind, places=trees(20.0, 0.03, 0.0, 2e4, 0.0, 0.0, 1.5), forest=Forest()),
+        4,
+    ),
+    "forest takes all": (
+        lambda kind=ColumnSolver: made(
+            kind, frame=pile(0.02, spacing=5.0), places=trees(500.0, 0.0, 0.0, 1e12), forest=Forest()
+        ),
+        4,
+    ),
+    "forest with limits": (
+        lambda kind=ColumnSolver: made(kind, places=trees(50.0, 0.03, 0.0, 1e12, 3.0, 0.5), forest=Forest()),
+        4,
+    ),
+    "forest, erosion and walls": (
+        lambda kind=ColumnSolver: made(
+            kind, frame=pile(0.5, (-6.0, -5.0), west=0, east=20, south=30, north=50),
+            places=trees(50.0, 0.03, 0.05, 1e12, also_erodible=True), forest=Forest(), entrainment=ErosionSpeed(0.01),
+            edges="wall",
+        ),
+        4,
+    ),
+}  # fmt: skip

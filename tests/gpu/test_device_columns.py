@@ -1,0 +1,108 @@
+"""The depth-averaged solver on a CUDA device, in the simulator, against the CPU's kernels; repeats bit by bit.
+
+The simulator is chosen before numba is imported: the cases run in a process of their own (`simulated_columns.py`).
+"""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from column_slots import SCENES
+from law_kernels import compiler_lack, ptx_of
+
+from mpmgis.kernels import column_clock, column_forest, point_clock
+
+LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+CASES = Path(__file__).with_name("simulated_columns.py")
+TOLERANCE = 1e-12  # of the largest value of each: sums of the same numbers in another order, over a few steps
+NO_SUMS = {"inexact", "facts", "reason"}
+REPEATS = [
+    f"{kind}: {name}"
+    for kind in ("permuted", "resumed")
+    for name in ("slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls")
+] + [f"{kind}: {name}" for kind in ("other_launch", "grown") for name in ("slide", "forest, erosion and walls")]
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Results of all cases, by name."""
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, str(CASES)], capture_output=True, text=True, env=environment, timeout=3600)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return dict(json.loads(line) for line in done.stdout.splitlines())
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_some_steps_are_those_of_the_processor(found, scene):
+    here = found[scene]
+    assert not here["inexact"], "ids, keys, counts, reached nodes or the reason to stop differ"
+    assert {name: value for name, value in here.items() if name not in NO_SUMS and not value <= TOLERANCE} == {}
+
+
+def test_the_scenes_contain_what_they_are_for(found):
+    facts = {name: found[name]["facts"] for name in SCENES}
+    west, south, east, north, nodata = range(5)
+    for scene, edges in (
+        ("outflow west and south", (west, south)), ("outflow east and north", (east, north)), ("nodata", (nodata,)),
+    ):  # fmt: skip
+        assert all(facts[scene]["out"][edge] > 0.0 for edge in edges), scene
+    for scene, total in (
+        ("walls at edges", "WALL_TOTAL"), ("thin", "THIN_TOTAL"), ("viscosity", "STIFF_TOTAL"),
+        ("erosion", "ENTRAINED_TOTAL"), ("lowered bed", "ENTRAINED_TOTAL"), ("greedy erosion", "GREEDY_TOTAL"),
+        ("clamp", "CLAMPED_TOTAL"), ("speed bound", "SPEED_TOTAL"), ("area factor", "STRETCH_TOTAL"),
+        ("area factor", "AIRBORNE_TOTAL"), ("barriers", "BARRIER_TOTAL"), ("barriers and walls", "BARRIER_TOTAL"),
+    ):  # fmt: skip
+        assert facts[scene][total] > 0.0, (scene, total)
+    assert all(max(map(abs, held)) > 0.0 for held in facts["barriers"]["held"])
+    assert found["speed bound"]["reason"] == column_clock.TOO_FAST
+    assert found["triggers"]["reason"] == column_clock.TRIGGER_REACHED
+    for scene in ("forest", "forest breaks", "forest takes all", "forest with limits", "forest, erosion and walls"):
+        assert facts[scene]["forest"][column_forest.DETRAINED] > 0.0, scene
+    assert facts["forest"]["forest"][column_forest.RESISTED] > 0.0
+    assert facts["forest breaks"]["forest"][column_forest.BROKEN_NODES] > 0.0
+    assert facts["forest takes all"]["forest"][column_forest.STOPPED_COLUMNS] > 0.0
+    assert facts["forest takes all"]["alive"] == 1
+
+
+@pytest.mark.parametrize("case", REPEATS)
+def test_bits_depend_on_neither_launch_order_nor_pauses_nor_room(found, case):
+    assert found[case]["same"]
+
+
+def test_reasons_to_stop(found):
+    assert all(found["reasons"].values()), found["reasons"]
+
+
+def test_counts_that_the_sort_shares_with_points_have_the_same_entries():
+    names = "ROWS", "ALIVE", "STEP", "SINCE_REORDER"
+    assert [getattr(column_clock, name) for name in names] == [getattr(point_clock, name) for name in names]
+
+
+@pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
+def test_kernels_compile_without_a_device():
+    from column_signatures import signatures
+
+    import mpmgis.gpu.laws  # noqa: F401  (registers the methods of laws)
+
+    names = set()
+    for name, kernel, arguments in signatures():
+        text = ptx_of(kernel.python(np.float64), tuple(arguments), (9, 0))
+        assert ".target sm_90" in text and ".visible .entry" in text, name
+        assert ".local .align" not in text or name.endswith("all"), f"{name}: lines of a column are not in registers"
+        names.add(name.split()[0])
+    assert names >= kernels_of_columns() and len(names) > 30
+
+
+def kernels_of_columns():
+    """Names of all kernels for columns."""
+    from mpmgis.gpu import column_detrainment, column_nodes, column_reports, column_sort, column_transfer
+    from mpmgis.gpu.compiled import Kernel
+
+    modules = column_detrainment, column_nodes, column_reports, column_sort, column_transfer
+    return {name for module in modules for name, value in vars(module).items() if isinstance(value, Kernel)}
