@@ -38,7 +38,7 @@ class Arguments(shared.OverwriteOptions, total=False):
     law: Annotated[PathLike, shared.LAW]
     device: Annotated[
         Literal["cpu", "cuda", "auto"],
-        Option("what computes the steps: cpu; cuda (a GPU of NVIDIA); auto: cuda where there is one and particles are many",
+        Option("what computes the steps: cpu; cuda (a GPU of NVIDIA); auto: cuda, if there is one, for many particles",
                usual="[numerics] device of the scene", label="Device that computes the steps"),
     ]  # fmt: skip
     template: Annotated[
