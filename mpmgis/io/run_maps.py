@@ -14,14 +14,15 @@ from .raster_output import NAMESPACE
 
 MAPS, RASTERS, TERRAIN = "maps", "rasters", "dtm.tif"
 _STEPS, _SUMMARIES = "*_[0-9][0-9][0-9][0-9]*.tif", ("max", "deposit", "bed", "surface")
-_OWN = (TERRAIN, f"{RASTERS}/{_STEPS}", *(f"{RASTERS}/*_{word}.tif" for word in _SUMMARIES))
-_LEFT_OVER = (".*.part[0-9]*.tif", f"{RASTERS}/.*.part[0-9]*.tif")  # of a killed process
+_RASTERS = (TERRAIN, f"{RASTERS}/{_STEPS}", *(f"{RASTERS}/*_{word}.tif" for word in _SUMMARIES))
+_OWN = (*_RASTERS, *(name.replace(".tif", ".qml") for name in _RASTERS))
+_LEFT_OVER = tuple(f"{place}.*.part[0-9]*.{suffix}" for place in ("", f"{RASTERS}/") for suffix in ("tif", "qml"))
 
 
 def map_files(folder):
     """Paths of the rasters of a run in its `folder`; files with other names are not of the run."""
     maps = Path(folder) / MAPS
-    return sorted(path for pattern in (*_OWN, *_LEFT_OVER) for path in maps.glob(pattern)) if maps.is_dir() else []
+    return sorted({path for pattern in (*_OWN, *_LEFT_OVER) for path in maps.glob(pattern)}) if maps.is_dir() else []
 
 
 def refuse_other_maps(folder, record):
@@ -50,6 +51,12 @@ def has_rasters(record):
     return isinstance(output, dict) and output.get("rasters") is True
 
 
+def run_of_maps(folder):
+    """The folder of the run that wrote the rasters in `folder`; None for other folders."""
+    place = Path(folder).resolve()
+    return place.parent if place.name == MAPS and (place.parent / "run.json").is_file() else None
+
+
 def remove_maps(folder):
     """Remove the rasters of a run in its `folder`, and folders that are then empty."""
     for path in map_files(folder):
@@ -62,6 +69,8 @@ def remove_maps(folder):
 def move_maps(source, folder):
     """Move the rasters of a run from the folder `source` to `folder`."""
     for path in map_files(source):
+        if path.name.startswith("."):  # of a killed process
+            continue
         place = Path(folder) / path.relative_to(source)
         place.parent.mkdir(parents=True, exist_ok=True)
         system.replace(path, place)
@@ -70,6 +79,8 @@ def move_maps(source, folder):
 def assign_maps(folder, digest):
     """Set the `digest` of the scene in the rasters of the run in `folder`, each atomically."""
     for path in map_files(folder):
+        if path.suffix != ".tif" or path.name.startswith("."):
+            continue
         with whole_file(path) as part:
             shutil.copyfile(path, part)
             with rasterio.open(part, "r+") as target:

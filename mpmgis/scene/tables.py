@@ -348,6 +348,10 @@ class OutputTable:
                          kind=bool)  # fmt: skip
     raster_cell_size: float | None = _key("with rasters: their cells [m]; default those of the DTM", None, low=0.0,
                                           above=True, example=2.0)  # fmt: skip
+    raster_min_depth: float | None = _key("with rasters: no speed where the flow is thinner [m]; without it 0.05", None,
+                                          low=0.0, example=0.1)  # fmt: skip
+    raster_products: str | None = _key("with rasters: more bands, as `export-raster --products`", None, kind=str,
+                                       example="p,t_vol")  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
                                      None, kind=bool, example=True)  # fmt: skip
 

@@ -126,7 +126,7 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     tally.largest |= write_bed_rasters(plan, rasters, values, run_tags(plan), request.files.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)
-    return _exported(plan, folder, writer.files, maxima, tally), tally
+    return exported(plan, folder, writer.files, maxima, tally), tally
 
 
 def frame_maxima(plan, pool, progress):
@@ -323,7 +323,8 @@ def run_tags(plan):
     }
 
 
-def _exported(plan, folder, step_files, maxima, tally):
+def exported(plan, folder, step_files, maxima, tally):
+    """The ExportedRun of the rasters of `plan` in `folder`."""
     largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
     return ExportedRun(
         folder=folder,

@@ -113,6 +113,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, law, device)
     device = require_devices(prepared)
+    if prepared.scene.output.rasters:
+        _require_rasters(prepared)
     folder.spare(input_files(scene, prepared.scene, law))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     ahead = require_affordable(prepared, used, confirm)
@@ -275,6 +277,16 @@ def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
         raise
     expected = None if resumed or pace is None else pace.seconds
     return _summary(folder, sequence, sequence.reason, record("finished"), expected)
+
+
+def _require_rasters(prepared):
+    """Refuse, before the run, rasters of unknown bands or with too many cells."""
+    from ..analysis.sampling import export_grid
+    from .run_rasters import products_of
+
+    output = prepared.scene.output
+    products_of(output.raster_products)
+    export_grid(prepared.terrain.grid, output.raster_cell_size)
 
 
 class _Frames:

@@ -13,10 +13,11 @@ from ..analysis.bed_change import eroded_depth
 from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, average_frame
 from ..analysis.maxima import MAXIMA_BANDS, RunningMaxima, SolverPeaks
-from ..analysis.quantities import choose_products
+from ..analysis.quantities import PRODUCTS, choose_products
 from ..analysis.sampling import export_grid
-from ..errors import FormatError
+from ..errors import FormatError, SceneError
 from ..fields import BAND
+from ..gis.styles import raster_styles
 from ..interop.frame_list import FrameEntry
 from ..io.atomic import whole_file
 from ..io.frame_contents import stored_type
@@ -27,7 +28,7 @@ from ..messages import log
 from .export_bed import write_bed_rasters
 from .export_plan import Plan, needed_products
 from .export_raster import log_export
-from .export_rasters import Tally, run_tags, write_deposit, write_maxima, write_step, write_terrain
+from .export_rasters import Tally, exported, run_tags, write_deposit, write_maxima, write_step, write_terrain
 from .requests import CellSampling, ExportRequest
 
 PREFIX = "rasters_"  # of arrays in the state of a frame
@@ -65,14 +66,15 @@ class RasterWriter:
     def __init__(self, folder, prepared, terrain, resumed):
         self.folder = folder
         output = prepared.scene.output
-        products = choose_products(())
+        products = products_of(output.raster_products)
+        least = ExportRequest().averaging.min_depth if output.raster_min_depth is None else output.raster_min_depth
         grid = export_grid(terrain.grid, output.raster_cell_size)
         averaging = Averaging(
             bed=Bed.of(terrain, ExportRequest().averaging.bed, 0.0, clamped=False),
             grid=grid,
             density=prepared.frame.header["density"],
             names=needed_products((*products, "mass")),
-            min_depth=ExportRequest().averaging.min_depth,
+            min_depth=least,
         )
         name = folder.path.resolve().name
         self.plan = RunPlan(name, (), (), averaging, products, terrain, None, interval=output.frame_interval)
@@ -149,8 +151,17 @@ class RasterWriter:
         with whole_file(rasters / f"{name}_deposit.tif") as part:
             write_deposit(plan, part, values, False)
         write_bed_rasters(plan, rasters, values, run_tags(plan), False, self._rate)
+        self._write_styles(plan)
         log.info(f"rasters of {self.folder.frames} steps, maxima and deposit: {self._place}")
         log_export(ExportRequest(sampling=CellSampling(cell_size=grid.cell_size)), plan, self.tally)
+
+    def _write_styles(self, plan):
+        """Write a style for QGIS next to each raster."""
+        files = [f"{plan.name}_{step:04d}.tif" for step in range(self.folder.frames)]
+        run = exported(plan, self._place, files, self.maxima, self.tally)
+        for file, text in raster_styles(run):
+            with whole_file((self._place / file).with_suffix(".qml")) as part:
+                part.write_text(text, encoding="utf-8", newline="\n")
 
     def _follow_bed(self, frame):
         """Add the speed at which the bed receded since the frame before."""
@@ -190,12 +201,26 @@ class RasterWriter:
         self.plan = replace(self.plan, entries=(self._entry(frame, self.folder.newest_frame()),))
         self._last = frame, values
 
-
     def _restored(self, frame, name):
         """The array `name` of the state of `frame`."""
         if not isinstance(frame.state.get(name), np.ndarray):
             raise _no_maxima(self.folder.newest_frame(), name)
         return frame.state[name]
+
+
+def products_of(text):
+    """The bands of a step, with those in the text of [output] raster_products.
+
+    Raises
+    ------
+    SceneError
+        Unknown bands.
+    """
+    names = () if text is None else tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in PRODUCTS:
+            raise SceneError(f"[output] raster_products: unknown product {name!r}; choose from {', '.join(PRODUCTS)}")
+    return choose_products(names)
 
 
 def _no_maxima(path, name):

@@ -131,9 +131,30 @@ def test_links_in_the_maps_are_refused(site, tmp_path, capsys):
     assert "linked_0001.tif" in capsys.readouterr().err and target.read_text() == "mine"
 
 
-def test_a_cell_size_without_rasters_is_refused(site, capsys):
-    assert run(site, COLUMNS + "raster_cell_size = 5\n", "-o", str(site / "none")) == 2
-    assert "raster_cell_size is used only with rasters = true" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("raster_cell_size = 5\n", "raster_cell_size is used only with rasters = true"),
+        ("raster_products = 'p'\n", "raster_products is used only with rasters = true"),
+        ("rasters = true\nraster_products = 'p, q'\n", "unknown product 'q'; choose from"),
+        ("rasters = true\nraster_cell_size = 1e-7\n", "cells"),
+    ],
+)
+def test_wrong_settings_are_refused_before_the_run(site, capsys, lines, words):
+    assert run(site, COLUMNS + lines, "-o", str(site / "none")) == 2
+    assert words in capsys.readouterr().err and not (site / "none").exists()
+
+
+def test_bands_and_threshold_are_those_of_an_export(site):
+    more = "raster_products = 'p, t_vol'\nraster_min_depth = 0.3\n"
+    assert run(site, COLUMNS, "-q", "-o", str(site / "chosen" / "flow")) == 0
+    words = ["--products", "p,t_vol", "--min-depth", "0.3", "--no-qgis", "--extent", "dtm", "-q"]
+    assert main(["export-raster", str(site / "chosen" / "flow"), "-o", str(site / "chosen" / "export"), *words]) == 0
+    assert run(site, with_rasters(COLUMNS) + more, "-q", "-o", str(site / "chosen" / "own" / "flow")) == 0
+    wanted, got = rasters_of(site / "chosen" / "export"), rasters_of(site / "chosen" / "own" / "flow" / "maps")
+    assert list(got) == list(wanted) and len(wanted["flow_0001.tif"][1]) == 6
+    for file, (values, bands, _, _) in wanted.items():
+        assert np.array_equal(got[file][0], values, equal_nan=True) and got[file][1] == bands, file
 
 
 def test_the_rasters_are_read_as_an_export(site, capsys):
