@@ -4,6 +4,7 @@ Class limits are the same for all steps of a run, so that frames can be compared
 """
 
 import math
+from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -219,18 +220,23 @@ def write_styles(run: ExportedRun) -> None:
     that it loads automatically; they are for Load Style.
     """
     clock = Clock.of(run.times)
-    step = style_document(value_pipe(run.step_bands[0], run, 1))
-    for file in run.step_files:
-        write_sidecar(run, file, step)
-    write_sidecar(run, run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1)))
-    write_sidecar(run, run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1)))
-    write_sidecar(run, run.terrain_file, style_document(hillshade_pipe()))
-    if run.bed_bands:
-        write_sidecar(run, run.bed_file, style_document(value_pipe(run.bed_bands[0], run, 1)))
-        write_sidecar(run, run.ground_file, style_document(hillshade_pipe()))
+    for file, text in raster_styles(run):
+        write_sidecar(run, file, text)
     for quantity in run.step_bands:
         pipe = value_pipe(quantity, run, 1)
         write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))
+
+
+def raster_styles(run: ExportedRun) -> Iterator[tuple[str, str]]:
+    """Yield (name of the raster, text of its .qml) of each raster of `run` except stacks."""
+    step = style_document(value_pipe(run.step_bands[0], run, 1))
+    yield from ((file, step) for file in run.step_files)
+    yield run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1))
+    yield run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1))
+    yield run.terrain_file, style_document(hillshade_pipe())
+    if run.bed_bands:
+        yield run.bed_file, style_document(value_pipe(run.bed_bands[0], run, 1))
+        yield run.ground_file, style_document(hillshade_pipe())
 
 
 def write_sidecar(run: ExportedRun, file: str, text: str) -> None:

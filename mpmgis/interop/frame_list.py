@@ -12,6 +12,9 @@ from pathlib import Path
 
 from ..errors import FormatError, GeoreferenceError, InputError
 from ..io.frames import PLACES, read_bed_change, read_frame, read_maxima
+from ..io.run_folder import read_record
+from ..io.run_maps import MAPS, has_rasters
+from ..messages import log
 from ..particles import Frame
 from ..terrain.georeference import name_of, same_place
 from .declarations import Declarations, merged, with_sidecar
@@ -98,7 +101,19 @@ def list_frames(paths, terms=None):
         entries = _third_party_entries(files, reader, terms)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
     _require_one_run(entries)
+    if reader == OWN and missing_frames(entries):
+        _log_kept(entries)
     return tuple(entries)
+
+
+def _log_kept(entries):
+    """Log that a run with rasters keeps the particles of a few frames only."""
+    folder = entries[0].path.parent
+    if has_rasters(read_record(folder)):
+        log.info(
+            f"{folder} keeps the particles of {len(entries)} frames only ([output] rasters = true); results between "
+            f"these are in {folder / MAPS}"
+        )
 
 
 def _third_party_entries(paths, reader, terms):

@@ -150,6 +150,15 @@ def check_result(paths, recorded):
     return AS_WRITTEN if recorded in ("", result) else f"frames after {Path(paths[-1]).name} are missing"
 
 
+def check_kept(paths, recorded):
+    """As `check_result` for the frames that a run with rasters keeps: each by itself, and the last one's result."""
+    for path in map(Path, paths):
+        found = check_content(path)
+        if found != AS_WRITTEN:
+            return found and f"{path.name} was {found}"
+    return AS_WRITTEN if recorded in ("", stored(paths[-1])[1]) else f"frames after {Path(paths[-1]).name} are missing"
+
+
 def require_bed_change(path, kept):
     """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
 
@@ -219,12 +228,17 @@ _LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # quotients of two stay finite; sma
 _IDENTITY = ("id", "parent")
 
 
+def stored_type(name, dimension):
+    """Type of the quantity `name` in a frame; 3D frames store real numbers in float32."""
+    dtype = PARTICLE[name].dtype
+    return np.dtype("float32" if dimension == 3 and dtype == "float64" else dtype)
+
+
 def create_dataset(group, name, count, dimension):
-    """An empty dataset of the quantity `name`; 3D frames store real numbers in float32."""
+    """An empty dataset of the quantity `name`, in its `stored_type`."""
     quantity = PARTICLE[name]
-    dtype = "float32" if dimension == 3 and quantity.dtype == "float64" else quantity.dtype
     shape = (count, _WIDTH[name]) if name in _WIDTH else (count,)
-    dataset = group.create_dataset(name, shape, dtype)
+    dataset = group.create_dataset(name, shape, stored_type(name, dimension))
     dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
 
 

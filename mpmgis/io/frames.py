@@ -24,6 +24,7 @@ from .frame_contents import (
     require_particles_fit,
     result_after,
     state_digest,
+    stored_type,
 )
 from .hdf5 import opened_whole, require_numbers_that_fit, written
 
@@ -116,6 +117,18 @@ def _write_group(file, name, values, count):
             group.create_dataset(key, data=value, **packed)
         else:
             group.attrs[key] = value
+
+
+def content_digest(frame):
+    """Digest of the content that `write_frame` would write; nothing is written."""
+    digest = ContentDigest(frame.time, frame.step)
+    for name, values in frame.particles.arrays().items():
+        digest.add(f"particles/{name}", values.astype(stored_type(name, frame.dimension), copy=False))
+    for group, arrays in (("maxima", frame.maxima), (BED_CHANGE, frame.bed_change)):
+        for name, values in arrays.items():
+            if isinstance(values, np.ndarray):
+                digest.add(f"{group}/{name}", values)
+    return digest.hexdigest()
 
 
 def drop_state(path):

@@ -13,9 +13,10 @@ from .. import __version__, system
 from ..errors import FormatError, OutputError, one_line
 from .atomic import is_left_over, output_error, refuse_existing, whole_file
 from .frame_contents import require_restartable, result_after, stored
-from .frames import drop_state, read_frame, set_digest, write_frame
+from .frames import content_digest, drop_state, read_frame, set_digest, write_frame
 from .lock import LOCK_FILE, new_token, one_of, refuse_links, remove, require_free, sole_writer, status
 from .raster import file_sha256
+from .run_maps import assign_maps, map_files, move_maps, refuse_other_maps, remove_maps
 
 FRAME_PATTERN = "frame_*.h5"
 FRAMES_WITH_STATE = 2
@@ -55,7 +56,7 @@ class RunFolder:
         self._overwrite, self._resumed, self._hold, self._stage = overwrite, False, None, None
         self._refuse_filled()
         self._refuse_other_content()
-        self.frames, self.result = 0, ""
+        self.frames, self.result, self._passed = 0, "", None
 
     @classmethod
     def resumed(cls, path):
@@ -84,6 +85,15 @@ class RunFolder:
                 f"{self.path} contains {next(self._entries(*FILES)).name} but no {RECORD_FILE} of a run, --overwrite "
                 "will not remove it; give another -o"
             )
+        if self.path.is_dir():
+            refuse_other_maps(self.path, self._earlier_record())
+
+    def _earlier_record(self):
+        """The record in the folder; {} where it cannot be read."""
+        try:
+            return read_record(self.path)
+        except FormatError:
+            return {}
 
     def spare(self, inputs):
         """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
@@ -92,7 +102,7 @@ class RunFolder:
         ------
         OutputError
         """
-        entries = list(self._entries(*FILES, LOCK_FILE)) if self.path.is_dir() else []
+        entries = [*self._entries(*FILES, LOCK_FILE), *map_files(self.path)] if self.path.is_dir() else []
         inputs = list(inputs) if entries else []
         for entry in entries:
             given = one_of(entry, inputs)
@@ -194,6 +204,7 @@ class RunFolder:
                     path.unlink()
                 else:
                     set_digest(path, digest)
+            assign_maps(self.path, digest)
         except OSError as error:
             raise output_error(self.path, error) from error
         self._go_on_after(number)
@@ -236,15 +247,18 @@ class RunFolder:
             for path in sorted(self._entries(*FILES), reverse=True):
                 if path.name != RECORD_FILE:
                     path.unlink()
+            remove_maps(self.path)
+            move_maps(stage, self.path)
             for path in sorted(stage.iterdir(), key=lambda path: path.match(FRAME_PATTERN)):
-                system.replace(path, self.path / path.name)
+                if path.is_file():
+                    system.replace(path, self.path / path.name)
         except OSError as error:
             raise output_error(self.path, error) from error
         self._drop_stage()
 
     def _require_free(self, still="nothing has changed"):
         """Refuse to replace the files where one of them is open in another program."""
-        for path in self._entries(*FILES):
+        for path in (*self._entries(*FILES), *map_files(self.path)):
             require_free(path, still)
 
     def _drop_stage(self):
@@ -285,6 +299,29 @@ class RunFolder:
         if self._stage is not None:
             self._take_over()
         self._drop_older_state()
+
+    def newest_frame(self):
+        """Path of the frame that a run continues from."""
+        return self._frame_path(self.frames - 1)
+
+    def pass_frame(self, frame):
+        """Count the next frame and add it to the digest of the result, without writing it."""
+        before, self._passed = self.result, (self.frames, frame, self.result)
+        self.frames += 1
+        if before is not None:
+            self.result = result_after(before, content_digest(frame))
+
+    def keep_frame(self, frame=None):
+        """Write the next frame, or without `frame` the newest that was passed; keep the first and the newest two."""
+        if frame is not None:
+            self.write_frame(frame)
+        elif self._passed is not None:
+            number, passed, before = self._passed
+            write_frame(self._frame_path(number), passed, before)
+        self._passed = None
+        for path in sorted(self.place.glob(FRAME_PATTERN))[:-FRAMES_WITH_STATE]:
+            if system.held_open(path) is None:
+                drop_state(path) if path == self._frame_path(0) else path.unlink()
 
     def _drop_older_state(self):
         """Remove the state from the newest frame that no longer needs it, unless a program has it open."""

@@ -22,10 +22,11 @@ from ..interop.readers.hdf5 import MAGIC
 from ..interop.readers.registry import OWN, head_of, reader_of
 from ..interop.writers.registry import SOLVER_FILES
 from ..io.ensemble_folder import MAPS, read_ensemble_record
-from ..io.frame_contents import check_result
+from ..io.frame_contents import check_kept, check_result
 from ..io.hdf5 import opened_whole, require_memory
 from ..io.input_files import require_local
 from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
+from ..io.run_maps import has_rasters
 from ..scene import read_scene
 from ..terrain.georeference import name_of
 from .inspect_maps import project_facts, raster_facts, vector_facts
@@ -227,7 +228,7 @@ def _digest_facts(frames, record):
     if size > LARGEST_CHECKED_RESULT:
         found = f"not checked, {size / 1e9:.0f} GB"
     else:
-        found = check_result(frames, recorded)
+        found = (check_kept if has_rasters(record) else check_result)(frames, recorded)
     return {} if found is None else {"result_digest": recorded, "frames_are": found}
 
 

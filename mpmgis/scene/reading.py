@@ -51,6 +51,9 @@ def check_together(scene, where):
         raise SceneError(f"{where} [output]: more than a million frames; take a longer frame_interval")
     if output.arrival_thickness is not None and not output.maxima:
         raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
+    for key in ("raster_cell_size", "raster_min_depth", "raster_products"):
+        if getattr(output, key) is not None and not output.rasters:
+            raise SceneError(f"{where} [output]: {key} is used only with rasters = true; add it, or take it out")
     if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
         use = scene.curvature.use
         raise SceneError(f"{where} [curvature]: use = {use!r} requires form = 'slope'; remove the table")

@@ -344,6 +344,14 @@ class OutputTable:
         "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05", None,
         low=0.0, high=1000.0, above=True, example=0.05,
     )  # fmt: skip
+    rasters: bool = _key("write the bands of each frame as rasters in maps/, and particles for a restart only", False,
+                         kind=bool)  # fmt: skip
+    raster_cell_size: float | None = _key("with rasters: their cells [m]; default those of the DTM", None, low=0.0,
+                                          above=True, example=2.0)  # fmt: skip
+    raster_min_depth: float | None = _key("with rasters: no speed where the flow is thinner [m]; without it 0.05", None,
+                                          low=0.0, example=0.1)  # fmt: skip
+    raster_products: str | None = _key("with rasters: more bands, as `export-raster --products`", None, kind=str,
+                                       example="p,t_vol")  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
                                      None, kind=bool, example=True)  # fmt: skip
 

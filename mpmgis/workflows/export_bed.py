@@ -18,7 +18,7 @@ def bed_bands(change):
     return () if not change else (*BED_BANDS, *(FOREST_BANDS if "detrained_mass" in change else ()))
 
 
-def write_bed_rasters(plan, rasters, values, tags, cog):
+def write_bed_rasters(plan, rasters, values, tags, cog, rate=None):
     """Write `<name>_bed.tif` and `<name>_surface.tif` where the frames tell of erosion or forest.
 
     Parameters
@@ -30,6 +30,8 @@ def write_bed_rasters(plan, rasters, values, tags, cog):
         Of the last frame, with `mass`.
     tags : dict
     cog : bool
+    rate : float64[rows, columns], optional [m s-1]
+        Largest speed at which the bed receded; without it, that between the frames of the plan.
 
     Returns
     -------
@@ -43,7 +45,8 @@ def write_bed_rasters(plan, rasters, values, tags, cog):
     _log_beyond(change, grid)
     eroded = eroded_depth(change, grid)
     times = [entry.time for entry in plan.entries]
-    rate = largest_rate((entry.read_bed_change() for entry in plan.entries), times, grid)
+    if rate is None:
+        rate = largest_rate((entry.read_bed_change() for entry in plan.entries), times, grid)
     mass = SparseBands(grid, values.index, [(values.values["mass"], 0.0)])(0, 0, grid.shape[0])
     deposit = np.nan_to_num(mass / plan.averaging.density, nan=0.0)
     bed = plan.terrain.rows_on(grid, 0, grid.shape[0]) - eroded

@@ -35,6 +35,11 @@ class Plan:
     peaks: SolverPeaks | None = None
     bed_change: dict = field(default_factory=dict)  # of the last frame
 
+    @property
+    def frames_text(self):
+        """Number and names of the frames."""
+        return f"{len(self.entries)}, {self.entries[0].path.name} to {self.entries[-1].path.name}"
+
 
 def make_plan(request, entries, terrain, products, pool):
     """Choose cells, steps and standoff; frames are read only if one of these needs it."""
@@ -58,13 +63,12 @@ def make_plan(request, entries, terrain, products, pool):
     grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up)
     time_step = _time_step(request, entries, bed, grid, density, pool)
     steps = choose_steps([entry.time for entry in entries], time_step)
-    needed = (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS, *(ARROW_BANDS if request.files.qgis else ()))
-    needed = (*needed, *(("mass",) if bed_change else ()))
+    more = (*(ARROW_BANDS if request.files.qgis else ()), *(("mass",) if bed_change else ()))
     averaging = Averaging(
         bed=bed,
         grid=grid,
         density=density,
-        names=tuple(name for name in PRODUCTS if name in needed),
+        names=needed_products((*products, *more)),
         percentile=request.averaging.percentile,
         min_depth=request.averaging.min_depth,
         second_grid=export_grid(terrain.grid) if request.files.naming == "iseesnow" else None,
@@ -74,6 +78,11 @@ def make_plan(request, entries, terrain, products, pool):
     bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
     name = entries[0].path.resolve().parent.name or "frames"
     return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
+
+
+def needed_products(products):
+    """The `products` with those that maxima and deposit are made of, in the order of the table."""
+    return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS))
 
 
 def _extent(request):

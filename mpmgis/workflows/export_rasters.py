@@ -114,18 +114,19 @@ def write_rasters(request, plan, folder, pool, spool, progress):
             peaks = _absorb(plan, frame, values, tally, maxima, second)
             if frame in step_of:
                 tally.add_step(values)
-                _write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
+                write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
                 _write_layers(plan, folder, step_of[frame], entry, values, request.files.cog)
                 if spool is not None:
                     spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
-    _write_maxima(plan, rasters, maxima, tally, request.files.cog)
-    _write_deposit(plan, rasters, values, request.files.cog)  # of the last frame, whatever the steps
-    _write_terrain(plan, folder, request.files.cog)
+    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, request.files.cog)
+    # of the last frame, whatever the steps
+    write_deposit(plan, rasters / f"{plan.name}_deposit.tif", values, request.files.cog)
+    write_terrain(plan, folder / "dtm.tif", request.files.cog)
     tally.largest |= write_bed_rasters(plan, rasters, values, run_tags(plan), request.files.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)
-    return _exported(plan, folder, writer.files, maxima, tally), tally
+    return exported(plan, folder, writer.files, maxima, tally), tally
 
 
 def frame_maxima(plan, pool, progress):
@@ -204,7 +205,8 @@ def _step_writer(request, plan, rasters, pool):
     return StepFiles(rasters, plan.name, grid, quantities, len(times), request.files.cog, pool.threads, pool.workers)
 
 
-def _write_step(plan, writer, step, entry, values, maxima, peaks):
+def write_step(plan, writer, step, entry, values, maxima, peaks):
+    """Write the bands of step number `step`, the FrameValues of the FrameEntry `entry`, with `writer`."""
     products = [name for name in plan.bands if name in PRODUCTS]
     running = plan.bands[len(products) :]
     known = SparseBands(
@@ -241,12 +243,13 @@ def _write_layers(plan, folder, step, entry, values, cog):
     write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
 
 
-def _write_maxima(plan, rasters, maxima, tally, cog):
+def write_maxima(plan, path, maxima, tally, cog):
+    """Write the maxima of a run, as RunningMaxima, to `path`."""
     columns = plan.averaging.grid.shape[1]
     tags = run_tags(plan) | _maxima_tags(plan, plan.peaks)
     tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
     write_rows(
-        rasters / f"{plan.name}_max.tif",
+        path,
         plan.averaging.grid,
         [BAND[name] for name in MAXIMA_BANDS],
         tags,
@@ -255,10 +258,11 @@ def _write_maxima(plan, rasters, maxima, tally, cog):
     )
 
 
-def _write_deposit(plan, rasters, values, cog):
+def write_deposit(plan, path, values, cog):
+    """Write the deposit, the FrameValues of the last frame, to `path`."""
     bands = [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS]
     write_rows(
-        rasters / f"{plan.name}_deposit.tif",
+        path,
         plan.averaging.grid,
         [BAND[name] for name in DEPOSIT_BANDS],
         run_tags(plan)
@@ -268,11 +272,12 @@ def _write_deposit(plan, rasters, values, cog):
     )
 
 
-def _write_terrain(plan, folder, cog):
+def write_terrain(plan, path, cog):
+    """Write the elevation of the cells to `path`."""
     grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
     tags |= _tags_of_reprojection(plan.terrain)
     rows_of = partial(_elevation, plan.terrain, grid)
-    write_rows(folder / "dtm.tif", grid, [TERRAIN_BAND], tags, rows_of, cog)
+    write_rows(path, grid, [TERRAIN_BAND], tags, rows_of, cog)
 
 
 def _elevation(terrain, grid, band, first, last):
@@ -314,11 +319,12 @@ def run_tags(plan):
         "outside": "in the nearest cell of the rim" if averaging.bed.clamped else "left out",
         "density": averaging.density,
         "thickness": "normal to the bed",
-        "frames": f"{len(plan.entries)}, {first.path.name} to {plan.entries[-1].path.name}",
+        "frames": plan.frames_text,
     }
 
 
-def _exported(plan, folder, step_files, maxima, tally):
+def exported(plan, folder, step_files, maxima, tally):
+    """The ExportedRun of the rasters of `plan` in `folder`."""
     largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
     return ExportedRun(
         folder=folder,

@@ -18,6 +18,7 @@ from ..io.raster import open_raster
 from ..io.raster_output import NAMESPACE
 from ..io.results import open_result
 from ..io.run_folder import read_record
+from ..io.run_maps import run_of_maps
 from ..messages import log
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, same_place, warp_command
@@ -42,7 +43,7 @@ def _record_at(path):
     """The record of the run or ensemble in a folder; {} for anything else."""
     try:
         record = read_ensemble_record(path) if path.is_dir() else None
-        return record or (read_record(path) if path.is_dir() else {})
+        return record or (read_record(run_of_maps(path) or path) if path.is_dir() else {})
     except MpmgisError:
         return {}
 

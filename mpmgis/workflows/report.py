@@ -11,6 +11,7 @@ from ..analysis.comparison import footprint, high_percentile, peak
 from ..analysis.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
 from ..errors import InputError, MpmgisError, one_line
 from ..io.run_folder import SCENE_FILE, read_record, versions
+from ..io.run_maps import run_of_maps
 from ..messages import collected, log
 from ..reports.band_map import write_band_map
 from ..reports.html import Lines, Picture, Source, Table, figure_rows, section, write_report
@@ -18,7 +19,7 @@ from ..reports.series import write_runout_plot
 from .answer_files import answer_output, write_answer
 from .export_inputs import release_outlines
 from .hazard_map import HazardFound, HazardOptions, hazard_map
-from .opened_results import open_flow, peaks_of, read_peaks
+from .opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from .report_pages import barrier_sections, places_section
 from .requests import AnswerRequest
 from .runout import RunoutRequest, found_runout
@@ -128,10 +129,12 @@ def _gather(request, output, progress):
 
 
 def _of_the_run(flow):
-    """(run.json, text of the scene) beside the frames; ({}, "") if they do not exist or only rasters are known."""
-    if not flow.entries:
+    """(run.json, text of the scene) of the frames, or of rasters that a run wrote; else ({}, "")."""
+    folder = flow.entries[0].path.parent if flow.entries else None
+    if isinstance(flow, ExportFlow):
+        folder = run_of_maps(flow.steps.terrain.parent)
+    if folder is None:
         return {}, ""
-    folder = flow.entries[0].path.parent
     scene = folder / SCENE_FILE
     return read_record(folder), scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
 

@@ -113,6 +113,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     prepared = prepare(scene, law, device)
     device = require_devices(prepared)
+    if prepared.scene.output.rasters:
+        _require_rasters(prepared)
     folder.spare(input_files(scene, prepared.scene, law))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     ahead = require_affordable(prepared, used, confirm)
@@ -250,26 +252,61 @@ def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
     record("running")  # the first file: a folder with a record can be resumed
     folder.write_scene(scene_text(_with_paths_from(prepared.scene, folder.path), "resolved by mpmgis run"))
     sha256 = folder.write_terrain(prepared.terrain)
+    writer = _frame_writer(folder, prepared, sha256, resumed)
     number = sequence.number
     try:
         for frame in sequence:
             folder.require()
             barriers.add(frame)  # before its frame: a resumed run drops later rows
-            folder.write_frame(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
+            writer.add(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
             if sequence.number != number:
                 number = sequence.number
                 record("running")
+        writer.finish()
     except KeyboardInterrupt:
+        writer.finish()
         record("interrupted")
         raise
     except UnphysicalError:
+        writer.finish()
         record("unphysical")
         raise
     except InputError:  # at a switch
+        writer.finish()
         record("refused")
         raise
     expected = None if resumed or pace is None else pace.seconds
     return _summary(folder, sequence, sequence.reason, record("finished"), expected)
+
+
+def _require_rasters(prepared):
+    """Refuse, before the run, rasters of unknown bands or with too many cells."""
+    from ..analysis.sampling import export_grid
+    from .run_rasters import products_of
+
+    output = prepared.scene.output
+    products_of(output.raster_products)
+    export_grid(prepared.terrain.grid, output.raster_cell_size)
+
+
+class _Frames:
+    """Writer of every frame."""
+
+    def __init__(self, folder):
+        self.add = folder.write_frame
+
+    def finish(self):
+        """Nothing is left to write."""
+
+
+def _frame_writer(folder, prepared, sha256, resumed):
+    """What writes the frames of a run into its `folder`: all of them, or their rasters."""
+    if not prepared.scene.output.rasters:
+        return _Frames(folder)
+    from .run_rasters import RasterWriter
+
+    terrain = replace(prepared.terrain, path=folder.place / TERRAIN_FILE, sha256=sha256)
+    return RasterWriter(folder, prepared, terrain, resumed)
 
 
 def _record_of_terrain(terrain):
