@@ -86,14 +86,10 @@ class RunFolder:
                 "will not remove it; give another -o"
             )
         if self.path.is_dir():
-            refuse_other_maps(self.path, self._earlier_record())
-
-    def _earlier_record(self):
-        """The record in the folder; {} where it cannot be read."""
-        try:
-            return read_record(self.path)
-        except FormatError:
-            return {}
+            record = {}
+            with contextlib.suppress(FormatError):  # a damaged record is replaced
+                record = read_record(self.path)
+            refuse_other_maps(self.path, record)
 
     def spare(self, inputs):
         """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
@@ -319,9 +315,9 @@ class RunFolder:
             number, passed, before = self._passed
             write_frame(self._frame_path(number), passed, before)
         self._passed = None
-        for path in sorted(self.place.glob(FRAME_PATTERN))[:-FRAMES_WITH_STATE]:
-            if system.held_open(path) is None:
-                drop_state(path) if path == self._frame_path(0) else path.unlink()
+        older = sorted(self.place.glob(FRAME_PATTERN))[:-FRAMES_WITH_STATE]
+        for path in (path for path in older if system.held_open(path) is None):
+            drop_state(path) if path == self._frame_path(0) else path.unlink()
 
     def _drop_older_state(self):
         """Remove the state from the newest frame that no longer needs it, unless a program has it open."""

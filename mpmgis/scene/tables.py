@@ -385,24 +385,11 @@ class StageTable:
 
 
 TABLES = {
-    "terrain": TerrainTable,
-    "release": ReleaseTable,
-    "hydrograph": HydrographTable,
-    "secondary_release": SecondaryReleaseTable,
-    "friction": FrictionTable,
-    "material": MaterialTable,
-    "softening": SofteningTable,
-    "zones": ZoneTable,
-    "cohesion": CohesionTable,
-    "earth_pressure": EarthPressureTable,
-    "viscosity": ViscosityTable,
-    "curvature": CurvatureTable,
-    "still_water": StillWaterTable,
-    "entrainment": EntrainmentTable,
-    "forest": ForestTable,
-    "barrier": BarrierTable,
-    "numerics": NumericsTable,
-    "output": OutputTable,
-    "stage": StageTable,
-}
+    "terrain": TerrainTable, "release": ReleaseTable, "hydrograph": HydrographTable,
+    "secondary_release": SecondaryReleaseTable, "friction": FrictionTable, "material": MaterialTable,
+    "softening": SofteningTable, "zones": ZoneTable, "cohesion": CohesionTable,
+    "earth_pressure": EarthPressureTable, "viscosity": ViscosityTable, "curvature": CurvatureTable,
+    "still_water": StillWaterTable, "entrainment": EntrainmentTable, "forest": ForestTable,
+    "barrier": BarrierTable, "numerics": NumericsTable, "output": OutputTable, "stage": StageTable,
+}  # fmt: skip
 LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]
