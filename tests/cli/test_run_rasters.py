@@ -77,6 +77,7 @@ def test_the_rasters_are_those_of_an_export(site, name, cell_size):
     assert kept == ["frame_000000.h5", f"frame_{records[0]['frames'] - 1:06d}.h5"]
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize("every", ["often", "at the ends"])
 @pytest.mark.parametrize("name", ["columns", "single", "eroded"])
