@@ -149,7 +149,7 @@ def leaving(velocity, **box):
     return lambda kind=ColumnSolver: made(kind, frame=pile(1.0, velocity, **box), time_step=0.3)
 
 
-def drawn(seed, lowering=0.0):
+def drawn(seed):
     """A scene with all effects at once, and with cells, columns, edges, nodata and walls drawn at random."""
 
     def make(kind=ColumnSolver):
@@ -204,7 +204,7 @@ def drawn(seed, lowering=0.0):
             curvature=Curvature(),
             earth_pressure=earth_pressure(35.0, 20.0),
             viscosity=InPlaneViscosity(50.0, 500.0),
-            entrainment=ErosionEnergy(800.0, lowering),
+            entrainment=ErosionEnergy(800.0, 1e-3),
             barrier=Barrier(),
             forest=Forest(),
             edges=("open", "wall")[rng.integers(2)],
@@ -250,6 +250,12 @@ SCENES = {
     "erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(0.02)), 3),
     "greedy erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(3.0)), 2),
     "lowered bed": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3)), 3),
+    "lowered bed with curvature": (
+        lambda kind=ColumnSolver: made(
+            kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3), curvature=Curvature()
+        ),
+        3,
+    ),
     "clamp": (spread, 2),
     "speed bound": (fast, 2),
     "too fast": (lambda kind=ColumnSolver: fast(kind, slice(None), 90.0), 2),
