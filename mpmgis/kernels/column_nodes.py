@@ -108,8 +108,8 @@ def mirror_column(nodes, i):
 
 @jit_parallel
 def update_nodes(
-    nodes, fields, wet, touched, n_touched, window, report, dt, settings, friction, zones, cohesion, metric, curvature,
-    entrainment, forest,
+    nodes, fields, wet, touched, n_touched, window, lowered, report, dt, settings, friction, zones, cohesion, metric,
+    curvature, entrainment, forest,
 ):  # fmt: skip
     """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
@@ -121,7 +121,9 @@ def update_nodes(
     they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
     momentum the columns share out over both.
 
-    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
+    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns. Where erosion lowers the
+    bed, `lowered` [n_touched, BLOCK * BLOCK] is the mass eroded [kg m-2]: `regrade` lowers the bed after all nodes have
+    read it for its bending.
     """
     # arrays come out of `fields` before the loop: numba drops what a loop writes to arrays that it takes from a tuple
     bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
@@ -140,8 +142,8 @@ def update_nodes(
                         nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i,
                         part, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest,
                     )  # fmt: skip
-                    if entrainment.entrainment_active():
-                        bed[j, i] -= eroded * entrainment.bed_lowering()
+                    if entrainment.bed_lowering() > 0.0:
+                        lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
 
 
 @jit_inline
@@ -237,9 +239,15 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
 
 
 @jit_parallel
-def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx):
-    """Recompute the gradients at the touched nodes after erosion has lowered the bed."""
+def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx, lowered, entrainment):
+    """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes."""
     rows, columns = bed.shape[0], bed.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                bed[j, i] -= lowered[k, (j - j_first) * BLOCK + i - i_first] * entrainment.bed_lowering()
     for k in prange(n_touched):
         j_first = (touched[k] // (width + 1) + south) * BLOCK
         i_first = (touched[k] % (width + 1) + west) * BLOCK

@@ -231,7 +231,7 @@ def advance(
     block = np.zeros(16, np.int32)
     start = np.zeros(17, np.int64)
     touched = np.zeros(64, np.int32)
-    tiles = np.zeros((16, TILE * TILE * 4))
+    tiles, lowered = np.zeros((16, TILE * TILE * 4)), np.zeros((1, BLOCK * BLOCK))
     strip, names = np.empty((counts[ROWS], STRIP)), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
         if clock[TIME] >= until:
@@ -261,6 +261,8 @@ def advance(
         counts[SINCE_REORDER] += 1
         if active > tiles.shape[0]:
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
+        if effects.entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
+            lowered = np.zeros((n_touched + n_touched // 2, BLOCK * BLOCK))
         split_evenly(start, active, bounds)
 
         dt, kick, behind, last = choose_step(clock, counts, until, settings)
@@ -283,7 +285,7 @@ def advance(
                 nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric
             )  # fmt: skip
         update_nodes(
-            nodes, fields, wet, touched, n_touched, window, node_report, kick, settings, effects.friction,
+            nodes, fields, wet, touched, n_touched, window, lowered, node_report, kick, settings, effects.friction,
             effects.zones, effects.cohesion, effects.metric, effects.curvature, effects.entrainment,
             effects.forest,
         )  # fmt: skip
@@ -294,7 +296,9 @@ def advance(
             )  # fmt: skip
             collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
         if effects.entrainment.bed_lowering() > 0.0:
-            regrade(fields.bed, fields.gradient, touched, n_touched, west, south, width, dx)
+            regrade(
+                fields.bed, fields.gradient, touched, n_touched, west, south, width, dx, lowered, effects.entrainment
+            )
         if settings.keep_peaks:
             accumulate_peaks(
                 peaks, nodes, fields.gradient, touched, n_touched, west, south, width, dx, density, clock[TIME] + dt,

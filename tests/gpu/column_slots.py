@@ -108,14 +108,14 @@ def walls(grid):
     return Places(barriers=barrier_entries(nodes), barrier_names=("low", "opened"))
 
 
-def trees(*values, also_erodible=False):
-    """Forest of `values` everywhere, a clearing in the south."""
+def trees(*values, also_erodible=False, clearing=35.0):
+    """Forest of `values`, a clearing in the south up to `clearing` [m]."""
 
     def places(grid):
         x, y = grid.node_points()
         forest = np.zeros((*x.shape, FOREST_ENTRIES))
         forest[..., : len(values)] = values
-        forest[(y < 35) | ~grid.domain_nodes()] = 0.0
+        forest[(y < clearing) | ~grid.domain_nodes()] = 0.0
         return Places(forest=forest, erodible=np.full(x.shape, 50.0) if also_erodible else None)
 
     return places
@@ -124,15 +124,15 @@ def trees(*values, also_erodible=False):
 def armed(kind=ColumnSolver):
     """An area that the flow releases when it arrives."""
     solver = made(kind)
-    solver.arm(1, (np.array([9, 10]), np.array([14, 14])), 0.05)
+    solver.arm(1, (np.array([9, 10]), np.array([13, 13])), 0.05)
     solver.arm(2, (np.array([12]), np.array([20])), None)
     return solver
 
 
-def fast(kind=ColumnSolver):
-    """Some columns are faster than their drop allows, one by far."""
+def fast(kind=ColumnSolver, which=slice(None, None, 3), speed=45.0):
+    """Some columns are faster than their drop allows."""
     solver = made(kind)
-    solver._rows[::3, 2] = 45.0
+    solver._rows[which, 2] = speed
     return solver
 
 
@@ -147,6 +147,72 @@ def spread(kind=ColumnSolver):
 def leaving(velocity, **box):
     """Columns that leave over an edge."""
     return lambda kind=ColumnSolver: made(kind, frame=pile(1.0, velocity, **box), time_step=0.3)
+
+
+def drawn(seed):
+    """A scene with all effects at once, and with cells, columns, edges, nodata and walls drawn at random."""
+
+    def make(kind=ColumnSolver):
+        rng = np.random.default_rng(seed)
+        size, hole = rng.uniform(3.0, 9.0), rng.integers(2)
+        west, south = rng.uniform(0.0, 90.0), rng.uniform(0.0, 50.0)
+        frame = columns_of(
+            rng.uniform(0.2, 2.0),
+            west,
+            west + 3 * size,
+            south,
+            south + 3 * size,
+            size / rng.integers(1, 3),
+            velocity=rng.uniform(-15.0, 15.0, 2),
+        )
+        p = frame.particles
+        p.velocity[:, :2] += rng.normal(0.0, 0.5, (len(p), 2))
+        p.thickness[:] *= rng.uniform(0.5, 1.5, len(p))
+        p.volume[:] = p.thickness * p.area
+        p.mass[:] = 1000.0 * p.volume
+        holes = shapely.box(*HOLE[:1], HOLE[2], HOLE[1], HOLE[3]).buffer(size)
+        bed = with_hole if hole and not shapely.contains_xy(holes, *p.position[:, :2].T).any() else rough
+
+        def places(grid):
+            x, y = grid.node_points()
+            forest = np.zeros((*x.shape, FOREST_ENTRIES))
+            forest[..., :7] = 30.0, 0.02, 0.05, 3e4, 2.0, 0.1, 1.5
+            forest[(np.sin(x) > 0.5) | ~grid.domain_nodes()] = 0.0
+            held = wall_nodes(
+                [Wall("w", shapely.LineString([(20, 20), (70, 70)]).buffer(0.6), 0.8, mu=0.2)],
+                *grid.node_axes(),
+                grid.bed,
+                grid.cell_size,
+            )
+            parameters = np.stack([0.1 + 0.002 * x, 500.0 + 5 * y], axis=-1)
+            return Places(
+                zone_values=parameters,
+                erodible=200.0 * rng.random(x.shape),
+                barriers=barrier_entries(held),
+                barrier_names=("w",),
+                forest=forest,
+            )
+
+        return made(
+            kind,
+            bed,
+            frame,
+            places,
+            size,
+            zones=laws.FrictionZones(),
+            cohesion=laws.Cohesion(100.0),
+            curvature=Curvature(),
+            earth_pressure=earth_pressure(35.0, 20.0),
+            viscosity=InPlaneViscosity(50.0, 500.0),
+            entrainment=ErosionEnergy(800.0, 1e-3),
+            barrier=Barrier(),
+            forest=Forest(),
+            edges=("open", "wall")[rng.integers(2)],
+            clamp=(0.0, 1.5)[rng.integers(2)],
+            time_step=(None, 0.1)[rng.integers(2)],
+        )
+
+    return make
 
 
 WATER = {"metric": WaterMetric(), "bed": beach}
@@ -173,7 +239,7 @@ SCENES = {
     "cohesion": (lambda kind=ColumnSolver: made(kind, cohesion=laws.Cohesion(800.0)), 2),
     "curvature": (lambda kind=ColumnSolver: made(kind, curvature=Curvature()), 3),
     "earth pressure": (lambda kind=ColumnSolver: made(kind, earth_pressure=earth_pressure(35.0, 20.0)), 3),
-    "viscosity": (lambda kind=ColumnSolver: made(kind, viscosity=InPlaneViscosity(2000.0, 4000.0)), 3),
+    "viscosity": (lambda kind=ColumnSolver: made(kind, viscosity=InPlaneViscosity(5e4, 4000.0)), 3),
     "swe": (lambda kind=ColumnSolver: made(kind, metric=WaterMetric()), 2),
     "still water": (
         lambda kind=ColumnSolver: made(
@@ -184,9 +250,16 @@ SCENES = {
     "erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(0.02)), 3),
     "greedy erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(3.0)), 2),
     "lowered bed": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3)), 3),
+    "lowered bed with curvature": (
+        lambda kind=ColumnSolver: made(
+            kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3), curvature=Curvature()
+        ),
+        3,
+    ),
     "clamp": (spread, 2),
     "speed bound": (fast, 2),
-    "area factor": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=Curvature()), 3),
+    "too fast": (lambda kind=ColumnSolver: fast(kind, slice(None), 90.0), 2),
+    "weightless": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=Curvature()), 3),
     "triggers": (armed, 9),
     "barriers": (lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier()), 6),
     "barriers and walls": (
@@ -200,7 +273,8 @@ SCENES = {
     ),
     "forest takes all": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(0.02, spacing=5.0), places=trees(500.0, 0.0, 0.0, 1e12), forest=Forest()
+            kind, frame=pile(0.02, spacing=5.0), places=trees(2e4, 0.0, 0.0, 1e12, clearing=0.0),
+            forest=Forest(),
         ),
         4,
     ),
@@ -216,4 +290,4 @@ SCENES = {
         ),
         4,
     ),
-}  # fmt: skip
+} | {f"drawn {seed}": (drawn(seed), 4) for seed in range(8)}  # fmt: skip

@@ -173,14 +173,14 @@ def reasons():
     here["untouched"] = bits(watching) == before
     beside = made()
     beside._watched = np.zeros((5, 5), np.uint8)
-    beside._watched[0, 0] = 1
+    beside._watched[2, 3] = 1
     here["beside"] = advanced(beside, 1) == entry.RUNNING
     gone = made()
     gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT
     broken = made()
     broken._rows[5, row.U] = np.nan
-    here["not finite"] = advanced(broken, 3) == entry.NOT_FINITE_STATE and broken._counts[entry.BAD] > 0
+    here["not finite"] = advanced(broken, 3) == entry.NOT_FINITE_STATE and bool(broken._counts[entry.BAD])
     here["one step"] = broken.step == 1
     return here
 

@@ -55,12 +55,13 @@ def test_the_scenes_contain_what_they_are_for(found):
     for scene, total in (
         ("walls at edges", "WALL_TOTAL"), ("thin", "THIN_TOTAL"), ("viscosity", "STIFF_TOTAL"),
         ("erosion", "ENTRAINED_TOTAL"), ("lowered bed", "ENTRAINED_TOTAL"), ("greedy erosion", "GREEDY_TOTAL"),
-        ("clamp", "CLAMPED_TOTAL"), ("speed bound", "SPEED_TOTAL"), ("area factor", "STRETCH_TOTAL"),
-        ("area factor", "AIRBORNE_TOTAL"), ("barriers", "BARRIER_TOTAL"), ("barriers and walls", "BARRIER_TOTAL"),
+        ("clamp", "CLAMPED_TOTAL"), ("speed bound", "SPEED_TOTAL"), ("walls at edges", "STRETCH_TOTAL"),
+        ("thin", "THIN_AREA_TOTAL"), ("weightless", "AIRBORNE_TOTAL"),
+        ("barriers", "BARRIER_TOTAL"), ("barriers and walls", "BARRIER_TOTAL"),
     ):  # fmt: skip
         assert facts[scene][total] > 0.0, (scene, total)
     assert all(max(map(abs, held)) > 0.0 for held in facts["barriers"]["held"])
-    assert found["speed bound"]["reason"] == column_clock.TOO_FAST
+    assert found["too fast"]["reason"] == column_clock.TOO_FAST
     assert found["triggers"]["reason"] == column_clock.TRIGGER_REACHED
     for scene in ("forest", "forest breaks", "forest takes all", "forest with limits", "forest, erosion and walls"):
         assert facts[scene]["forest"][column_forest.DETRAINED] > 0.0, scene

@@ -10,6 +10,7 @@ import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.effects.barrier import CORE, CORNER, FACE, Barrier
+from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.effects.friction import Coulomb, FrictionZones, Voellmy
 from mpmgis.effects.metric import StillWater, WaterMetric
@@ -135,6 +136,24 @@ def test_walls_are_bitwise_the_same_for_any_threads_and_after_a_restart():
     for one, other in ((results[0], results[1]), (again.frame(), fresh.frame())):
         assert one.particles.position.tobytes() == other.particles.position.tobytes()
         assert one.state["barriers"].tobytes() == other.state["barriers"].tobytes()
+
+
+def test_a_lowered_bed_with_curvature_is_bitwise_the_same_for_any_threads():
+    """Nodes read the bed of their neighbours for its bending: none may be lowered before all have read it."""
+    results = []
+    for threads in (1, 2):
+        set_threads(threads)
+        terrain = terrain_of(lambda x, y: 0.36 * (400 - x) + 4 * np.sin(x / 20) * np.cos(y / 18), 400, 200, DX)
+        frame = columns_of(2.0, 40, 100, 60, 120, DX / 4)
+        places = Places(erodible=np.full(ColumnGrid.on(terrain, DX).bed.shape, 500.0))
+        laws = {"entrainment": ErosionEnergy(500.0, 1e-3), "curvature": Curvature()}
+        solver = solver_on(terrain, frame, DX, Voellmy(0.15, 800.0), places=places, laws=laws)
+        solver.advance(1e9, 40)
+        results.append(solver.frame())
+    set_threads(None)
+    one, other = results
+    assert one.particles.position.tobytes() == other.particles.position.tobytes()
+    assert one.state["bed"].tobytes() == other.state["bed"].tobytes()
 
 
 def weightless_slab(coefficient, erodible, **laws):
