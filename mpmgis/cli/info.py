@@ -117,7 +117,7 @@ def _rows(items, units, depth=0):
         label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
         if key == "files" and isinstance(value, dict):
             yield label, ", ".join(f"{name} ({'there' if there else 'missing'})" for name, there in value.items())
-        elif key in ("maxima", "deposit") and isinstance(value, dict):
+        elif key in ("maxima", "deposit") and _are_ranges(value):
             yield label, ""
             for band, (low, high) in value.items():
                 yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))
@@ -133,6 +133,13 @@ def _rows(items, units, depth=0):
             yield label, _range(*value, units[key])
         else:
             yield label, _with_unit(key, value, units)
+
+
+def _are_ranges(value):
+    """Whether `value` is a table of (smallest, largest) by band, as of an export; that of a run record is another."""
+    return isinstance(value, dict) and all(
+        isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in value.values()
+    )
 
 
 def _table(label, table, units, depth):

@@ -24,16 +24,30 @@ ERODED = SCENE + (
 INFLOW = SCENE.replace('[release]\nsource = "release.geojson"\nthickness = 2.0\ndensity = 1000\n', "") + (
     '[hydrograph]\nsource = "inlet.geojson"\nfile = "inflow.csv"\ndensity = 1000\n'
 )
+FOREST = SCENE + (
+    '[[forest]]\nsource = "forest.geojson"\nstrength = "strength"\ndetrainment = 500\ndrag = 0.01\nfriction = 0.02\n'
+)
 STAGED = slide(4.0, 3, 0.5, head="", more="particles_per_cell = 4") + (
     '[[stage]]\nsolver = "columns"\nuntil = {time = 1}\n[[stage]]\nsolver = "points"\n'
 )
-SCENES = {"columns": COLUMNS, "points": POINTS, "single": SINGLE, "eroded": ERODED, "staged": STAGED, "inflow": INFLOW}
+OUTSIDE = slide(5.0, 4, 0.5, head="", more="particles_per_cell = 4") + (
+    'maxima = true\n[[stage]]\nsolver = "columns"\nuntil = {time = 1.8}\n'
+    '[[stage]]\nsolver = "points"\nwindow = "box.geojson"\noutside = "columns"\nuntil = {time = 3}\n'
+    '[[stage]]\nsolver = "columns"\ncell_size = 4\n'
+)
+SCENES = {
+    "columns": COLUMNS, "points": POINTS, "single": SINGLE, "eroded": ERODED, "staged": STAGED, "inflow": INFLOW,
+    "forest": FOREST, "outside": OUTSIDE,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = write_block_site(tmp_path_factory.mktemp("rasters"))
     write_shapes(folder / "inlet.geojson", [shapely.box(60, 180, 80, 220)])
+    write_shapes(folder / "box.geojson", [shapely.box(145, 100, 390, 300)])
+    trees = [shapely.box(180, 0, 500, 200), shapely.box(180, 200, 500, 400)]
+    write_shapes(folder / "forest.geojson", trees, strength=[1e9, 1000.0])
     write_shapes(folder / "loose.geojson", [shapely.box(60, 150, 300, 250)])
     (folder / "inflow.csv").write_text("time,discharge,speed\n7,0,10\n12,300,10\n22,0,10\n")
     return folder
@@ -169,6 +183,15 @@ def test_the_rasters_are_read_as_an_export(site, capsys):
     assert main(["info", str(output), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["frames_are"] == "as written"
+
+
+def test_the_record_of_a_run_with_maxima_is_shown(site, capsys):
+    output = site / "shown"
+    assert run(site, COLUMNS, "-q", "-o", str(output)) == 0
+    capsys.readouterr()
+    assert main(["info", str(output / "run.json")]) == 0
+    printed = capsys.readouterr().out
+    assert "maxima" in printed and "thickness" in printed and "reached" in printed
 
 
 def test_commands_on_particles_name_the_rasters(site, caplog):
