@@ -15,13 +15,25 @@ pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 ROUNDING = 1e-10
 
 
-def test_runs_on_a_device_are_those_on_the_processor():
-    """Frames, restarts in both directions, inflow, removal, other laws, released areas, the stop rule."""
+def in_simulator(*command):
     done = subprocess.run(
-        [sys.executable, "tests/gpu/column_runs.py"], cwd=ROOT, capture_output=True, text=True, timeout=1200,
+        [sys.executable, *command], cwd=ROOT, capture_output=True, text=True, timeout=1200,
         env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout)
+    return done.stdout
+
+
+def test_runs_on_a_device_are_those_on_the_processor():
+    """Frames, restarts in both directions, inflow, removal, other laws, released areas, the stop rule."""
+    found = json.loads(in_simulator("tests/gpu/column_runs.py"))
     assert found.pop("same_bits_after_resuming")
     assert {name: value for name, value in found.items() if not value < ROUNDING} == {} and len(found) >= 9
+
+
+def test_the_benchmark_compares_and_writes_its_table(tmp_path):
+    small = ("--checked", "64", "--steps", "2", "--sets", "Voellmy")
+    said = in_simulator("tests/bench/gpu_columns.py", tmp_path, *small)
+    (row,) = json.loads((tmp_path / "gpu_columns.json").read_text())["agreement"]
+    assert row["agrees"] and row["same_bits"] and row["place_cells"] < ROUNDING
+    assert said == (tmp_path / "gpu_columns.txt").read_text() and "agrees: effects Voellmy" in said

@@ -1,0 +1,206 @@
+"""The depth-averaged solver on a CUDA device against the processor: `python tests/bench/gpu_columns.py OUT`.
+
+It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
+the processor for several sets of effects, and equal bits of two runs, of which one is stopped and continued; then the
+time of a step on the device and on the processor for each number of columns. OUT gets gpu_columns.json and
+gpu_columns.txt, after each part. The status is 1 if there is no device, or no agreement. `gpu.py` does the same for the
+3D solver.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+from gpu import Cells, event_seconds, machine  # noqa: E402
+
+from mpmgis.effects.barrier import Barrier  # noqa: E402
+from mpmgis.effects.curvature import Curvature  # noqa: E402
+from mpmgis.effects.entrainment import ErosionEnergy  # noqa: E402
+from mpmgis.effects.forest import FOREST_ENTRIES, Forest  # noqa: E402
+from mpmgis.effects.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
+from mpmgis.effects.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
+from mpmgis.effects.metric import StillWater, WaterMetric  # noqa: E402
+from mpmgis.effects.slots import ColumnEffects  # noqa: E402
+from mpmgis.gpu.available import found_device  # noqa: E402
+from mpmgis.kernels import column_barriers as wall  # noqa: E402
+from mpmgis.particles import Frame, Particles  # noqa: E402
+from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver  # noqa: E402
+from mpmgis.solvers.device_columns import DeviceColumnSolver  # noqa: E402
+from mpmgis.spatial.features import NO_LAKE, Places  # noqa: E402
+from mpmgis.spatial.node_grid import ColumnGrid  # noqa: E402
+from mpmgis.terrain.elevation import Terrain  # noqa: E402
+from mpmgis.terrain.grid import Grid  # noqa: E402
+
+CELL, DENSITY, DEPTH, MARGIN = 5.0, 1000.0, 2.0, 10  # [m], [kg m-3], [m], cells around the sheet
+VOELLMY = Voellmy(0.15, 1500.0)
+SETS = {  # effects, and the edges of the domain
+    "Voellmy": (ColumnEffects(VOELLMY), "open"),
+    "curvature": (ColumnEffects(VOELLMY, curvature=Curvature()), "open"),
+    "erosion, forest, barrier": (
+        ColumnEffects(
+            VOELLMY, FrictionZones(), Cohesion(50.0), curvature=Curvature(), entrainment=ErosionEnergy(2000.0, 1e-3),
+            barrier=Barrier(), forest=Forest(),
+        ),
+        "wall",
+    ),
+    "earth pressure, viscosity": (
+        ColumnEffects(
+            Bingham(200.0, 20.0), earth_pressure=earth_pressure(35.0, 20.0), viscosity=InPlaneViscosity(50.0, 500.0)
+        ),
+        "open",
+    ),
+    "water": (ColumnEffects(VOELLMY, metric=WaterMetric(), still_water=StillWater()), "wall"),
+}  # fmt: skip
+AGREES = 1e-9  # largest difference of places [cells] and of speeds over the largest
+CHECKED_COLUMNS, CHECKED_STEPS = 6400, 60
+STEPS, REPEATS, WARM_UP = 20, 5, 40
+
+
+def sheet(columns):
+    """(Terrain, Frame) of a sheet of about `columns`, 16 a cell, on a wavy slope to the east."""
+    side = max(2, round(columns**0.5 / 4))
+    n = side + 2 * MARGIN
+    i = (np.arange(n) + 0.5) * CELL
+    height = 0.4 * (n * CELL - i) + 3.0 * np.sin(i / 30.0) * np.cos(i[:, None] / 35.0)
+    terrain = Terrain(Grid(None, Cells(CELL, 0.0, 0.0, 0.0, -CELL, n * CELL), (n, n)), height)
+    k, across = np.arange(16 * side * side), 4 * side
+    place = np.zeros((len(k), 3))
+    place[:, 0], place[:, 1] = (MARGIN * CELL + (m + 0.5) * CELL / 4 for m in (k % across, k // across))
+    area = np.full(len(k), CELL * CELL / 16)
+    velocity = np.tile([4.0, 1.0, 0.0], (len(k), 1))
+    thickness = DEPTH * (1.0 + 0.3 * np.sin(place[:, 0] / 11.0))
+    volume = thickness * area
+    return terrain, Frame(Particles(place, velocity, DENSITY * volume, volume, thickness, area, k.astype(np.uint64)))
+
+
+def places_on(grid):
+    """Zones, erodible ground, forest, lakes and a barrier across the sheet."""
+    shape = grid.bed.shape
+    y, x = np.mgrid[0 : shape[0], 0 : shape[1]] * CELL
+    forest = np.zeros((*shape, FOREST_ENTRIES))
+    forest[4:-4, 4:-4, :4] = 30.0, 0.02, 0.02, 3e4
+    barriers = np.zeros((*shape, wall.BARRIER_ENTRIES))
+    middle, rows = shape[1] // 2, slice(shape[0] // 3, shape[0] // 2)
+    for k, side in ((0, -1.0), (1, 1.0)):
+        held = barriers[rows, middle + k]
+        held[:, wall.WALL_X], held[:, wall.BARRIER], held[:, wall.WEIGHT] = side, 1.0, 0.5 / CELL
+        held[:, wall.CREST] = grid.bed[rows, middle + k] + 1.0
+    lake = np.where(np.arange(grid.inside.shape[1]) > 0.6 * grid.inside.shape[1], grid.bed.min() + 10.0, NO_LAKE)
+    return Places(
+        zone_values=np.stack([0.1 + 1e-4 * x, 1000.0 + y], axis=-1), erodible=np.full(shape, 300.0),
+        barriers=barriers, barrier_names=("wall",), lake_level=lake + np.zeros(grid.inside.shape), forest=forest,
+    )  # fmt: skip
+
+
+def solver_of(kind, columns, name="curvature"):
+    """A solver of `kind` with the sheet of about `columns` and the set of effects `name`."""
+    terrain, frame = sheet(columns)
+    effects, edges = SETS[name]
+    grid = ColumnGrid.on(terrain, CELL)
+    numerics = ColumnNumerics(CELL, edges=edges, density=DENSITY, stop_at_rest=False, maxima=True)
+    return kind(frame, terrain, effects, numerics, places_on(grid), grid)
+
+
+def state_after(kind, columns, steps, name, parts=1):
+    """(places, velocities, masses) of all columns after `steps`, in the order of their ids; in `parts` with a frame."""
+    solver = solver_of(kind, columns, name)
+    for _ in range(parts):
+        solver.advance(1e9, max_steps=steps // parts)
+        particles = solver.frame().particles
+    order = np.argsort(particles.id)
+    return particles.position[order], particles.velocity[order], particles.mass[order]
+
+
+def agreement(columns, steps, names):
+    """Rows of the comparison with the processor, for each set of effects."""
+    for name in names:
+        known = state_after(ColumnSolver, columns, steps, name)
+        found = state_after(DeviceColumnSolver, columns, steps, name)
+        again = state_after(DeviceColumnSolver, columns, steps, name, parts=2)
+        row = {"effects": name, "columns": len(known[0]), "steps": steps, "allowed": AGREES}
+        row["same_bits"] = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
+        if len(found[0]) != len(known[0]):
+            yield row | {"agrees": False, "columns_on_device": len(found[0])}
+            continue
+        row["place_cells"] = float(np.abs(found[0] - known[0]).max() / CELL)
+        for k, number in ((1, "speed_relative"), (2, "mass_relative")):
+            row[number] = float(np.abs(found[k] - known[k]).max() / max(np.abs(known[k]).max(), 1e-300))
+        worst = max(row["place_cells"], row["speed_relative"], row["mass_relative"])
+        yield row | {"agrees": bool(worst <= AGREES and row["same_bits"])}
+
+
+def timed(kind, columns, name):
+    """Row of a run: ns per column and step."""
+    solver = solver_of(kind, columns, name)
+    on_device = kind is DeviceColumnSolver
+    solver.advance(1e9, max_steps=WARM_UP if on_device else 3)
+    steps, each = STEPS if on_device else 5, []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        seconds = event_seconds(lambda: solver.advance(1e9, max_steps=steps)) if on_device else None
+        if not on_device:
+            solver.advance(1e9, max_steps=steps)
+            seconds = time.perf_counter() - began
+        each.append(seconds / (steps * solver.columns) * 1e9)
+    return {"columns": solver.columns, "effects": name, "ns": float(np.median(each)), "ns_least": float(min(each))}
+
+
+def text_of(found):
+    """The results as lines of text."""
+    yield from (f"{name}: {value}" for name, value in found["machine"].items())
+    for row in found["agreement"]:
+        yield ("agrees: " if row["agrees"] else "DIFFERS: ") + ", ".join(f"{k} {v}" for k, v in row.items())
+    for where in ("device", "processor"):
+        for row in found.get(f"on_{where}", ()):
+            yield f"{where}: {row['columns']} columns, {row['effects']}: {row['ns']:.4g} ns per column and step"
+
+
+def write(found, folder):
+    """Write what is known so far to `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "gpu_columns.json").write_text(json.dumps(found, indent=1) + "\n")
+    (folder / "gpu_columns.txt").write_text("".join(f"{line}\n" for line in text_of(found)))
+
+
+def measure(folder, sizes, checked, steps, names):
+    """All parts into `folder`, for `sizes` [columns]; returns whether device and processor agree."""
+    found = {"machine": machine(), "agreement": []}
+    for row in agreement(checked, steps, names):
+        found["agreement"].append(row)
+        write(found, folder)
+    if not numba.config.ENABLE_CUDASIM:
+        for where, kind in (("device", DeviceColumnSolver), ("processor", ColumnSolver)):
+            rows = found[f"on_{where}"] = []
+            for columns in sizes:
+                rows.append(timed(kind, columns, names[0]))
+                write(found, folder)
+    print((folder / "gpu_columns.txt").read_text(), end="")
+    return all(row["agrees"] for row in found["agreement"])
+
+
+def main():
+    """The command; returns its status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for the results")
+    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10], help="numbers of columns")
+    parser.add_argument("--checked", type=int, default=CHECKED_COLUMNS, help="columns of the comparison")
+    parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="effects; the first one is timed")
+    given = parser.parse_args()
+    found = found_device()
+    if found.device is None:
+        print(f"nothing is measured: {found.lack}", file=sys.stderr)
+        return 1
+    sizes = [round(1e6 * size) for size in given.millions]
+    return 0 if measure(given.out, sizes, given.checked, given.steps, given.sets) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
