@@ -12,6 +12,7 @@ from .on_device import OnDevice
 BYTES_PER_COLUMN = 350  # row, id, key and order; strips and lists of the sort; tiles of blocks with 64 columns
 BYTES_PER_COLUMN_IN_FOREST = 100  # a second sort, and what columns lose
 BYTES_PER_NODE = 48  # mass and velocity, and the bed twice, in addition to the arrays of the solver
+BYTES_OF_REPORTS = 60_000_000  # of all threads
 
 
 def refused_columns(effects):
@@ -28,7 +29,7 @@ def device_memory_of_columns(columns, fields, changing, effects):
     """
     arrays = sum(array.nbytes for array in (*fields, *changing))
     each = BYTES_PER_COLUMN + (BYTES_PER_COLUMN_IN_FOREST if effects.forest.forest_active() else 0)
-    return columns * each + arrays + fields.bed.size * BYTES_PER_NODE
+    return columns * each + arrays + fields.bed.size * BYTES_PER_NODE + BYTES_OF_REPORTS
 
 
 class DeviceColumnSolver(ColumnSolver):
