@@ -128,9 +128,7 @@ def update_nodes(
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             if forest.forest_active():
-                mine[BROKEN_NOW] += break_trees(
-                    nodes, fields.forest, fields.forest_state, fields.gradient, j, i, settings, forest, metric
-                )
+                mine[BROKEN_NOW] += break_trees(nodes, trees, state, fields.gradient, j, i, settings, forest, metric)
             deepest = mine[DEEPEST]
             eroded = update_node(
                 nodes, fields.bed, fields.gradient, fields.zone_values, fields.erodible, trees, state,
@@ -149,31 +147,31 @@ def update_nodes(
 
 
 @Kernel
-def lower_bed(run, touched, fields, lowered, entrainment):
+def lower_bed(run, touched, bed, lowered, entrainment):
     """Lower the bed by what was eroded."""
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < lowered.shape[0] and i < lowered.shape[1]:
-            fields.bed[j, i] -= lowered[j, i] * entrainment.bed_lowering()
+            bed[j, i] -= lowered[j, i] * entrainment.bed_lowering()
 
 
 @Kernel
-def regrade(run, touched, fields, settings):
+def regrade(run, touched, bed, gradient, settings):
     """Recompute the gradients at the touched nodes after erosion has lowered the bed."""
     if run[STATUS] != 0:
         return
-    rows, columns, dx = fields.bed.shape[0], fields.bed.shape[1], settings.dx
+    rows, columns, dx = bed.shape[0], bed.shape[1], settings.dx
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j >= 1 and j < rows - 1 and i >= 1 and i < columns - 1:
-            _, east, north = bed_at(fields.bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
-            fields.gradient[j, i, 0], fields.gradient[j, i, 1] = east, north
+            _, east, north = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
+            gradient[j, i, 0], gradient[j, i, 1] = east, north
 
 
 @Kernel
-def note_peaks(run, stage, clock, nodes, touched, fields, peaks, settings, metric, entrainment):
+def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, metric, entrainment):
     """Running peaks at the touched nodes."""
     if run[STATUS] != 0:
         return
@@ -181,7 +179,7 @@ def note_peaks(run, stage, clock, nodes, touched, fields, peaks, settings, metri
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             note_node(
-                peaks, nodes, fields.gradient, j, i, settings.dx, settings.density, clock[TIME] + stage[DT],
+                peaks, nodes, gradient, j, i, settings.dx, settings.density, clock[TIME] + stage[DT],
                 settings.arrival_thickness, metric, entrainment,
             )  # fmt: skip
 

@@ -120,12 +120,13 @@ def tile_sum(run, tiles, slot, j, i, k, numbers):
 
 @Kernel
 def grid_to_columns(
-    run, stage, clock, rows, keys, order, nodes, bed, fields, left, reports, settings, metric, curvature,
+    run, stage, clock, rows, keys, order, nodes, flat_bed, bed, inside, left, reports, settings, metric, curvature,
     earth_pressure, entrainment,
 ):  # fmt: skip
     """Read the new velocity field back and move the columns; see `kernels.grid_to_columns`.
 
-    `nodes` and `bed` have one dimension; `left` takes the places in the order of the columns that left.
+    `nodes` and `flat_bed`, the elevations of `bed`, have one dimension; `left` takes the places in the order of the
+    columns that left.
     """
     mine = reports[cuda.grid(1)]
     clear_report(mine)
@@ -142,7 +143,7 @@ def grid_to_columns(
         for e in range(ROW):
             scratch[e] = rows[p, e]
         move_batch(
-            keys, order, q, 1, scratch, moved, quads, place, stays, nodes, bed, fields.bed, fields.inside, mine, times,
+            keys, order, q, 1, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, mine, times,
             settings, limits, metric, curvature, entrainment,
         )  # fmt: skip
         for e in range(ROW):

@@ -289,12 +289,12 @@ class DeviceColumns:
             effects.curvature, effects.entrainment, effects.forest,
         )  # fmt: skip
         if effects.entrainment.bed_lowering() > 0.0:
-            self._all(column_nodes.lower_bed, run, touched, fields, self._lowered, effects.entrainment)
-            self._all(column_nodes.regrade, run, touched, fields, settings)
+            self._all(column_nodes.lower_bed, run, touched, fields.bed, self._lowered, effects.entrainment)
+            self._all(column_nodes.regrade, run, touched, fields.bed, fields.gradient, settings)
         if settings.keep_peaks:
             self._all(
-                column_nodes.note_peaks, run, stage, self._clock, nodes, touched, fields, self._peaks, settings,
-                effects.metric, effects.entrainment,
+                column_nodes.note_peaks, run, stage, self._clock, nodes, touched, fields.gradient, self._peaks,
+                settings, effects.metric, effects.entrainment,
             )  # fmt: skip
         if settings.wall:
             for along_columns in (False, True):
@@ -304,8 +304,9 @@ class DeviceColumns:
         now, effects, clock, counts = self._now, self._effects, self._clock, self._counts
         self._all(
             column_transfer.grid_to_columns, now.run, self._d_stage, clock, self._rows, self._keys, now.order,
-            self._flat_nodes, self._flat_bed, self._fields, self._left, self._column_sums[0], self.settings,
-            effects.metric, effects.curvature, effects.earth_pressure, effects.entrainment,
+            self._flat_nodes, self._flat_bed, self._fields.bed, self._fields.inside, self._left,
+            self._column_sums[0], self.settings, effects.metric, effects.curvature, effects.earth_pressure,
+            effects.entrainment,
         )  # fmt: skip
         _add_up(column_reports.sum_node_reports, now.run, self._node_sums)
         _add_up(column_reports.sum_column_reports, now.run, self._column_sums)

@@ -11,6 +11,7 @@ from .on_device import OnDevice
 BYTES_PER_COLUMN = 350  # row, id, key and order; strips and lists of the sort; tiles of blocks with 64 columns
 BYTES_PER_COLUMN_IN_FOREST = 100  # a second sort, and what columns lose
 BYTES_PER_NODE = 48  # mass and velocity, and the bed twice, in addition to the arrays of the solver
+BYTES_OF_REPORTS = 60_000_000  # of all threads
 
 
 def device_memory_of_columns(columns, nodes, bytes_at_nodes, effects):
@@ -19,7 +20,7 @@ def device_memory_of_columns(columns, nodes, bytes_at_nodes, effects):
     `bytes_at_nodes` is the size of the arrays of the solver at its `nodes`.
     """
     each = BYTES_PER_COLUMN + (BYTES_PER_COLUMN_IN_FOREST if effects.forest.forest_active() else 0)
-    return columns * each + bytes_at_nodes + nodes * BYTES_PER_NODE
+    return columns * each + bytes_at_nodes + nodes * BYTES_PER_NODE + BYTES_OF_REPORTS
 
 
 class DeviceColumnSolver(ColumnSolver):

@@ -71,7 +71,7 @@ def signatures():
         ("mirror_walls", run, nodes, flag),
         ("sum_held", run, rows, start, held),
         ("collect_held", run, stage, held, rows, sums),
-        ("regrade", run, window, fields, settings),
+        ("regrade", run, window, bed, nodes, settings),
     ):
         yield name, getattr(column_nodes, name), arguments
     for name in ("sum_node_reports", "sum_column_reports", "sum_plain_reports"):
@@ -90,14 +90,14 @@ def signatures():
         for module, name, *arguments in (
             (column_transfer, "columns_to_grid", run, stage, rows, order, start, window, tiles, bed, bed, settings,
              law.metric, law.still_water, law.earth_pressure, law.viscosity),
-            (column_transfer, "grid_to_columns", run, stage, clock, rows, keys, order, sums, sums, fields, window,
+            (column_transfer, "grid_to_columns", run, stage, clock, rows, keys, order, sums, sums, bed, wet, window,
              reports, settings, law.metric, law.curvature, law.earth_pressure, law.entrainment),
             (column_nodes, "hold_at_barriers", run, stage, nodes, window, fields, array(i4, 2), rows, settings,
              law.barrier, law.metric),
             (column_nodes, "update_nodes", run, stage, nodes, window, fields, wet, bed, reports, settings,
              law.friction, law.zones, law.cohesion, law.metric, law.curvature, law.entrainment, law.forest),
-            (column_nodes, "lower_bed", run, window, fields, bed, law.entrainment),
-            (column_nodes, "note_peaks", run, stage, clock, nodes, window, fields, peaks, settings, law.metric,
+            (column_nodes, "lower_bed", run, window, bed, bed, law.entrainment),
+            (column_nodes, "note_peaks", run, stage, clock, nodes, window, nodes, peaks, settings, law.metric,
              law.entrainment),
             (column_reports, "collect_reports", run, stage, clock, counts, rows, reports, reports, rows, order,
              window, sums, sums, settings, law.barrier, law.forest),
