@@ -202,6 +202,11 @@ class Calibration:
             f"{' and '.join(one['keys'])} trade off (correlation {one['correlation']:g}): use pairs of samples.csv, "
             "not one value of each" for one in self.trade_offs()
         ]  # fmt: skip
+        if len(self.observed) <= len(self.priors):
+            made.append(
+                f"{len(self.observed)} compared quantities for {len(self.priors)} parameters: whether the model fits "
+                "cannot be checked; the intervals rely on the errors of the observations"
+            )
         if self.posterior.inflation > FITS:
             made.append(
                 "the model does not fit within the errors: even the best parameters leave "

@@ -212,6 +212,7 @@ def test_what_is_not_identified_and_what_trades_off_is_reported():
     assert pair["keys"] == ["a", "b"] and pair["correlation"] < -0.95
     assert made.parameters()["c"]["identified"] == "no" and made.directions()[0]["identified"] == "yes"
     assert any("hardly constrain" in text and text.startswith("c:") for text in made.remarks())
+    assert any(text.startswith("2 compared quantities for 3 parameters: whether the model") for text in made.remarks())
     low, high = made.parameters()["c"]["interval_90"]
     assert (low, high) == pytest.approx((0.05, 0.95), abs=0.02)
     np.testing.assert_allclose(shares_of_scores(scores_of_shares(runs)), runs, atol=1e-12)
