@@ -152,16 +152,18 @@ class DeviceColumns:
         self._flat_bed = cuda.to_device(np.append(fields.bed.ravel(), np.zeros(4)))  # three nodes are read as four
         self._flat_nodes = cuda.to_device(np.zeros(4 * fields.bed.size))
         self._nodes = self._flat_nodes.reshape(*shape, 4)
-        arrays = {name: cuda.to_device(np.ascontiguousarray(array)) for name, array in fields._asdict().items()}
-        self._fields = fields._replace(**arrays | {"bed": self._flat_bed[: fields.bed.size].reshape(*shape)})
+        arrays = {"bed": self._flat_bed[: fields.bed.size].reshape(*shape)}
+        for name in fields._fields[1:]:
+            arrays[name] = cuda.to_device(np.ascontiguousarray(getattr(fields, name)))
+        self._fields = fields._replace(**arrays)
         self._strip = cuda.device_array((n, point_sort.STRIP), np.float64)
         self._names = cuda.device_array((n, 2), np.int64)
         self._left, self._ranked_left = cuda.device_array(n, np.int32), cuda.device_array(n, np.int32)
         lowers = effects.entrainment.bed_lowering() > 0.0
         self._lowered = cuda.to_device(np.zeros(shape if lowers else (1, 1)))
         count = state.barrier_sums.shape[0]
-        self._walled = effects.barrier.barrier_active() and count > 0
         places, first = column_nodes.barrier_nodes(fields.barriers, count)
+        self._walled = effects.barrier.barrier_active() and len(places) > 0
         self._walls, self._first_of_wall = cuda.to_device(_some(places)), cuda.to_device(first)
         self._held = cuda.to_device(np.zeros((max(len(places), 1), column_nodes.HELD)))
         self._held_report = cuda.to_device(np.zeros((CHUNKS, max(count, 1), column_nodes.HELD)))

@@ -108,6 +108,12 @@ def walls(grid):
     return Places(barriers=barrier_entries(nodes), barrier_names=("low", "opened"))
 
 
+def wall_outside(grid):
+    """A wall without nodes on the grid."""
+    nodes = wall_nodes([Wall("far", shapely.box(-500, -500, -499, -400), 2.0)], *grid.node_axes(), grid.bed, DX)
+    return Places(barriers=barrier_entries(nodes), barrier_names=("far",))
+
+
 def trees(*values, also_erodible=False, clearing=35.0):
     """Forest of `values`, a clearing in the south up to `clearing` [m]."""
 
@@ -262,6 +268,12 @@ SCENES = {
     "weightless": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=Curvature()), 3),
     "triggers": (armed, 9),
     "barriers": (lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier()), 6),
+    "barrier outside": (
+        lambda kind=ColumnSolver: made(
+            kind, frame=pile(1.0, (-14.0, -12.0), **WEST), places=wall_outside, barrier=Barrier(), time_step=0.3
+        ),
+        2,
+    ),
     "barriers and walls": (
         lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier(), edges="wall", curvature=Curvature()),
         6,
