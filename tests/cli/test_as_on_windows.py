@@ -158,6 +158,11 @@ IMPORT_ALL = """
 import importlib, os, pkgutil, signal, sys, warnings
 import numba, rasterio, pyogrio, h5py, netCDF4, matplotlib.figure, geopandas, xarray, rioxarray, scipy, psutil, filelock
 import numba.core.caching, scipy.interpolate, scipy.spatial, rich.progress, affine
+try:  # it loads libraries in another way on each system
+    import numba_cuda, numba.cuda
+    left_out = ()
+except ImportError:
+    left_out = "mpmgis.gpu."
 for name in {modules!r}:
     sys.modules[name] = None
 for module, names in (("os", {of_os!r}), ("signal", {of_signal!r})):
@@ -168,6 +173,8 @@ warnings.filterwarnings("error", category=EncodingWarning, module=r"mpmgis")
 import mpmgis
 done = 0
 for found in pkgutil.walk_packages(mpmgis.__path__, "mpmgis."):
+    if found.name.startswith(left_out) and found.name != "mpmgis.gpu.available":
+        continue
     if ".qgis_plugin.mpmgis_qgis" not in found.name and not found.name.endswith("__main__"):
         importlib.import_module(found.name)
         done += 1

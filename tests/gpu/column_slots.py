@@ -233,7 +233,7 @@ SCENES = {
     "outflow east and north": (leaving((14.0, 12.0), **EAST), 3),
     "nodata": (lambda kind=ColumnSolver: made(kind, with_hole, pile(1.0, (14.0, 0.0)), time_step=0.4), 3),
     "walls at edges": (
-        lambda kind=ColumnSolver: made(kind, frame=pile(1.0, (-14.0, -12.0), **WEST), edges="wall", time_step=0.3),
+        lambda kind=ColumnSolver: made(kind, frame=pile(1.0, (-40.0, -35.0), **WEST), edges="wall", time_step=0.3),
         3,
     ),
     "Coulomb": (lambda kind=ColumnSolver: made(kind, friction=laws.Coulomb(0.4)), 2),
