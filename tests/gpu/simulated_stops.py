@@ -105,19 +105,32 @@ def grown(make, precision, steps=2):
 
 def shared_arrays():
     """Whether a thread that asks for a shared array while another makes it gets the same one."""
-    from threading import Thread
+    from threading import Barrier, Thread
+    from time import sleep
+    from types import SimpleNamespace
 
-    from mpmgis.gpu.simulator import _Arrays
+    from mpmgis.gpu import simulator
 
-    arrays, got, made = _Arrays(), [], object()
-    assert arrays.get("line") is None
-    other = Thread(target=lambda: got.append(arrays.get("line")))
-    other.start()
-    other.join(0.1)
-    early = list(got)
-    arrays["line"] = made
-    other.join(10.0)
-    return {"same": early == [] and got == [made]}
+    def slow_empty(shape, kind):
+        sleep(0.1)
+        return np.empty(shape, kind)
+
+    shared, got, both = SimpleNamespace(_allocations={}), [], Barrier(2)
+
+    def ask():
+        both.wait()
+        got.append(simulator.shared_array(shared, 4, np.dtype(np.float64)))
+
+    simulator.np = SimpleNamespace(empty=slow_empty)
+    try:
+        threads = [Thread(target=ask) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(10.0)
+    finally:
+        simulator.np = np
+    return {"same": len(got) == 2 and got[0] is got[1]}
 
 
 def cases():
