@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 from slope_site import SCENE, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
@@ -152,7 +153,7 @@ def test_links_in_the_maps_are_refused(site, tmp_path, capsys):
         ("raster_cell_size = 5\n", "raster_cell_size is used only with rasters = true"),
         ("raster_products = 'p'\n", "raster_products is used only with rasters = true"),
         ("rasters = true\nraster_products = 'p, q'\n", "unknown product 'q'; choose from"),
-        ("rasters = true\nraster_cell_size = 1e-7\n", "cells"),
+        ("rasters = true\nraster_cell_size = 0.01\n", "cells, expected at most 4e+08; use a larger raster_cell_size"),
     ],
 )
 def test_wrong_settings_are_refused_before_the_run(site, capsys, lines, words):
@@ -170,6 +171,33 @@ def test_bands_and_threshold_are_those_of_an_export(site):
     assert list(got) == list(wanted) and len(wanted["flow_0001.tif"][1]) == 6
     for file, (values, bands, _, _) in wanted.items():
         assert np.array_equal(got[file][0], values, equal_nan=True) and got[file][1] == bands, file
+
+
+@pytest.mark.parametrize("cell_size", [None, 7.0])
+@pytest.mark.parametrize("maxima", ["maxima = true\n", ""])
+def test_running_maxima_on_a_rotated_dtm(site, cell_size, maxima):
+    """Cells along the axes of the DTM, and maxima in each step, as in an export."""
+    place = Affine.translation(400_400, 5_100_200) * Affine.rotation(20) * Affine.translation(-450, 350)
+    place *= Affine.scale(10, -10)
+    rows, columns = np.mgrid[:70, :90] + 0.5
+    heights = 100 + 0.5 * np.maximum(400_400 - (place * (columns, rows))[0], 0)
+    profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": "float64", "crs": "EPSG:32632"}
+    with rasterio.open(site / "rotated.tif", "w", transform=place, **profile) as target:
+        target.write(heights, 1)
+    folder, options = site / f"rotated_{cell_size}_{len(maxima)}", [] if cell_size is None else ["--cs-e", "7"]
+    scene = SCENE.replace('"dtm.tif"', '"rotated.tif"') + maxima
+    assert run(site, scene, "-q", "-o", str(folder / "flow")) == 0
+    whole = ["export-raster", str(folder / "flow"), "-o", str(folder / "export"), "--no-qgis", "--extent", "dtm", "-q"]
+    assert main([*whole, "--products", "maxima,p", *options]) == 0
+    more = with_rasters(scene, cell_size) + 'raster_products = "maxima,p"\n'
+    assert run(site, more, "-q", "-o", str(folder / "own" / "flow")) == 0
+    wanted, got = rasters_of(folder / "export"), rasters_of(folder / "own" / "flow" / "maps")
+    assert list(got) == list(wanted)
+    for file, (values, bands, tags, (transform, crs)) in wanted.items():
+        assert transform.b != 0 and got[file][1] == bands and got[file][3] == (transform, crs), file
+        assert np.array_equal(got[file][0], values, equal_nan=True), file
+        assert got[file][2].get("maxima") == tags.get("maxima"), file
+    assert [name.split()[0] for name in got["flow_0003.tif"][1]][-4:] == ["h_max", "t_max", "Un_max", "Ut_max"]
 
 
 def test_the_rasters_are_read_as_an_export(site, capsys):
