@@ -23,7 +23,7 @@ from ..io.atomic import whole_file
 from ..io.frame_contents import stored_type
 from ..io.frames import read_frame
 from ..io.raster_output import write_rows
-from ..io.run_maps import MAPS, RASTERS, TERRAIN
+from ..io.run_maps import MAPS, RASTERS, TERRAIN, map_names, remove_summaries
 from ..messages import log
 from .export_bed import write_bed_rasters
 from .export_plan import Plan, needed_products
@@ -85,13 +85,14 @@ class RasterWriter:
             names=needed_products((*bands, "mass")),
             min_depth=least,
         )
-        name = folder.path.resolve().name
+        name = _name_of(folder, resumed)
         self.plan = RunPlan(name, (), (), averaging, bands, terrain, None, interval=output.frame_interval)
         self.maxima, self.tally = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth), Tally()
         self._bed, self._rate, self._last = None, None, None
         self._kept_at, self._kept_for = time.perf_counter(), 0.0
         if resumed:
             self._restore(read_frame(folder.newest_frame()))
+            remove_summaries(folder.path, name)
             return
         with whole_file(self._place / TERRAIN) as part:
             write_terrain(self._with(self._entry(prepared.frame)), part, False)
@@ -249,6 +250,16 @@ def raster_grid(terrain_grid, cell_size):
         cells, _, _ = str(error).partition(";")
         cure = "use a larger raster_cell_size, or cut the terrain with [terrain] window"
         raise SceneError(f"[output] rasters: {cells}; {cure}") from error
+
+
+def _name_of(folder, resumed):
+    """The name of the rasters: of the folder, also if it got another name since the run began."""
+    name = folder.path.resolve().name
+    before = map_names(folder.path) if resumed else []
+    if not before or name in before:
+        return name
+    log.info(f"the rasters keep the name that the folder had before: {before[0]}")
+    return before[0]
 
 
 def _no_maxima(path, name):

@@ -14,6 +14,8 @@ from affine import Affine
 from slope_site import SCENE, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
+from mpmgis.workflows import run_rasters
+from mpmgis.workflows.run import run as run_into
 
 POINTS = slide(4.0, 2, 0.5)
 SINGLE = slide(4.0, 2, 0.5, more='precision = "float32"') + "maxima = true\n"
@@ -119,17 +121,38 @@ def test_a_later_end_continues_the_rasters(site):
         assert got[file][2] == wanted[file][2], file
 
 
+def test_a_renamed_folder_keeps_the_name_of_its_rasters(site, caplog):
+    """One set of rasters, with maxima up to the new end; none of the old end while the run goes on."""
+    scene, before, after = with_rasters(COLUMNS), site / "before", site / "after"
+    assert run(site, scene, "-q", "-o", str(before)) == 0
+    before.rename(after)
+    (site / "longer.toml").write_text(scene.replace("end_time = 30", "end_time = 40"))
+    again = ["run", str(site / "longer.toml"), "--resume", "-o", str(after)]
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemError):
+        patch.setattr(run_rasters.RasterWriter, "finish", lambda writer: (_ for _ in ()).throw(SystemError("killed")))
+        run_into(site / "longer.toml", after, resume=True)
+    rasters = after / "maps" / "rasters"
+    assert not list(rasters.glob("*_max.*")) and not list(rasters.glob("*_deposit.*"))
+    with caplog.at_level("INFO", "mpmgis"):
+        assert main(again) == 0
+    assert "the rasters keep the name that the folder had before: before" in caplog.messages
+    names = [*(f"before_{step:04d}.tif" for step in range(9)), "before_deposit.tif", "before_max.tif"]
+    assert sorted(path.name for path in rasters.glob("*.tif")) == names
+
+
 def test_only_rasters_of_a_run_are_replaced(site, capsys):
     """A folder `maps` of someone else, and other files in it, stay; without `rasters` those of the run are removed."""
     scene, output = with_rasters(COLUMNS), site / "again"
     assert run(site, scene, "-q", "-o", str(output)) == 0
     (output / "maps" / "notes.txt").write_text("mine")
-    (output / "maps" / "rasters" / "mine.tif").write_text("mine")
+    mine = ("mine.tif", "photo_2023.tif", "wet_snow_max.tif")
+    for name in mine:
+        (output / "maps" / "rasters" / name).write_text("mine")
     assert run(site, scene, "-q", "-o", str(output)) == 0
     assert len(list((output / "maps" / "rasters").glob("again_*.tif"))) == 9
     assert run(site, COLUMNS, "-q", "-o", str(output)) == 0
     left = sorted(str(path.relative_to(output)) for path in (output / "maps").rglob("*") if path.is_file())
-    assert left == ["maps/notes.txt", "maps/rasters/mine.tif"]
+    assert left == ["maps/notes.txt", *(f"maps/rasters/{name}" for name in mine)]
     assert run(site, scene, "-q", "-o", str(output)) == 2
     assert "maps was not written by the run in" in capsys.readouterr().err
 
