@@ -1,5 +1,6 @@
 """Rasters that a run writes itself, in `maps/` of its folder, laid out as an export."""
 
+import re
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -8,21 +9,47 @@ import rasterio
 
 from .. import system
 from ..errors import OutputError
-from .atomic import whole_file
+from .atomic import output_error, whole_file
 from .lock import refuse_links
 from .raster_output import NAMESPACE
 
 MAPS, RASTERS, TERRAIN = "maps", "rasters", "dtm.tif"
-_STEPS, _SUMMARIES = "*_[0-9][0-9][0-9][0-9]*.tif", ("max", "deposit", "bed", "surface")
-_RASTERS = (TERRAIN, f"{RASTERS}/{_STEPS}", *(f"{RASTERS}/*_{word}.tif" for word in _SUMMARIES))
-_OWN = (*_RASTERS, *(name.replace(".tif", ".qml") for name in _RASTERS))
+_FIRST, _SUMMARIES = "_0000.tif", ("max", "deposit", "bed", "surface")  # the first step is the first raster of a run
+_OWN = re.compile(rf"(.*)_(\d{{4,}}|{'|'.join(_SUMMARIES)})\.(tif|qml)", re.DOTALL)
 _LEFT_OVER = tuple(f"{place}.*.part[0-9]*.{suffix}" for place in ("", f"{RASTERS}/") for suffix in ("tif", "qml"))
 
 
+def map_names(folder):
+    """Names with which the rasters of the run in `folder` begin, sorted; more than one only if files were added."""
+    first = sorted((Path(folder) / MAPS / RASTERS).glob(f"*{_FIRST}"))
+    return [path.name.removesuffix(_FIRST) for path in first if _is_of_a_run(path)]
+
+
+def _is_of_a_run(path):
+    """Whether a run or an export wrote the raster at `path`."""
+    try:
+        with rasterio.open(path) as source:
+            return "digest" in source.tags(ns=NAMESPACE)
+    except rasterio.errors.RasterioError:
+        return False
+
+
 def map_files(folder):
-    """Paths of the rasters of a run in its `folder`; files with other names are not of the run."""
+    """Paths of the rasters of a run in its `folder`, the first step last; files with other names are not of the run."""
     maps = Path(folder) / MAPS
-    return sorted({path for pattern in (*_OWN, *_LEFT_OVER) for path in maps.glob(pattern)}) if maps.is_dir() else []
+    if not maps.is_dir():
+        return []
+    names = {*map_names(folder), Path(folder).resolve().name}  # the latter if the first step is damaged
+    left_over = (path for pattern in _LEFT_OVER for path in maps.glob(pattern))
+    rasters = (path for path in (maps / RASTERS).glob("*") if _name_of(path) in names)
+    terrain = (path for suffix in ("tif", "qml") for path in maps.glob(f"{Path(TERRAIN).stem}.{suffix}"))
+    return sorted({*left_over, *rasters, *terrain}, key=lambda path: (path.name.endswith(_FIRST), path))
+
+
+def _name_of(path):
+    """The name of the run in the name of one of its rasters; None for other files."""
+    found = _OWN.fullmatch(path.name)
+    return found and found[1]
 
 
 def refuse_other_maps(folder, record):
@@ -64,6 +91,17 @@ def remove_maps(folder):
     for place in (Path(folder) / MAPS / RASTERS, Path(folder) / MAPS):
         with suppress(OSError):
             place.rmdir()
+
+
+def remove_summaries(folder, name):
+    """Remove the rasters of all steps of the run `name`, which are those until its last end."""
+    for word in _SUMMARIES:
+        for suffix in ("tif", "qml"):
+            path = Path(folder) / MAPS / RASTERS / f"{name}_{word}.{suffix}"
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise output_error(path, error) from error
 
 
 def move_maps(source, folder):

@@ -158,7 +158,7 @@ def _absorb(plan, frame, values, tally, maxima, second):
     if second is not None:
         second.absorb(*values.second, values.time, values.least)
     peaks = _peaks_up_to(plan, frame)
-    _absorb_peaks(averaging, peaks, maxima, second)
+    absorb_peaks(averaging, peaks, maxima, second)
     return peaks
 
 
@@ -176,7 +176,7 @@ def _peaks_up_to(plan, frame):
     return solver_peaks(plan.entries[frame]) if set(plan.bands) & set(PEAKS) else None
 
 
-def _absorb_peaks(averaging, peaks, maxima, second):
+def absorb_peaks(averaging, peaks, maxima, second=None):
     """Add the solver's maxima to the maxima on the export's grid and on the second one."""
     if peaks is None:
         return

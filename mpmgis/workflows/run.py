@@ -281,12 +281,11 @@ def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
 
 def _require_rasters(prepared):
     """Refuse, before the run, rasters of unknown bands or with too many cells."""
-    from ..analysis.sampling import export_grid
-    from .run_rasters import products_of
+    from .run_rasters import bands_of, raster_grid
 
     output = prepared.scene.output
-    products_of(output.raster_products)
-    export_grid(prepared.terrain.grid, output.raster_cell_size)
+    bands_of(output.raster_products)
+    raster_grid(prepared.terrain.grid, output.raster_cell_size)
 
 
 class _Frames:

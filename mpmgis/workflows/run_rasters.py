@@ -12,10 +12,10 @@ import numpy as np
 from ..analysis.bed_change import eroded_depth
 from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, average_frame
-from ..analysis.maxima import MAXIMA_BANDS, RunningMaxima, SolverPeaks
-from ..analysis.quantities import PRODUCTS, choose_products
+from ..analysis.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
+from ..analysis.quantities import PRODUCTS, RUNNING, choose_products
 from ..analysis.sampling import export_grid
-from ..errors import FormatError, SceneError
+from ..errors import FormatError, InputError, SceneError
 from ..fields import BAND
 from ..gis.styles import raster_styles
 from ..interop.frame_list import FrameEntry
@@ -23,12 +23,21 @@ from ..io.atomic import whole_file
 from ..io.frame_contents import stored_type
 from ..io.frames import read_frame
 from ..io.raster_output import write_rows
-from ..io.run_maps import MAPS, RASTERS, TERRAIN
+from ..io.run_maps import MAPS, RASTERS, TERRAIN, map_names, remove_summaries
 from ..messages import log
 from .export_bed import write_bed_rasters
 from .export_plan import Plan, needed_products
 from .export_raster import log_export
-from .export_rasters import Tally, exported, run_tags, write_deposit, write_maxima, write_step, write_terrain
+from .export_rasters import (
+    Tally,
+    absorb_peaks,
+    exported,
+    run_tags,
+    write_deposit,
+    write_maxima,
+    write_step,
+    write_terrain,
+)
 from .requests import CellSampling, ExportRequest
 
 PREFIX = "rasters_"  # of arrays in the state of a frame
@@ -66,23 +75,24 @@ class RasterWriter:
     def __init__(self, folder, prepared, terrain, resumed):
         self.folder = folder
         output = prepared.scene.output
-        products = products_of(output.raster_products)
+        bands = bands_of(output.raster_products)
         least = ExportRequest().averaging.min_depth if output.raster_min_depth is None else output.raster_min_depth
-        grid = export_grid(terrain.grid, output.raster_cell_size)
+        grid = raster_grid(terrain.grid, output.raster_cell_size)
         averaging = Averaging(
             bed=Bed.of(terrain, ExportRequest().averaging.bed, 0.0, clamped=False),
             grid=grid,
             density=prepared.frame.header["density"],
-            names=needed_products((*products, "mass")),
+            names=needed_products((*bands, "mass")),
             min_depth=least,
         )
-        name = folder.path.resolve().name
-        self.plan = RunPlan(name, (), (), averaging, products, terrain, None, interval=output.frame_interval)
+        name = _name_of(folder, resumed)
+        self.plan = RunPlan(name, (), (), averaging, bands, terrain, None, interval=output.frame_interval)
         self.maxima, self.tally = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth), Tally()
         self._bed, self._rate, self._last = None, None, None
         self._kept_at, self._kept_for = time.perf_counter(), 0.0
         if resumed:
             self._restore(read_frame(folder.newest_frame()))
+            remove_summaries(folder.path, name)
             return
         with whole_file(self._place / TERRAIN) as part:
             write_terrain(self._with(self._entry(prepared.frame)), part, False)
@@ -123,8 +133,10 @@ class RasterWriter:
         self.tally.add(entry.path.name, values)
         self.tally.add_step(values)
         self.maxima.absorb(values.index, values.values, values.time, values.least)
+        peaks = SolverPeaks.of(frame.maxima, frame.time) if set(plan.bands) & set(RUNNING_BANDS) else None
+        absorb_peaks(plan.averaging, peaks, self.maxima)
         self._follow_bed(frame)
-        write_step(self._with(entry), self, self.folder.frames, entry, values, None, None)
+        write_step(self._with(entry), self, self.folder.frames, entry, values, self.maxima, peaks)
         self.plan = replace(plan, entries=(*plan.entries, entry))
         self._last = frame, values
         return replace(frame, state=frame.state | self._state())
@@ -144,8 +156,7 @@ class RasterWriter:
         peaks = SolverPeaks.of(frame.maxima, frame.time)
         plan = replace(self.plan, steps=tuple(range(len(self.plan.entries))), peaks=peaks, bed_change=frame.bed_change)
         grid, name, rasters = plan.averaging.grid, plan.name, self._place / RASTERS
-        for index, found in () if peaks is None else peaks.on(grid, plan.averaging.bed, plan.averaging.min_depth):
-            self.maxima.absorb_peaks(index, found)
+        absorb_peaks(plan.averaging, peaks, self.maxima)
         with whole_file(rasters / f"{name}_max.tif") as part:
             write_maxima(plan, part, self.maxima, self.tally, False)
         with whole_file(rasters / f"{name}_deposit.tif") as part:
@@ -208,7 +219,7 @@ class RasterWriter:
         return frame.state[name]
 
 
-def products_of(text):
+def bands_of(text):
     """The bands of a step, with those in the text of [output] raster_products.
 
     Raises
@@ -218,9 +229,37 @@ def products_of(text):
     """
     names = () if text is None else tuple(name.strip() for name in text.split(","))
     for name in names:
-        if name not in PRODUCTS:
-            raise SceneError(f"[output] raster_products: unknown product {name!r}; choose from {', '.join(PRODUCTS)}")
-    return choose_products(names)
+        if name not in (*PRODUCTS, RUNNING):
+            choice = ", ".join((*PRODUCTS, RUNNING))
+            raise SceneError(f"[output] raster_products: unknown product {name!r}; choose from {choice}")
+    products = choose_products([name for name in names if name != RUNNING])
+    return (*products, *(RUNNING_BANDS if RUNNING in names else ()))
+
+
+def raster_grid(terrain_grid, cell_size):
+    """The grid of the rasters, along the axes of the DTM; `cell_size` [m] is that of the scene, or None.
+
+    Raises
+    ------
+    SceneError
+        Too many cells.
+    """
+    try:
+        return export_grid(terrain_grid, cell_size, north_up=False)
+    except InputError as error:
+        cells, _, _ = str(error).partition(";")
+        cure = "use a larger raster_cell_size, or cut the terrain with [terrain] window"
+        raise SceneError(f"[output] rasters: {cells}; {cure}") from error
+
+
+def _name_of(folder, resumed):
+    """The name of the rasters: of the folder, also if it got another name since the run began."""
+    name = folder.path.resolve().name
+    before = map_names(folder.path) if resumed else []
+    if not before or name in before:
+        return name
+    log.info(f"the rasters keep the name that the folder had before: {before[0]}")
+    return before[0]
 
 
 def _no_maxima(path, name):

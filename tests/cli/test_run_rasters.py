@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 from slope_site import SCENE, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
+from mpmgis.workflows import run_rasters
+from mpmgis.workflows.run import run as run_into
 
 POINTS = slide(4.0, 2, 0.5)
 SINGLE = slide(4.0, 2, 0.5, more='precision = "float32"') + "maxima = true\n"
@@ -118,17 +121,38 @@ def test_a_later_end_continues_the_rasters(site):
         assert got[file][2] == wanted[file][2], file
 
 
+def test_a_renamed_folder_keeps_the_name_of_its_rasters(site, caplog):
+    """One set of rasters, with maxima up to the new end; none of the old end while the run goes on."""
+    scene, before, after = with_rasters(COLUMNS), site / "before", site / "after"
+    assert run(site, scene, "-q", "-o", str(before)) == 0
+    before.rename(after)
+    (site / "longer.toml").write_text(scene.replace("end_time = 30", "end_time = 40"))
+    again = ["run", str(site / "longer.toml"), "--resume", "-o", str(after)]
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemError):
+        patch.setattr(run_rasters.RasterWriter, "finish", lambda writer: (_ for _ in ()).throw(SystemError("killed")))
+        run_into(site / "longer.toml", after, resume=True)
+    rasters = after / "maps" / "rasters"
+    assert not list(rasters.glob("*_max.*")) and not list(rasters.glob("*_deposit.*"))
+    with caplog.at_level("INFO", "mpmgis"):
+        assert main(again) == 0
+    assert "the rasters keep the name that the folder had before: before" in caplog.messages
+    names = [*(f"before_{step:04d}.tif" for step in range(9)), "before_deposit.tif", "before_max.tif"]
+    assert sorted(path.name for path in rasters.glob("*.tif")) == names
+
+
 def test_only_rasters_of_a_run_are_replaced(site, capsys):
     """A folder `maps` of someone else, and other files in it, stay; without `rasters` those of the run are removed."""
     scene, output = with_rasters(COLUMNS), site / "again"
     assert run(site, scene, "-q", "-o", str(output)) == 0
     (output / "maps" / "notes.txt").write_text("mine")
-    (output / "maps" / "rasters" / "mine.tif").write_text("mine")
+    mine = ("mine.tif", "photo_2023.tif", "wet_snow_max.tif")
+    for name in mine:
+        (output / "maps" / "rasters" / name).write_text("mine")
     assert run(site, scene, "-q", "-o", str(output)) == 0
     assert len(list((output / "maps" / "rasters").glob("again_*.tif"))) == 9
     assert run(site, COLUMNS, "-q", "-o", str(output)) == 0
     left = sorted(str(path.relative_to(output)) for path in (output / "maps").rglob("*") if path.is_file())
-    assert left == ["maps/notes.txt", "maps/rasters/mine.tif"]
+    assert left == ["maps/notes.txt", *(f"maps/rasters/{name}" for name in mine)]
     assert run(site, scene, "-q", "-o", str(output)) == 2
     assert "maps was not written by the run in" in capsys.readouterr().err
 
@@ -152,7 +176,7 @@ def test_links_in_the_maps_are_refused(site, tmp_path, capsys):
         ("raster_cell_size = 5\n", "raster_cell_size is used only with rasters = true"),
         ("raster_products = 'p'\n", "raster_products is used only with rasters = true"),
         ("rasters = true\nraster_products = 'p, q'\n", "unknown product 'q'; choose from"),
-        ("rasters = true\nraster_cell_size = 1e-7\n", "cells"),
+        ("rasters = true\nraster_cell_size = 0.01\n", "cells, expected at most 4e+08; use a larger raster_cell_size"),
     ],
 )
 def test_wrong_settings_are_refused_before_the_run(site, capsys, lines, words):
@@ -170,6 +194,33 @@ def test_bands_and_threshold_are_those_of_an_export(site):
     assert list(got) == list(wanted) and len(wanted["flow_0001.tif"][1]) == 6
     for file, (values, bands, _, _) in wanted.items():
         assert np.array_equal(got[file][0], values, equal_nan=True) and got[file][1] == bands, file
+
+
+@pytest.mark.parametrize("cell_size", [None, 7.0])
+@pytest.mark.parametrize("maxima", ["maxima = true\n", ""])
+def test_running_maxima_on_a_rotated_dtm(site, cell_size, maxima):
+    """Cells along the axes of the DTM, and maxima in each step, as in an export."""
+    place = Affine.translation(400_400, 5_100_200) * Affine.rotation(20) * Affine.translation(-450, 350)
+    place *= Affine.scale(10, -10)
+    rows, columns = np.mgrid[:70, :90] + 0.5
+    heights = 100 + 0.5 * np.maximum(400_400 - (place * (columns, rows))[0], 0)
+    profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": "float64", "crs": "EPSG:32632"}
+    with rasterio.open(site / "rotated.tif", "w", transform=place, **profile) as target:
+        target.write(heights, 1)
+    folder, options = site / f"rotated_{cell_size}_{len(maxima)}", [] if cell_size is None else ["--cs-e", "7"]
+    scene = SCENE.replace('"dtm.tif"', '"rotated.tif"') + maxima
+    assert run(site, scene, "-q", "-o", str(folder / "flow")) == 0
+    whole = ["export-raster", str(folder / "flow"), "-o", str(folder / "export"), "--no-qgis", "--extent", "dtm", "-q"]
+    assert main([*whole, "--products", "maxima,p", *options]) == 0
+    more = with_rasters(scene, cell_size) + 'raster_products = "maxima,p"\n'
+    assert run(site, more, "-q", "-o", str(folder / "own" / "flow")) == 0
+    wanted, got = rasters_of(folder / "export"), rasters_of(folder / "own" / "flow" / "maps")
+    assert list(got) == list(wanted)
+    for file, (values, bands, tags, (transform, crs)) in wanted.items():
+        assert transform.b != 0 and got[file][1] == bands and got[file][3] == (transform, crs), file
+        assert np.array_equal(got[file][0], values, equal_nan=True), file
+        assert got[file][2].get("maxima") == tags.get("maxima"), file
+    assert [name.split()[0] for name in got["flow_0003.tif"][1]][-4:] == ["h_max", "t_max", "Un_max", "Ut_max"]
 
 
 def test_the_rasters_are_read_as_an_export(site, capsys):
