@@ -25,8 +25,20 @@ from ..kernels.point_nodes import (
     column_contact,
     hold_column,
 )
-from ..kernels.point_peaks import COLUMN_SUMS, _is_lowest, note_block_peaks
-from ..kernels.point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW, BlockWindow, NodeBlocks
+from ..kernels.point_peaks import COLUMN_SUMS, _is_lowest, note_column_peaks
+from ..kernels.point_rows import (
+    BLOCK,
+    BLOCK_SIZE,
+    GHOSTS,
+    NODE_MASS,
+    NODE_X,
+    NODE_Y,
+    NODE_Z,
+    TILE_LAYER,
+    TILE_ROW,
+    BlockWindow,
+    NodeBlocks,
+)
 from .compiled import Kernel, Part, real
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
@@ -231,11 +243,28 @@ def finish_nodes(run, nodes, touched, free, ground_nodes, folds, exact, reports,
 
 @Kernel
 def note_peaks(run, stage, nodes, touched, slots, lowest, ground_nodes, peaks, settings):
-    """Running peaks over the node columns (see `kernels.point_peaks`)."""
+    """Running peaks over the node columns (see `kernels.point_peaks`), a thread for each."""
     if run[STATUS] != 0:
         return
-    part = cuda.local.array(COLUMN_SUMS, float64)
-    grid = NodeBlocks(nodes, touched, run[TOUCHED])
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
-    for t in range(cuda.grid(1), run[TOUCHED], cuda.gridsize(1)):
-        note_block_peaks(peaks, part, t, grid, window, ground_nodes, stage[END], settings)
+    depth, nx, ny = run[DEPTH], settings.cells_x, settings.cells_y
+    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], depth, lowest)
+    for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
+        t, own = e // COLUMNS, e % COLUMNS
+        row, column = touched[t, 0], touched[t, 1]
+        place = ((row - run[SOUTH_NOW]) * run[WIDTH] + column - run[WEST_NOW]) * depth
+        j, i = row * BLOCK + own // BLOCK, column * BLOCK + own % BLOCK
+        if j < GHOSTS or i < GHOSTS or j > GHOSTS + ny or i > GHOSTS + nx:
+            continue
+        if not _is_lowest(slots, place, touched[t, 2] - lowest[row, column, 0]):
+            continue
+        px = py = pz = mass = float64(0.0)
+        for up in range(depth):
+            above = slots[place + up]
+            if above >= 0:
+                for n in range(4 * own, BLOCK_SIZE, COLUMN_SUMS):
+                    here = float64(nodes[above, n + NODE_MASS])
+                    px += here * nodes[above, n + NODE_X]
+                    py += here * nodes[above, n + NODE_Y]
+                    pz += here * nodes[above, n + NODE_Z]
+                    mass += here
+        note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, stage[END], settings)

@@ -1,6 +1,6 @@
 """Reports of all threads, summed in a fixed order, and the clock of the run on the device."""
 
-from numba import cuda, int64
+from numba import cuda, float64, int64
 
 from ..kernels import point_report as entry
 from ..kernels.block_order import REORDER_STEPS
@@ -18,7 +18,7 @@ from ..kernels.point_clock import (
     NOT_FINITE_STATE,
     SINCE_REORDER,
     SPEED_WORST,
-    STEP,
+    STEP_NOW,
     TIME,
     TOTAL_MASS,
     WINDOW_FIRST,
@@ -26,11 +26,14 @@ from ..kernels.point_clock import (
     collect_nodes,
     set_next_step,
 )
+from ..kernels.point_clock import STEP as STEPS
+from ..kernels.point_edges import STILL, THIN
 from ..kernels.point_nodes import FASTEST2
 from ..kernels.point_rows import BLOCK, GHOSTS, X, Y, Z
-from .compiled import Kernel
-from .grid_to_points import STAY2, STAY_POINT
+from .compiled import Kernel, real
 from .launch import AFTER, DT, END, STATUS, UNTIL
+from .point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
+from .point_steps import STAY2_OF_ALL as STAY2
 
 GROUPS = 1024  # groups of threads whose reports are summed at the same time, before the CHUNKS of the CPU
 
@@ -82,13 +85,18 @@ def sum_point_reports(run, reports, sums):
 
 
 @Kernel
-def choose_step(run, stage, clock, counts, report, settings):
-    """Clock after the nodes moved, and the length of the next step; one thread."""
+def choose_step(run, stage, clock, counts, report, scales, settings):
+    """Clock after the nodes moved, the length of the next step, and the numbers of this one; one thread."""
     if run[STATUS] != 0:
         return
     collect_nodes(report, clock)
     clock[IMPULSE_GRAVITY] += stage[DT] * settings.gravity * clock[MASS_NOW]
     set_next_step(clock, counts, stage[END], stage[UNTIL], stage[AFTER], settings)
+    dt, next_dt, dx = stage[DT], clock[STEP_NOW], settings.dx
+    turn, still = real(4.0 / dx), float64(STILL) * settings.signal_speed
+    scales[SHIFT], scales[GRADIENT], scales[TURN2] = real(dt / dx), real(4.0 / dx) * real(dt), turn * turn
+    scales[PUSH], scales[STEP] = real(next_dt * 4.0 / (dx * settings.density)), real(dt)
+    scales[DENSE], scales[STILL2] = real(float64(THIN) * settings.density * dx * dx * dx), real(still * still)
 
 
 @Kernel
@@ -96,7 +104,7 @@ def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, s
     """Clock, counts and ledger after the points moved, and reasons to stop; one thread."""
     if run[STATUS] != 0:
         return
-    counts[STEP] += 1
+    counts[STEPS] += 1
     clock[TIME] = stage[END]
     before, dx = counts[ALIVE], settings.dx
     fastest2, most, p = clock[SPEED_WORST] * clock[SPEED_WORST], -1.0, int64(0)

@@ -26,7 +26,16 @@ from ..kernels.point_layers import LAYER_ENTRIES
 from ..kernels.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
 from ..kernels.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
 from ..kernels.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
-from . import grid_to_points, point_barriers, point_nodes, point_reports, point_sort, points_to_grid
+from . import (
+    grid_to_points,
+    point_barriers,
+    point_nodes,
+    point_reports,
+    point_sort,
+    point_steps,
+    points_to_grid,
+    rare_points,
+)
 from .compiled import SIMULATED
 from .launch import (
     ACTIVE,
@@ -97,9 +106,10 @@ class DevicePoints:
         self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
         if not self._barred:
             effects = effects._replace(barrier=NoBarrier())
-        self.state, self._settings, self._effects = state, settings, effects
         self._launch = launch or (SMALL if SIMULATED else Launch())
         self._real = state.rows.dtype.type
+        transfer = type(effects.transfer)(*map(self._real, effects.transfer))
+        self.state, self._settings, self._effects = state, settings, effects._replace(transfer=transfer)
         self._drags = effects.contact.drag_active()
         self._upload(places)
         self._make_reports()
@@ -119,6 +129,10 @@ class DevicePoints:
         self._names = cuda.device_array((n, 2), np.int64)
         ground = places.ground
         self._ground = tuple(map(cuda.to_device, map(np.ascontiguousarray, (ground.nodes, ground.folds, ground.exact))))
+        settings, nodes = self._settings, ground.nodes
+        self._planes = cuda.to_device(point_steps.planes_of(nodes, settings.dx, self._real))
+        self._domain = point_steps.Domain(settings.cells_x, settings.cells_y, settings.wall)
+        self._rare, self._scales = cuda.device_array(n, np.uint8), cuda.device_array(point_steps.SCALES, self._real)
         self._lowest, self._inside = cuda.to_device(places.lowest), cuda.to_device(places.inside.astype(np.uint8))
         self._zone_values = cuda.to_device(np.ascontiguousarray(places.zone_values))
         watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
@@ -138,9 +152,11 @@ class DevicePoints:
         threads = self._launch.workers * self._launch.width
         self._pieces = cuda.to_device(np.zeros((threads, 2), np.int64))
         self._node_sums = [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in self._summed(threads)]
-        nothing = np.zeros(grid_to_points.POINT_REPORT)
+        self._marks = cuda.device_array((threads, point_steps.MARKS), self._real)
+        self._mark_counts = cuda.device_array((threads, point_steps.COUNTS), np.int32)
+        nothing = np.zeros(point_steps.POINT_REPORT)
         nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
-        nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, grid_to_points.STAY2]] = -1.0
+        nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, point_steps.STAY2_OF_ALL]] = -1.0
         self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in self._summed(threads)]
 
     @staticmethod
@@ -164,6 +180,7 @@ class DevicePoints:
             size = int(run[ROOM_ACTIVE])
             self._block, self._start = cuda.device_array(size, np.int32), cuda.device_array(size + 1, np.int64)
             self._targets, self._blocks = (cuda.device_array((size, k), np.int32) for k in (8, 3))
+            self._rare_blocks = cuda.device_array(size, np.uint8)
             self._tiles = cuda.device_array((size, TILE_SIZE), self._real)
         if run[ROOM_TOUCHED] != old[ROOM_TOUCHED]:
             size = int(run[ROOM_TOUCHED])
@@ -334,14 +351,23 @@ class DevicePoints:
         if self._barred:
             self._all(point_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
             self._all(point_barriers.collect_barriers, run, stage, barred.report, barred.sums)
-        self._one(point_reports.choose_step, run, stage, self._clock, self._counts, self._node_sums[-1], settings)
+        self._one(
+            point_reports.choose_step, run, stage, self._clock, self._counts, self._node_sums[-1], self._scales,
+            settings,
+        )  # fmt: skip
 
     def _move_points(self):
         run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
+        laws = effects.material, effects.softening, effects.transfer
+        blocks = self._rows, self._keys, self._order, self._start, self._blocks, self._targets, self._nodes
+        rare = self._rare, self._rare_blocks, self._marks, self._mark_counts
         self._all(
-            grid_to_points.grid_to_points, run, stage, self._clock, self._rows, self._keys, self._order, self._start,
-            self._blocks, self._targets, self._nodes, self._ground[0], self._lowest, self._inside, self._left,
-            self._d_units, self._point_sums[0], settings, effects.material, effects.softening, effects.transfer,
+            grid_to_points.grid_to_points, run, self._scales, *blocks, self._planes, self._lowest, self._inside, *rare,
+            self._domain, *laws,
+        )  # fmt: skip
+        self._all(
+            rare_points.move_rare_points, run, self._scales, *blocks, self._ground[0], self._lowest, self._inside,
+            self._left, self._d_units, *rare, self._point_sums[0], self._domain, settings, *laws,
         )  # fmt: skip
         self._add_up(point_reports.sum_point_reports, self._point_sums)
         self._one(

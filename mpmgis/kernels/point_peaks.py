@@ -91,11 +91,34 @@ def _folded_mass(own, nodes, window, row, column, nx, ny):
 
 
 @jit_borrowing
-def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings):
-    """`accumulate_point_peaks` for the block column whose lowest touched block is `t`; `part` is a work array."""
-    nodes, touched, density = grid.nodes, grid.touched, settings.density
+def note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, time, settings):
+    """`accumulate_point_peaks` for node column [j, i] of momentum (px, py, pz) [kg m s-1] and `mass` [kg]."""
+    density = settings.density
     per_mass = 1.0 / (density * settings.dx * settings.dx)
     lone = settings.lone_thickness * (1.0 + LONE_ROUNDING)
+    if mass <= 0.0:
+        return
+    folded = mass
+    if settings.wall:
+        folded = _folded_mass(mass, nodes, window, j, i, settings.cells_x, settings.cells_y)
+    thickness = folded * per_mass
+    peaks[j, i, THICKNESS] = max(peaks[j, i, THICKNESS], thickness)
+    if thickness < settings.arrival_thickness or mass * per_mass <= lone:
+        return
+    u, v, w = px / mass, py / mass, pz / mass
+    _, gx, gy, gz = plane_at(ground_nodes, j, i)
+    away = u * gx + v * gy + w * gz
+    speed2 = u * u + v * v + w * w
+    peaks[j, i, SPEED] = max(peaks[j, i, SPEED], sqrt(max(speed2 - away * away, 0.0)))
+    peaks[j, i, PRESSURE] = max(peaks[j, i, PRESSURE], density * speed2)
+    if peaks[j, i, ARRIVAL] < 0.0:
+        peaks[j, i, ARRIVAL] = time
+
+
+@jit_borrowing
+def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings):
+    """`accumulate_point_peaks` for the block column whose lowest touched block is `t`; `part` is a work array."""
+    nodes, touched = grid.nodes, grid.touched
     depth, nx, ny = window.depth, settings.cells_x, settings.cells_y
     row, column = touched[t, 0], touched[t, 1]
     place = ((row - window.south) * window.width + column - window.west) * depth
@@ -105,24 +128,10 @@ def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings)
     for j in range(max(row * BLOCK, GHOSTS), min((row + 1) * BLOCK, GHOSTS + ny + 1)):
         for i in range(max(column * BLOCK, GHOSTS), min((column + 1) * BLOCK, GHOSTS + nx + 1)):
             s = ((j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
-            mass = part[s + NODE_MASS]
-            if mass <= 0.0:
-                continue
-            folded = mass
-            if settings.wall:
-                folded = _folded_mass(mass, nodes, window, j, i, nx, ny)
-            thickness = folded * per_mass
-            peaks[j, i, THICKNESS] = max(peaks[j, i, THICKNESS], thickness)
-            if thickness < settings.arrival_thickness or mass * per_mass <= lone:
-                continue
-            u, v, w = part[s + NODE_X] / mass, part[s + NODE_Y] / mass, part[s + NODE_Z] / mass
-            _, gx, gy, gz = plane_at(ground_nodes, j, i)
-            away = u * gx + v * gy + w * gz
-            speed2 = u * u + v * v + w * w
-            peaks[j, i, SPEED] = max(peaks[j, i, SPEED], sqrt(max(speed2 - away * away, 0.0)))
-            peaks[j, i, PRESSURE] = max(peaks[j, i, PRESSURE], density * speed2)
-            if peaks[j, i, ARRIVAL] < 0.0:
-                peaks[j, i, ARRIVAL] = time
+            note_column_peaks(
+                peaks, j, i, part[s + NODE_X], part[s + NODE_Y], part[s + NODE_Z], part[s + NODE_MASS], nodes, window,
+                ground_nodes, time, settings,
+            )  # fmt: skip
 
 
 @jit_parallel

@@ -10,9 +10,18 @@ from mpmgis.effects.friction import NoZones
 from mpmgis.effects.material import MuI, drucker_prager
 from mpmgis.effects.slots import WholeGradient
 from mpmgis.effects.softening import NoSoftening, softening
-from mpmgis.gpu import grid_to_points, point_barriers, point_nodes, point_reports, point_sort, points_to_grid
+from mpmgis.gpu import (
+    grid_to_points,
+    point_barriers,
+    point_nodes,
+    point_reports,
+    point_sort,
+    points_to_grid,
+    rare_points,
+)
 from mpmgis.gpu.compiled import Kernel
-from mpmgis.gpu.grid_to_points import _between
+from mpmgis.gpu.point_steps import Domain
+from mpmgis.gpu.rare_points import _between
 from mpmgis.kernels.point_rows import Settings
 
 SETTINGS = Settings(
@@ -119,11 +128,15 @@ def signatures(real):
         yield name, getattr(point_barriers, name), arguments
     yield "sum_node_reports", point_reports.sum_node_reports, (run, reports, reports)
     yield "sum_point_reports", point_reports.sum_point_reports, (run, reports, reports)
-    yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, reports, settings)
+    yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, reports, array(number, 1), settings)
     finish = run, stage, clock, counts, reports, reports, rows, keys, lowest, settings
     yield "finish_step", point_reports.finish_step, finish
     for label, (material, soft) in MATERIALS.items():
-        given = run, stage, clock, rows, keys, order, start, touched, sources, nodes, ground[0], lowest, array(byte, 2)
-        laws = in_precision(material, real), in_precision(soft, real), numba.typeof(WholeGradient())
-        arguments = *given, array(i8, 4), array(f8, 1), reports, settings, *laws
+        laws = in_precision(material, real), in_precision(soft, real), in_precision(WholeGradient(), real)
+        given = run, array(number, 1), rows, keys, order, start, touched, sources, nodes
+        marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
+        map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
+        arguments = *given, array(number, 3), *map_, *marks, domain, *laws
         yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
+        arguments = *given, ground[0], *map_, array(i8, 4), array(f8, 1), *marks, reports, domain, settings, *laws
+        yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments

@@ -1,0 +1,157 @@
+"""What the kernels of common and of rare points share: numbers of a step, the ground in short, nodes around a point.
+
+Indices of shared arrays are unsigned: numba tests a signed one for counting from the end.
+"""
+
+from math import floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64, uint32
+
+from ..kernels import point_report as entry
+from ..kernels.point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
+from ..kernels.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1, S2, S3, TILE, TILE_SIZE
+from .compiled import Part, real
+
+# numbers of a step in the precision of the points: cells per speed, (cells per speed and radius) for a velocity and its
+# square, momentum per stress, length [s], and mass [kg] and squared speed of `kernels.point_edges.limit_thin`
+SHIFT, GRADIENT, TURN2, PUSH, STEP, DENSE, STILL2, SCALES = range(8)
+# ground of a node column: height and height below which a point is checked [cells from the first ghost], slopes
+PLANE, SLOPE_X, SLOPE_Y, DEEP, PLANE_ENTRIES = range(5)
+# float entries of a thread's report of common points: largest squares, the largest of one that stays, plastic work
+SHEAR, SPEED2, STAY2, PLASTIC, MARKS = range(5)
+# int32 entries: window of blocks, points at the tip of the yield surface, index of the fastest point that stays
+WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, COUNTS = range(8)
+# a report of rare points has in addition to the entries of a report: the largest squared speed of a point that stays,
+# and its index
+STAY2_OF_ALL, STAY_POINT = entry.REPORT, entry.REPORT + 1
+POINT_REPORT = entry.REPORT + 2
+MOST_THREADS = 256  # of a thread block
+LAYER, ROW = 4 * TILE * TILE, 4 * TILE
+THIRD = 1.0 / 3.0
+
+
+class Domain(NamedTuple):
+    """Numbers of cells, and whether there are walls on the edges."""
+
+    cells_x: int
+    cells_y: int
+    wall: bool
+
+
+def planes_of(ground, dx, real):
+    """real[rows, columns, PLANE_ENTRIES] of the `ground` float64[rows, columns, GROUND_ENTRIES]; DEEP is rounded up."""
+    planes = np.empty((*ground.shape[:2], PLANE_ENTRIES), real)
+    planes[..., PLANE] = ground[..., GROUND_HEIGHT] / dx + GHOSTS
+    planes[..., SLOPE_X], planes[..., SLOPE_Y] = ground[..., GROUND_SLOPE_X], ground[..., GROUND_SLOPE_Y]
+    deep = (ground[..., GROUND_DEEP] / dx + GHOSTS).astype(real)
+    planes[..., DEEP] = deep + 4.0 * np.spacing(np.abs(deep) + real(1.0))
+    return planes
+
+
+@Part
+def stencil(place):
+    """As `kernels.point_rows.stencil`, with the index of the first node too."""
+    base = min(max(real(floor(place - 0.5)), 0.0), LAST_BASE)
+    f = place - base
+    return uint32(base), f, 0.5 * (1.5 - f) * (1.5 - f), 0.75 - (f - 1.0) * (f - 1.0), 0.5 * (f - 0.5) * (f - 0.5)
+
+
+@Part
+def load_tile(tile, nodes, targets, a, thread, threads):
+    """Copy the nodes that points of block `a` reach into `tile`."""
+    for e in range(thread, TILE_SIZE, threads):
+        n = e // 4
+        i, j, k = n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
+        o = (i // BLOCK) + 2 * (j // BLOCK) + 4 * (k // BLOCK)
+        tile[e] = nodes[targets[a, o], (((k & 3) * BLOCK + (j & 3)) * BLOCK + (i & 3)) * 4 + e % 4]
+
+
+@Part
+def edges_of(column, row, domain):
+    """Western, southern, eastern and northern edge of the domain [cells of the block]."""
+    west, south = GHOSTS - BLOCK * column, GHOSTS - BLOCK * row
+    return real(west), real(south), real(west + domain.cells_x), real(south + domain.cells_y)
+
+
+@Part
+def around(tile, n):
+    """The three nodes from `n` of a row of the `tile`: their numbers in order."""
+    m = uint32(n)
+    return (
+        (tile[m], tile[uint32(n + 4)], tile[uint32(n + 8)]),
+        (tile[uint32(n + 1)], tile[uint32(n + 5)], tile[uint32(n + 9)]),
+        (tile[uint32(n + 2)], tile[uint32(n + 6)], tile[uint32(n + 10)]),
+        (tile[uint32(n + 3)], tile[uint32(n + 7)], tile[uint32(n + 11)]),
+    )
+
+
+@Part
+def interpolated(tile, x, y, z):
+    """Velocity, mass at the nodes around, and gradient [velocity per cell / 4] at a place; then its first node.
+
+    u, v, w, near, then du/dx, dv/dx, dw/dx, du/dy, ... .
+    """
+    i, fx, wx0, wx1, wx2 = stencil(x)
+    j, fy, wy0, wy1, wy2 = stencil(y)
+    k, fz, wz0, wz1, wz2 = stencil(z)
+    m0, m1, m2 = -wx0 * fx, wx1 * (1.0 - fx), wx2 * (2.0 - fx)
+    wy, wz = (wy0, wy1, wy2), (wz0, wz1, wz2)
+    first = int64(k * uint32(LAYER) + j * uint32(ROW) + i * uint32(4))
+    u = v = w = near = real(0.0)
+    xx = yx = zx = xy = yy = zy = xz = yz = zz = real(0.0)
+    for c in range(3):
+        lu = lv = lw = lm = real(0.0)
+        ax = ay = az = bx = by = bz = real(0.0)
+        for b in range(3):
+            us, vs, ws, ms = around(tile, first + c * LAYER + b * ROW)
+            ru = wx0 * us[0] + wx1 * us[1] + wx2 * us[2]
+            rv = wx0 * vs[0] + wx1 * vs[1] + wx2 * vs[2]
+            rw = wx0 * ws[0] + wx1 * ws[1] + wx2 * ws[2]
+            rm = wx0 * ms[0] + wx1 * ms[1] + wx2 * ms[2]
+            side, arm = wy[b], wy[b] * (real(b) - fy)
+            ax += side * (m0 * us[0] + m1 * us[1] + m2 * us[2])
+            ay += side * (m0 * vs[0] + m1 * vs[1] + m2 * vs[2])
+            az += side * (m0 * ws[0] + m1 * ws[1] + m2 * ws[2])
+            lu, lv, lw, lm = lu + side * ru, lv + side * rv, lw + side * rw, lm + side * rm
+            bx, by, bz = bx + arm * ru, by + arm * rv, bz + arm * rw
+        side, arm = wz[c], wz[c] * (real(c) - fz)
+        u, v, w, near = u + side * lu, v + side * lv, w + side * lw, near + side * lm
+        xx, yx, zx = xx + side * ax, yx + side * ay, zx + side * az
+        xy, yy, zy = xy + side * bx, yy + side * by, zy + side * bz
+        xz, yz, zz = xz + arm * lu, yz + arm * lv, zz + arm * lw
+    return u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz
+
+
+@Part
+def only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz):
+    """The part of a gradient that turns the point without strain."""
+    zero = real(0.0)
+    xy, xz, yz = 0.5 * (xy - yx), 0.5 * (xz - zx), 0.5 * (yz - zy)
+    return zero, -xy, -xz, xy, zero, -yz, xz, yz, zero
+
+
+@Part
+def keep_state(rows, p, n0, n1, n2, n3):
+    """Write the first four numbers of state."""
+    rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3] = n0, n1, n2, n3
+
+
+@Part
+def keep_affine(rows, p, carried, pushed, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz):
+    """Write the affine momentum: `carried` times the gradient less the impulse `pushed` of the stress."""
+    rows[p, AXX], rows[p, AXX + 1] = carried * xx - pushed * txx, carried * yx - pushed * txy
+    rows[p, AXX + 2] = carried * zx - pushed * txz
+    rows[p, AXY], rows[p, AXY + 1] = carried * xy - pushed * txy, carried * yy - pushed * tyy
+    rows[p, AXY + 2] = carried * zy - pushed * tyz
+    rows[p, AXZ], rows[p, AXZ + 1] = carried * xz - pushed * txz, carried * yz - pushed * tyz
+    rows[p, AXZ + 2] = carried * zz - pushed * tzz
+
+
+@Part
+def plastic_rate(txx, tyy, tzz, txy, txz, tyz):
+    """Stress whose product with the plastic strain is plastic work: sqrt(3 / 2 s : s) [Pa]."""
+    mean = (txx + tyy + tzz) * THIRD
+    square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
+    return sqrt(1.5 * (square + 2.0 * (txy * txy + txz * txz + tyz * tyz)))

@@ -1,0 +1,318 @@
+"""Grid to points on the device, for the points that `grid_to_points` marked as rare.
+
+These are points whose affine velocity may be limited, whose strain exceeds the range of the series, that are stopped at
+a wall, leave, may be below the ground or are not finite. Their step is computed from the beginning, with what is in
+double precision in `kernels.point_edges` too. The reports of all points end here.
+"""
+
+from math import floor
+
+from numba import cuda, float64, int32, int64, uint32
+
+from ..effects.material import FAR as FAR_CODE
+from ..effects.material import NO_TENSION as TIP_CODE
+from ..kernels import point_report as entry
+from ..kernels.block_order import (
+    EAST_EDGE,
+    GONE,
+    INTO_NODATA,
+    LEFT_BLOCK,
+    LEFT_MASS,
+    LEFT_X,
+    LEFT_Y,
+    NORTH_EDGE,
+    SOUTH_EDGE,
+    WEST_EDGE,
+)  # fmt: skip
+from ..kernels.point_blocks import packed
+from ..kernels.point_edges import (
+    BENT,
+    FAR,
+    FAR_BLOCKS,
+    GRIPPED,
+    INSIDE,
+    JET,
+    _above_ground,
+    _filled,
+    widen_window,
+)
+from ..kernels.point_ground import GROUND_DEEP
+from ..kernels.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
+from . import point_steps as step
+from .compiled import Kernel, Part, real
+from .launch import ACTIVE, STATUS
+from .point_places import lifted, way_out
+from .point_steps import (
+    MOST_THREADS,
+    edges_of,
+    interpolated,
+    keep_affine,
+    keep_state,
+    load_tile,
+    only_turning,
+    plastic_rate,
+    stencil,
+)
+
+LIST = 512  # rare points of a block that are listed before they are moved, so that all threads have one
+
+
+@Part
+def _begin_report(mine, marks, counts):
+    """The report of a thread, with what it did with common points."""
+    for k in range(step.POINT_REPORT):
+        mine[k] = 0.0
+    mine[entry.SHEAR_MAX], mine[entry.SPEED2_MAX] = marks[step.SHEAR], marks[step.SPEED2]
+    mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = marks[step.STAY2], counts[step.STAY]
+    mine[entry.PLASTIC], mine[entry.AT_TIP] = marks[step.PLASTIC], counts[step.TORN]
+    mine[entry.BLOCK_WEST], mine[entry.BLOCK_SOUTH] = counts[step.WEST], counts[step.SOUTH]
+    mine[entry.BLOCK_EAST], mine[entry.BLOCK_NORTH] = counts[step.EAST], counts[step.NORTH]
+    mine[entry.BLOCK_TALL] = counts[step.TALL]
+
+
+@Part
+def _between(x, low, high):
+    """`x` within `low` and `high`; NaN remains, from which min and max of the device would make a number."""
+    if x < low:
+        return low
+    return high if x > high else x
+
+
+@Part
+def _variance(tile, x, y, z, u, v, w):
+    """Weighted variance [m2 s-2] of the velocities of the nodes around a point about its own."""
+    i, _, wx0, wx1, wx2 = stencil(x)
+    j, _, wy0, wy1, wy2 = stencil(y)
+    k, _, wz0, wz1, wz2 = stencil(z)
+    wx, wy, wz = (wx0, wx1, wx2), (wy0, wy1, wy2), (wz0, wz1, wz2)
+    first = int64(k * uint32(step.LAYER) + j * uint32(step.ROW) + i * uint32(4))
+    east = north = up = real(0.0)
+    for c in range(3):
+        for b in range(3):
+            share, n = wz[c] * wy[b], first + c * step.LAYER + b * step.ROW
+            du2 = dv2 = dw2 = real(0.0)
+            for e in range(3):
+                at = n + 4 * e
+                du, dv, dw = tile[uint32(at)] - u, tile[uint32(at + 1)] - v, tile[uint32(at + 2)] - w
+                du2, dv2, dw2 = du2 + wx[e] * du * du, dv2 + wx[e] * dv * dv, dw2 + wx[e] * dw * dw
+            east, north, up = east + share * du2, north + share * dv2, up + share * dw2
+    return float64(east) + float64(north) + float64(up)
+
+
+@Part
+def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
+    """Whether the affine velocity of a point is kept as it is (see `kernels.point_edges.limit_thin`)."""
+    dx, dense = settings.dx, scales[step.DENSE]
+    if not (near < dense and affine2 > scales[step.STILL2]):
+        return True
+    x, y = float64(x), float64(y)
+    west, south, east, north = edges
+    above, inside = _above_ground(x, y, float64(z), block, ground, dx), float64(FAR)
+    if settings.wall:
+        inside = min(min(x - west, y - south), min(east - x, north - y))
+    if above < GRIPPED and inside > JET:
+        return True
+    filled = _filled(above)
+    if settings.wall:
+        filled = filled * _filled(x - west) * _filled(y - south) * _filled(east - x) * _filled(north - y)
+    return not near < dense * filled
+
+
+@Kernel
+def move_rare_points(
+    run, scales, rows, keys, order, start, blocks, targets, nodes, ground, lowest, inside, left, units, rare,
+    rare_blocks, marks, counts, reports, domain, settings, material, softening, transfer,
+):  # fmt: skip
+    """The step of the points marked in `rare`; as `grid_to_points`, with the code that few points need.
+
+    Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in
+    whole numbers: their sum has no order. `reports` float64[threads, POINT_REPORT] begin with `marks` and `counts`.
+    """
+    thread, threads = cuda.threadIdx.x, cuda.blockDim.x
+    own = cuda.blockIdx.x * threads + thread
+    mine = reports[own]
+    _begin_report(mine, marks[own], counts[own])
+    tile = cuda.shared.array(TILE_SIZE, real)
+    marked = cuda.shared.array(MOST_THREADS, int32)
+    chosen = cuda.shared.array(LIST, int32)
+    for a in range(cuda.blockIdx.x, 0 if run[STATUS] != 0 else run[ACTIVE], cuda.gridDim.x):
+        if rare_blocks[a] == 0:
+            continue
+        load_tile(tile, nodes, targets, a, thread, threads)
+        listed = 0
+        for first in range(start[a], start[a + 1], threads):
+            s = first + thread
+            marked[thread] = 1 if s < start[a + 1] and rare[s] != 0 else 0
+            cuda.syncthreads()
+            at, total = listed, listed
+            for t in range(threads):
+                at, total = at + (marked[t] if t < thread else 0), total + marked[t]
+            if marked[thread] != 0:
+                chosen[at] = order[s]
+            listed = total
+            cuda.syncthreads()
+            if listed + threads > LIST or first + threads >= start[a + 1]:
+                for e in range(thread, listed, threads):
+                    way, x, y, mass = _move(
+                        chosen[e], tile, blocks[a], scales, rows, keys, ground, lowest, inside, mine, domain, settings,
+                        material, softening, transfer,
+                    )  # fmt: skip
+                    if 0 <= way < entry.EDGES:
+                        over, j, i, x, y = _left_at(inside.shape, blocks[a, 0], blocks[a, 1], x, y, settings.dx)
+                        cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
+                        cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
+                        cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
+                listed = 0
+                cuda.syncthreads()
+    mine[entry.PLASTIC] /= settings.density
+
+
+@Part
+def _move(
+    p, tile, block, scales, rows, keys, ground, lowest, inside, mine, domain, settings, material, softening, transfer,
+):  # fmt: skip
+    """The step of point `p`; answers the way out (EDGES: none, -1: not finite), the new x and y [cells], the mass."""
+    dx, column, row = settings.dx, block[0], block[1]
+    edges, longer = edges_of(column, row, domain), rows.shape[1] > S4
+    west, south, east, north = edges
+    x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]
+    u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, x, y, z)
+    s4 = s5 = s6 = s7 = real(0.0)
+    if longer:
+        s4, s5, s6, s7 = rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7]
+    g, time_step = scales[step.GRADIENT], scales[step.STEP]
+    n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
+        rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7,
+        g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
+    )  # fmt: skip
+    if code == FAR_CODE:
+        mine[entry.FAR] += 1.0
+        n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, held = material.stress_step_far(
+            rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7,
+            g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
+        )  # fmt: skip
+        if held == FAR_CODE:
+            mine[entry.HELD_STRETCH] += 1.0
+    if code == TIP_CODE:
+        mine[entry.AT_TIP] += 1.0
+    if transfer.only_turns():
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
+    affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
+    mine[entry.SHEAR_MAX] = max(mine[entry.SHEAR_MAX], float64(affine2 * scales[step.TURN2]))
+    affine2 = 4.0 * affine2
+    speed2 = u * u + v * v + w * w
+    mine[entry.SPEED2_MAX] = max(mine[entry.SPEED2_MAX], float64(speed2))
+    carried = 4.0 * mass
+    if not _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
+        carried = carried * _limited(float64(affine2) / _variance(tile, x, y, z, u, v, w), affine2, mass, mine)
+    if longer:
+        mine[entry.PLASTIC] += float64(mass * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6))
+        rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = n4, n5, n6, n7
+    keep_state(rows, p, n0, n1, n2, n3)
+    keep_affine(
+        rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
+    )
+    px, py, pz = mass * u, mass * v, mass * w
+    shift = scales[step.SHIFT]
+    x1, y1, z1 = x + shift * u, y + shift * v, z + shift * w
+    if domain.wall:
+        if x1 < west + INSIDE or x1 > east - INSIDE or y1 < south + INSIDE or y1 > north - INSIDE:
+            mine[entry.HELD_WALL] += 1.0
+        x1, y1 = _between(x1, west + INSIDE, east - INSIDE), _between(y1, south + INSIDE, north - INSIDE)
+    if (x1 + y1 + z1) * 0.0 != 0.0:  # NaN or infinite
+        mine[entry.NOT_FINITE] += 1.0
+        mine[entry.BAD_X] = (float64(x) + float64(column * BLOCK - GHOSTS)) * dx
+        mine[entry.BAD_Y] = (float64(y) + float64(row * BLOCK - GHOSTS)) * dx
+        way = -1
+    else:
+        way = way_out(x1, y1, edges, inside)
+    rows[p, PX], rows[p, PY], rows[p, PZ] = px, py, pz
+    if way != entry.EDGES:
+        if way >= 0:
+            _book_out(way, block, z1, px, py, pz, speed2, mass, settings, mine)
+        keys[p] = GONE
+        return way, float64(x1), float64(y1), float64(mass)
+    _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine)
+    if float64(speed2) > mine[step.STAY2_OF_ALL]:
+        mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = speed2, p
+    return way, float64(x1), float64(y1), float64(mass)
+
+
+@Part
+def _limited(share, affine2, mass, mine):
+    """Factor of the affine momentum of a point whose affine velocity accounts for `share` of the nodes' variance."""
+    if not share < 1.0 - BENT:
+        return real(1.0)
+    kept = share * share * share * share
+    mine[entry.LIMITED] += 1.0
+    energy = float64(0.5) * float64(mass) * float64(affine2) * (float64(1.0) - kept * kept)
+    mine[entry.LIMITED_ENERGY] += energy
+    return real(kept)
+
+
+@Part
+def _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine):
+    """Report a point that leaves, to the height `z` [cells of its block]."""
+    out, m = entry.OUT + way * entry.OUT_ENTRIES, float64(mass)
+    mine[out] += m
+    mine[out + 1] += px
+    mine[out + 2] += py
+    mine[out + 3] += pz
+    mine[out + 4] += float64(0.5) * m * float64(speed2)
+    mine[out + 5] += m * settings.gravity * ((float64(z) + float64(block[2] * BLOCK - GHOSTS)) * settings.dx)
+    mine[out + 6] += 1.0
+
+
+@Part
+def _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine):
+    """Write the place of a point that stays, its block, and its momentum if it is lifted onto the ground."""
+    dx, column, row, level = settings.dx, block[0], block[1], block[2]
+    ni, nj = int32(floor(x1 + 0.5)) + column * BLOCK, int32(floor(y1 + 0.5)) + row * BLOCK
+    bx, by = int32(floor((x1 - 0.5) * 0.25)), int32(floor((y1 - 0.5) * 0.25))
+    bz = int32(min(max(real(floor((z1 - 0.5) * 0.25)), -FAR_BLOCKS), FAR_BLOCKS))
+    x1, y1, z1 = x1 - 4.0 * real(bx), y1 - 4.0 * real(by), z1 - 4.0 * real(bz)
+    height = (float64(z1) + float64((level + bz) * BLOCK - GHOSTS)) * dx
+    if height < ground[nj, ni, GROUND_DEEP]:
+        place = float64(x1) + float64((column + bx) * BLOCK), float64(y1) + float64((row + by) * BLOCK)
+        energy, px, py, pz, up = lifted(place, height, ni, nj, mass, px, py, pz, ground, settings, mine)
+        if energy > 0.0:
+            new = int32(up - 0.5) // BLOCK
+            bz, z1 = new - level, real(up - float64(new * BLOCK))
+            rows[p, PX], rows[p, PY], rows[p, PZ] = px, py, pz
+    rows[p, X], rows[p, Y] = x1, y1
+    if bx != 0 or by != 0 or bz != 0:
+        new_column, new_row = column + bx, row + by
+        new = level + bz - lowest[new_row, new_column, 0]
+        if new < 0:
+            z1 += 4.0 * real(new)
+            new = 0
+        keys[p] = packed(int64(new_row), int64(new_column), int64(new))
+        widen_window(mine, new_row, new_column, new + lowest[new_row, new_column, 1])
+    rows[p, Z] = z1
+
+
+@Part
+def _whole(value):
+    """The whole number nearest to `value`, which is not negative."""
+    return int64(value + float64(0.5))
+
+
+@Part
+def _left_at(shape, column, row, x, y, dx):
+    """(way, row and column of a block of cells, place [m]) of a point that left to (x, y) [cells of its block].
+
+    As `kernels.block_order.book_left`.
+    """
+    x, y = (x + float64(column * BLOCK - GHOSTS)) * dx, (y + float64(row * BLOCK - GHOSTS)) * dx
+    ny, nx = shape
+    way = INTO_NODATA
+    if x < 0.0:
+        way = WEST_EDGE
+    elif y < 0.0:
+        way = SOUTH_EDGE
+    elif x >= nx * dx:
+        way = EAST_EDGE
+    elif y >= ny * dx:
+        way = NORTH_EDGE
+    x, y = min(max(x, float64(0.0)), nx * dx), min(max(y, float64(0.0)), ny * dx)
+    return way, min(int64(y / dx), ny - 1) // LEFT_BLOCK, min(int64(x / dx), nx - 1) // LEFT_BLOCK, x, y

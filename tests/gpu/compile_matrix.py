@@ -1,0 +1,113 @@
+"""Registers, stack and spills of every kernel for two devices, by CUDA's assembler, without a driver.
+
+`python tests/gpu/compile_matrix.py` prints the table of the guide of the GPU; an argument selects kernels by name.
+"""
+
+import re
+import subprocess
+import sys
+from typing import NamedTuple
+
+import numpy as np
+from law_kernels import CAPABILITIES, PRECISIONS, assembler, register, without_driver
+
+LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor, of its 65536 registers
+# kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
+MORE = {
+    "grid_to_points": (LIMIT, 168),
+    "move_rare_points": (128, 232),
+    "points_to_grid": (LIMIT, 120),
+    "couple_layers": (128, 128),
+    "press_on_ground": (112, 112),
+    "press_on_faces": (168, 168),
+    "hold_nodes_voellmy_barred": (116, 116),
+    "hold_at_barriers": (128, 128),
+    "columns_to_grid": (LIMIT, 168),
+    "grid_to_columns": (LIMIT, 168),
+    "update_nodes": (LIMIT, 104),
+}
+# kernels for float32 points that compute in double precision on purpose: nodes, ground, clock, sums, rare points
+IN_DOUBLE = (
+    *("begin_step", "weigh_contact", "spread_contact", "move_nodes", "find_contacts", "finish_nodes", "note_peaks"),
+    *("couple_layers", "press_on", "hold_", "weigh_flow", "sum_booked", "collect_barriers", "sum_node_reports"),
+    *("sum_point_reports", "choose_step", "finish_step", "move_rare_points"),
+)
+
+
+class Need(NamedTuple):
+    """What a kernel needs on a device of `capability`."""
+
+    capability: str
+    registers: int
+    stack: int  # [bytes] of local arrays
+    spilled: int  # [bytes] stored and loaded
+    text: str  # assembly
+
+
+def kernels(precision):
+    """(name, kernel, types of its arguments) of all kernels for points of `precision`, or of "columns"."""
+    import column_signatures
+    import device_kernels
+
+    import mpmgis.gpu.laws  # noqa: F401  (registers the methods of laws)
+
+    if precision == "columns":
+        return list(column_signatures.signatures())
+    return list(device_kernels.signatures(PRECISIONS[precision]))
+
+
+def needs(kernel, arguments, precision, folder):
+    """Needs of a kernel for each of CAPABILITIES; types are inferred once."""
+    function = kernel.python(PRECISIONS.get(precision, np.float64))
+    return [assembled(text, capability, folder) for capability, text in texts(function, arguments).items()]
+
+
+def texts(function, arguments):
+    """Capability -> assembly of the kernel `function`."""
+    from numba.cuda.compiler import _compile_pyfunc_with_fixup
+
+    register()
+    first = next(iter(CAPABILITIES.values()))
+    with without_driver(first):
+        library, _ = _compile_pyfunc_with_fixup(function, tuple(arguments), device=False, abi="numba", cc=first)
+        return {name: library.get_asm_str(cc=capability) for name, capability in CAPABILITIES.items()}
+
+
+def assembled(text, capability, folder):
+    """What ptxas reports of a kernel."""
+    source = folder / "kernel.ptx"
+    source.write_text(text)
+    command = [assembler(), "-v", f"-arch={capability}", source, "-o", source.with_suffix(".cubin")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    spills = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", done.stderr)
+    stack = max(int(found[0]) for found in spills)
+    spilled = sum(int(found[1]) + int(found[2]) for found in spills)
+    return Need(capability, int(re.search(r"Used (\d+) registers", done.stderr)[1]), stack, spilled, text)
+
+
+def limit_of(name, precision):
+    """Largest number of registers that a kernel may need."""
+    several = next((more for begin, more in MORE.items() if name.startswith(begin)), (LIMIT, LIMIT))
+    return several[0 if precision == "float32" else 1]
+
+
+def main():
+    """Print a row of the table for each kernel that needs more than 64 registers, or whose name is asked for."""
+    import tempfile
+    from pathlib import Path
+
+    print(f"| kernel | precision | {' | '.join(CAPABILITIES)} | limit |\n|---|---|{'---|' * (len(CAPABILITIES) + 1)}")
+    with tempfile.TemporaryDirectory() as folder:
+        for precision in (*PRECISIONS, "columns"):
+            for name, kernel, arguments in kernels(precision):
+                if sys.argv[1:] and sys.argv[1] not in name:
+                    continue
+                found = needs(kernel, arguments, precision, Path(folder))
+                if sys.argv[1:] or max(need.registers for need in found) > 64:
+                    own = " | ".join(str(need.registers) for need in found)
+                    print(f"| `{name}` | {precision} | {own} | {limit_of(name, precision)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""Every kernel compiles for sm_80 and sm_90, spills no registers, needs no more of them than a limit, and has no double
+precision for float32 points unless it is meant to."""
+
+import pytest
+from compile_matrix import IN_DOUBLE, MORE, kernels, limit_of, needs
+from law_kernels import PRECISIONS, assembler, compiler_lack
+
+LACK = compiler_lack() or ("" if assembler() else "no ptxas (pip install nvidia-cuda-nvcc)")
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+FEWEST = {"float64": 40, "float32": 40, "columns": 30}  # kernels
+
+
+@pytest.mark.parametrize("precision", [*PRECISIONS, "columns"])
+def test_kernels_compile_without_spills_within_their_registers(precision, tmp_path):
+    wrong, names = [], set()
+    for name, kernel, arguments in kernels(precision):
+        names.add(name)
+        for need in needs(kernel, arguments, precision, tmp_path):
+            here = f"{name} {need.capability}"
+            if f".target {need.capability}" not in need.text or ".visible .entry" not in need.text:
+                wrong.append(f"{here}: not a kernel for this device")
+            if need.spilled:
+                wrong.append(f"{here}: {need.spilled} bytes are spilled")
+            if need.registers > limit_of(name, precision):
+                wrong.append(f"{here}: {need.registers} registers, expected at most {limit_of(name, precision)}")
+            if need.stack and not name.endswith("all"):  # the sine of CUDA's library has a local array
+                wrong.append(f"{here}: {need.stack} bytes of local arrays")
+            if precision == "float32" and not name.startswith(IN_DOUBLE) and ".f64" in need.text:
+                wrong.append(f"{here}: double precision")
+    assert not wrong, "\n".join(wrong)
+    assert len(names) > FEWEST[precision]
+
+
+def test_kernels_with_another_limit_exist():
+    names = {name for precision in ("float32", "columns") for name, _, _ in kernels(precision)}
+    assert all(any(name.startswith(begin) for name in names) for begin in (*MORE, *IN_DOUBLE))
