@@ -48,6 +48,9 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
 ) = range(10)  # fmt: skip
 FULL_SHARE = 0.25  # of the heaviest node's share, from which a node takes its whole part in the contact of a row
 UPWARDS = (0, 0, 1)
+FACE_LAYER = (
+    5.0  # [cells] thickness of the layer of a face that yields: a thicker one bears later, a thinner one reflects waves
+)
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
@@ -201,7 +204,7 @@ def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     impedance = signal_speed * line[LINE_HEAVIEST] / (dx * (abs(nx) if east == 1 else abs(ny)))
     jx, jy, jz, line[LINE_YIELDED] = face_impulse(
-        (u, v, w), give, nx, ny, face[FACE_MU], impedance, line[LINE_YIELD], LAYER * dx / signal_speed,
+        (u, v, w), give, nx, ny, face[FACE_MU], impedance, line[LINE_YIELD], FACE_LAYER * dx / signal_speed,
         MOST_YIELD * dx, dt, barrier,
     )  # fmt: skip
     return _give_line(nodes, slots, span, lowest, (j, i, k), (east, north, 0), foot, (jx, jy, jz), line)
@@ -264,7 +267,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
     j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
     bottom, base = int(face[FACE_LOWEST]), int(face[FACE_FIRST])
     top = int(face[FACE_TOP] / dx + GHOSTS)
-    stretch, first, last, above = LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
+    stretch, first, last, above = FACE_LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
     deep = _ground_at(ground, face, dx) / dx + GHOSTS + 0.5
     for k in range(top, bottom - 1, -1):
         line = lines[COLUMNS + k - base]

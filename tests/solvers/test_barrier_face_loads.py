@@ -55,6 +55,14 @@ def test_still_water_presses_a_wall_as_much_wherever_it_lies_in_a_cell(place):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("place", [0.25, 0.875])
+def test_still_water_presses_as_much_on_a_wall_with_friction(place):
+    """mu 0.5: the force is 1.1 % low, 4 % where faces yielded as a layer of 20 cells; the lever 6 to 7 %."""
+    force, lever = mean_load(still_water(place, mu=0.5), 2.0, 4.0)
+    assert force == pytest.approx(1.0, abs=0.02) and lever == pytest.approx(1.0, abs=0.09)
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("foot", [0.4, 0.8])
 @pytest.mark.parametrize("cell", [0.5, 0.25])
 def test_still_water_presses_as_much_on_any_ground_and_cells(foot, cell):
@@ -64,9 +72,10 @@ def test_still_water_presses_as_much_on_any_ground_and_cells(foot, cell):
 
 @pytest.mark.parametrize("place, azimuth", [(0.4, 0.0), pytest.param(0.0, 30.0, marks=pytest.mark.thorough)])
 def test_a_block_rests_on_a_wall_by_friction_just_under_its_angle(place, azimuth):
-    """24 degrees, friction 25: it starts without stress, settles by 0.4 to 0.5 m in 2 s and rests (askew in the grid it
-    moves another 0.02 m in 3 s); it crept at 0.5 to 0.8 m/s without end where faces held nodes one by one."""
-    _, _, _, solver = along_wall(24.0, 3.0, SLAB, place=place, azimuth=azimuth)
+    """24 degrees, friction 25: it starts without stress, settles by 0.21 to 0.26 m in 2 s and rests (it moves another
+    0.01 m in 3 s); it crept at 0.5 to 0.8 m/s without end where faces held nodes one by one."""
+    moved, _, _, solver = along_wall(24.0, 3.0, SLAB, place=place, azimuth=azimuth)
+    assert moved <= 0.3
     settled = sorted_points(solver).position.mean(axis=0)
     integrate_to(solver, 6.0)
     assert np.linalg.norm(sorted_points(solver).position.mean(axis=0) - settled) <= 0.03
@@ -74,12 +83,12 @@ def test_a_block_rests_on_a_wall_by_friction_just_under_its_angle(place, azimuth
 
 
 def test_a_block_slides_along_a_wall_as_coulombs_law_predicts():
-    """30 degrees: the acceleration once it has settled is 1.8 % larger than the exact one."""
+    """30 degrees: the acceleration once it has settled is 0.3 to 1.5 % larger than the exact one."""
     _, exact, _, solver = along_wall(30.0, 2.0, SLAB, place=0.4)
     speed = np.linalg.norm(sorted_points(solver).velocity.mean(axis=0))
     integrate_to(solver, 3.0)
     gained = np.linalg.norm(sorted_points(solver).velocity.mean(axis=0)) - speed
-    assert gained == pytest.approx(2.0 * exact / 2.0**2, rel=0.04)
+    assert gained == pytest.approx(2.0 * exact / 2.0**2, rel=0.02)
 
 
 @pytest.mark.parametrize("mu, azimuth", [(0.0, 0.0), (0.5, 0.0), pytest.param(0.0, 25.0, marks=pytest.mark.thorough)])

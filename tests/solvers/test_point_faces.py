@@ -87,9 +87,9 @@ def test_a_kink_of_the_bed_bears_as_the_planes_beside_it(degrees):
 @pytest.mark.parametrize("azimuth", [0.0, 30.0])
 def test_a_block_slides_along_a_wall(azimuth):
     """35 degrees over a friction angle of 25, started without stress: while the block settles on smooth ground it
-    swings, and goes 10 to 11 % too far in 2 s; the wall bears the weight's part to 2.5 %. 24 degrees move by 0.4 to
-    0.5 m in 2 s and then rest (`test_barrier_face_loads`)."""
+    swings, and goes 7 % too far in 2 s; the wall bears the weight's part to 3 %. 24 degrees move by 0.21 to
+    0.26 m in 2 s and then rest (`test_barrier_face_loads`)."""
     moved, exact, force, _ = along_wall(35.0, 2.0, SLAB, azimuth=azimuth)
-    assert 1.0 <= moved / exact <= 1.12 and force == pytest.approx(1.0, abs=0.03)
+    assert 1.0 <= moved / exact <= 1.09 and force == pytest.approx(1.0, abs=0.03)
     moved, exact, force, _ = along_wall(24.0, 2.0, SLAB, azimuth=azimuth)
-    assert exact == 0.0 and 0.0 <= moved <= 0.5 and force == pytest.approx(1.0, abs=0.05)
+    assert exact == 0.0 and 0.0 <= moved <= 0.3 and force == pytest.approx(1.0, abs=0.05)

@@ -19,7 +19,7 @@ from mpmgis.particles import Frame, Particles
 
 LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half of what collapses to both sides, or the radius
 WIDE, PER_CELL = 3, 2  # cells across a strip, points along a cell's side
-STIFF = 20.0  # speed of waves over sqrt(g H), about: the ground yields by 0.05 cells for each cell of H
+STIFF = 10.0  # speed of waves over sqrt(g H), about
 EDGE = LENGTH / 30.0  # [m], thickness below which a deposit has ended: one grain
 DRUCKER_PRAGER = "friction_angle = 30\ncohesion = 0\nmatch = "
 
