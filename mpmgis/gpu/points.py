@@ -107,6 +107,8 @@ class DevicePoints:
         if not self._barred:
             effects = effects._replace(barrier=NoBarrier())
         self._launch = launch or (SMALL if SIMULATED else Launch())
+        if self._launch.width > point_steps.MOST_THREADS:
+            raise ValueError(f"Launch.width got {self._launch.width}; expected at most {point_steps.MOST_THREADS}")
         self._real = state.rows.dtype.type
         transfer = type(effects.transfer)(*map(self._real, effects.transfer))
         self.state, self._settings, self._effects = state, settings, effects._replace(transfer=transfer)

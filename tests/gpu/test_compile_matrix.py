@@ -29,6 +29,16 @@ def test_kernels_compile_without_spills_within_their_registers(precision, tmp_pa
                 wrong.append(f"{here}: double precision")
     assert not wrong, "\n".join(wrong)
     assert len(names) > FEWEST[precision]
+    assert precision != "columns" or {name.split()[0] for name in names} >= kernels_of_columns()
+
+
+def kernels_of_columns():
+    """Names of all kernels for columns."""
+    from mpmgis.gpu import column_detrainment, column_nodes, column_reports, column_sort, column_transfer
+    from mpmgis.gpu.compiled import Kernel
+
+    modules = column_detrainment, column_nodes, column_reports, column_sort, column_transfer
+    return {name for module in modules for name, value in vars(module).items() if isinstance(value, Kernel)}
 
 
 def test_kernels_with_another_limit_exist():

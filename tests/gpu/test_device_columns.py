@@ -10,10 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from column_slots import SCENES
-from law_kernels import compiler_lack, ptx_of
 
 from mpmgis.kernels import column_clock, column_forest, point_clock
 
@@ -87,27 +85,3 @@ def test_reasons_to_stop(found):
 def test_counts_that_the_sort_shares_with_points_have_the_same_entries():
     names = "ROWS", "ALIVE", "STEP", "SINCE_REORDER"
     assert [getattr(column_clock, name) for name in names] == [getattr(point_clock, name) for name in names]
-
-
-@pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
-def test_kernels_compile_without_a_device():
-    from column_signatures import signatures
-
-    import mpmgis.gpu.laws  # noqa: F401  (registers the methods of laws)
-
-    names = set()
-    for name, kernel, arguments in signatures():
-        text = ptx_of(kernel.python(np.float64), tuple(arguments), (9, 0))
-        assert ".target sm_90" in text and ".visible .entry" in text, name
-        assert ".local .align" not in text or name.endswith("all"), f"{name}: lines of a column are not in registers"
-        names.add(name.split()[0])
-    assert names >= kernels_of_columns() and len(names) > 30
-
-
-def kernels_of_columns():
-    """Names of all kernels for columns."""
-    from mpmgis.gpu import column_detrainment, column_nodes, column_reports, column_sort, column_transfer
-    from mpmgis.gpu.compiled import Kernel
-
-    modules = column_detrainment, column_nodes, column_reports, column_sort, column_transfer
-    return {name for module in modules for name, value in vars(module).items() if isinstance(value, Kernel)}

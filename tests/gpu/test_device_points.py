@@ -1,11 +1,11 @@
-"""The 3D solver on a CUDA device, in the simulator, against the CPU's kernels; repeats bit by bit; kernels compile.
+"""The 3D solver on a CUDA device, in the simulator, against the CPU's kernels; repeats bit by bit.
 
 The simulator is chosen before numba is imported: the cases run in a process of their own (`simulated_points.py`).
 """
 
 import pytest
 from device_cases import LACK, require_agreement, results_of
-from law_kernels import PRECISIONS, compiler_lack, ptx_of
+from law_kernels import PRECISIONS
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 SCENES = ("slab", "drag", "cliff", "cliff with drag", "wall", "outflow", "under ground", "zones", "reordered")
@@ -39,23 +39,3 @@ def test_bits_depend_on_neither_launch_order_nor_pauses(found, case, precision):
 
 def test_reasons_to_stop(found):
     assert all(found["reasons"].values())
-
-
-# kernels of points and the sums to nodes: no double precision in single precision, other than sums and rare cases
-SINGLE = ("points_to_grid", "gather_nodes", "rank_points", "count_points", "scatter_points")
-
-
-@pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
-@each_precision
-def test_kernels_compile_without_a_device(precision):
-    from device_kernels import signatures
-
-    import mpmgis.gpu.laws  # noqa: F401  (registers the methods of laws)
-
-    names = set()
-    for name, kernel, arguments in signatures(PRECISIONS[precision]):
-        text = ptx_of(kernel.python(PRECISIONS[precision]), tuple(arguments), (9, 0))
-        assert ".target sm_90" in text and ".visible .entry" in text, name
-        assert precision == "float64" or name not in SINGLE or ".f64" not in text, name
-        names.add(name)
-    assert len(names) > 40
