@@ -145,7 +145,13 @@ def listed(names):
     return ", ".join(map(str, names))
 
 
+LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
+
+
 def meant(name, known):
-    """End of a message that suggests the nearest of the names `known`; '' without a similar one."""
-    close = difflib.get_close_matches(str(name), list(map(str, known)), 1)
+    """End of a message that suggests the nearest of the names `known`; '' without a similar one.
+
+    Short words differ by one letter and mean something else ("gpu" and "cpu"): two of three letters are not similar.
+    """
+    close = difflib.get_close_matches(str(name), list(map(str, known)), 1, LEAST_SIMILAR)
     return f"; did you mean {close[0]!r}?" if close else ""

@@ -18,11 +18,13 @@ COMPARED = (
 )
 
 
-def results_of(script):
-    """Name of case -> result, of all cases of a `script` beside this file."""
+def results_of(script, *parts):
+    """Name of case -> result, of the cases of a `script` beside this file whose names contain one of `parts`."""
     path = Path(__file__).with_name(script)
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, env=environment, timeout=1800)
+    done = subprocess.run(
+        [sys.executable, str(path), *parts], capture_output=True, text=True, env=environment, timeout=1800
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     return dict(json.loads(line) for line in done.stdout.splitlines())
 

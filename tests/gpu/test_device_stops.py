@@ -1,5 +1,7 @@
 """Ends of runs on a CUDA device, jumps, and arrays that grow, in the simulator: as on the processor."""
 
+from functools import cache, partial
+
 import pytest
 from device_cases import LACK, require_agreement, results_of
 from law_kernels import PRECISIONS, compiler_lack, ptx_of
@@ -14,18 +16,20 @@ ENDS = {
     "leaving": "ALL_LEFT",
     "left twice": "ALL_LEFT",
 }
+both = pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 each_precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
 @pytest.fixture(scope="module")
 def found():
-    return results_of("simulated_stops.py")
+    """Precision -> results of its cases; computed once, when they are asked for."""
+    return cache(partial(results_of, "simulated_stops.py", "shared"))
 
 
-@each_precision
+@both
 @pytest.mark.parametrize("case", ENDS)
 def test_runs_end_for_the_same_reason_in_the_same_step(found, case, precision):
-    here = found[f"{case} {precision}"]
+    here = found(precision)[f"{case} {precision}"]
     assert here["reason"] == here["reason_there"] == ENDS[case]
     assert here["steps"] == here["steps_there"] == 1
     assert here["bad"] == here["bad_there"] and (here["bad"][1] > 0) == (ENDS[case] == "NOT_FINITE_STATE")
@@ -35,21 +39,21 @@ def test_runs_end_for_the_same_reason_in_the_same_step(found, case, precision):
         assert here["difference"]["alive"] == (0 if ENDS[case] == "ALL_LEFT" else 12)
 
 
-@each_precision
+@both
 @pytest.mark.parametrize("case", ["thrown", "thrown with drag"])
 def test_points_that_jump_over_blocks_are_where_the_processor_puts_them(found, case, precision):
-    require_agreement(found[f"{case} {precision}"], precision, 100.0)
+    require_agreement(found(precision)[f"{case} {precision}"], precision, 100.0)
 
 
-@each_precision
+@both
 @pytest.mark.parametrize("case", ["grown", "grown at barriers"])
 def test_arrays_that_grow_in_the_middle_of_a_run_change_no_bits(found, case, precision):
-    here = found[f"{case} {precision}"]
+    here = found(precision)[f"{case} {precision}"]
     assert here["same"] and here["grew"] >= 3
 
 
 def test_threads_of_a_simulated_block_share_their_arrays(found):
-    assert found["shared arrays"]["same"]
+    assert found("float64")["shared arrays"]["same"]
 
 
 @pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())

@@ -15,6 +15,7 @@ from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
 from mpmgis.errors import SceneError
 from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
 from mpmgis.scene.materials import MATERIALS
+from mpmgis.scene.table_values import meant
 
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 ICE = {"law": "DruckerPrager", **MODULI, "friction_angle": 40, "cohesion": 1000}
@@ -242,3 +243,9 @@ def test_the_catalogue_has_every_material(capsys):
     assert entries[0]["parameters"]["bulk_modulus"] == "Pa"
     assert main(["effects"]) == 0
     assert "[material] Fluid:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("got, suggested", [("gpu", ""), ("cuad", "cuda"), ("atuo", "auto")])
+def test_a_device_is_suggested_only_where_the_word_is_similar(got, suggested):
+    """cpu is no suggestion for gpu, which means cuda."""
+    assert meant(got, ["cpu", "cuda", "auto"]) == (f"; did you mean {suggested!r}?" if suggested else "")
