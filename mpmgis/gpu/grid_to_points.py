@@ -7,12 +7,11 @@ marks them for `rare_points.move_rare_points`, which computes their step from th
 
 from math import floor
 
-from numba import cuda, int32, int64, uint32
+from numba import cuda, int32, uint32
 
 from ..effects.material import FAR as FAR_CODE
 from ..effects.material import NO_TENSION as TIP_CODE
-from ..kernels.point_blocks import packed
-from ..kernels.point_edges import FAR_BLOCKS, GRIPPED, INSIDE, JET
+from ..kernels.point_edges import GRIPPED, INSIDE, JET
 from ..kernels.point_rows import BLOCK, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from .compiled import Kernel, Part, real
 from .launch import ACTIVE, STATUS
@@ -41,7 +40,9 @@ from .point_steps import (
     TORN,
     TURN2,
     WEST,
+    blocks_away,
     edges_of,
+    enter_block,
     interpolated,
     keep_affine,
     keep_state,
@@ -163,17 +164,11 @@ def grid_to_points(
                 txx, tyy, tzz, txy, txz, tyz,
             )  # fmt: skip
             rows[p, PX], rows[p, PY], rows[p, PZ] = mass * u, mass * v, mass * w
-            bx, by = int32(floor((x1 - 0.5) * 0.25)), int32(floor((y1 - 0.5) * 0.25))
-            bz = int32(min(max(real(floor((z1 - 0.5) * 0.25)), -FAR_BLOCKS), FAR_BLOCKS))
+            bx, by, bz = blocks_away(x1, y1, z1)
             z1 = z1 - 4.0 * real(bz)
             if bx != 0 or by != 0 or bz != 0:
-                new_column, new_row = column + bx, row + by
-                new = level + bz - lowest[new_row, new_column, 0]
-                if new < 0:
-                    z1 += 4.0 * real(new)
-                    new = 0
-                keys[p] = packed(int64(new_row), int64(new_column), int64(new))
-                _widen(count, new_row, new_column, new + lowest[new_row, new_column, 1])
+                z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, keys, lowest)
+                _widen(count, row + by, column + bx, tall)
             rows[p, X], rows[p, Y], rows[p, Z] = x1 - 4.0 * real(bx), y1 - 4.0 * real(by), z1
             speed2 = u * u + v * v + w * w
             if speed2 > mine[STAY2]:

@@ -7,9 +7,11 @@ from math import floor, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, uint32
+from numba import int32, int64, uint32
 
 from ..kernels import point_report as entry
+from ..kernels.point_blocks import packed
+from ..kernels.point_edges import FAR_BLOCKS
 from ..kernels.point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
 from ..kernels.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1, S2, S3, TILE, TILE_SIZE
 from .compiled import Part, real
@@ -89,7 +91,7 @@ def around(tile, n):
 
 @Part
 def interpolated(tile, x, y, z):
-    """Velocity, mass at the nodes around, and gradient [velocity per cell / 4] at a place; then its first node.
+    """Velocity, mass at the nodes around, and gradient [velocity per cell / 4] at a place.
 
     u, v, w, near, then du/dx, dv/dx, dw/dx, du/dy, ... .
     """
@@ -155,3 +157,24 @@ def plastic_rate(txx, tyy, tzz, txy, txz, tyz):
     mean = (txx + tyy + tzz) * THIRD
     square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
     return sqrt(1.5 * (square + 2.0 * (txy * txy + txz * txz + tyz * tyz)))
+
+
+@Part
+def blocks_away(x, y, z):
+    """How many blocks a place [cells of a block] is from that block, to the east, north and up."""
+    up = min(max(real(floor((z - 0.5) * 0.25)), -FAR_BLOCKS), FAR_BLOCKS)
+    return int32(floor((x - 0.5) * 0.25)), int32(floor((y - 0.5) * 0.25)), int32(up)
+
+
+@Part
+def enter_block(p, column, row, level, z, keys, lowest):
+    """Write the key of point `p`, which entered a block; its height there [cells] and how tall the window must be.
+
+    A point below the lowest level of its column belongs to the block of that level.
+    """
+    new = level - lowest[row, column, 0]
+    if new < 0:
+        z += 4.0 * real(new)
+        new = 0
+    keys[p] = packed(int64(row), int64(column), int64(new))
+    return z, new + lowest[row, column, 1]

@@ -12,23 +12,10 @@ from numba import cuda, float64, int32, int64, uint32
 from ..effects.material import FAR as FAR_CODE
 from ..effects.material import NO_TENSION as TIP_CODE
 from ..kernels import point_report as entry
-from ..kernels.block_order import (
-    EAST_EDGE,
-    GONE,
-    INTO_NODATA,
-    LEFT_BLOCK,
-    LEFT_MASS,
-    LEFT_X,
-    LEFT_Y,
-    NORTH_EDGE,
-    SOUTH_EDGE,
-    WEST_EDGE,
-)  # fmt: skip
-from ..kernels.point_blocks import packed
+from ..kernels.block_order import GONE, LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ..kernels.point_edges import (
     BENT,
     FAR,
-    FAR_BLOCKS,
     GRIPPED,
     INSIDE,
     JET,
@@ -44,7 +31,9 @@ from .launch import ACTIVE, STATUS
 from .point_places import lifted, way_out
 from .point_steps import (
     MOST_THREADS,
+    blocks_away,
     edges_of,
+    enter_block,
     interpolated,
     keep_affine,
     keep_state,
@@ -158,7 +147,7 @@ def move_rare_points(
                         material, softening, transfer,
                     )  # fmt: skip
                     if 0 <= way < entry.EDGES:
-                        over, j, i, x, y = _left_at(inside.shape, blocks[a, 0], blocks[a, 1], x, y, settings.dx)
+                        over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
                         cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
                         cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
                         cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
@@ -171,7 +160,7 @@ def move_rare_points(
 def _move(
     p, tile, block, scales, rows, keys, ground, lowest, inside, mine, domain, settings, material, softening, transfer,
 ):  # fmt: skip
-    """The step of point `p`; answers the way out (EDGES: none, -1: not finite), the new x and y [cells], the mass."""
+    """The step of point `p`; answers the way out (EDGES: none, -1: not finite), the new x and y [m], the mass."""
     dx, column, row = settings.dx, block[0], block[1]
     edges, longer = edges_of(column, row, domain), rows.shape[1] > S4
     west, south, east, north = edges
@@ -221,8 +210,7 @@ def _move(
         x1, y1 = _between(x1, west + INSIDE, east - INSIDE), _between(y1, south + INSIDE, north - INSIDE)
     if (x1 + y1 + z1) * 0.0 != 0.0:  # NaN or infinite
         mine[entry.NOT_FINITE] += 1.0
-        mine[entry.BAD_X] = (float64(x) + float64(column * BLOCK - GHOSTS)) * dx
-        mine[entry.BAD_Y] = (float64(y) + float64(row * BLOCK - GHOSTS)) * dx
+        mine[entry.BAD_X], mine[entry.BAD_Y] = _metres(x, column, dx), _metres(y, row, dx)
         way = -1
     else:
         way = way_out(x1, y1, edges, inside)
@@ -231,11 +219,17 @@ def _move(
         if way >= 0:
             _book_out(way, block, z1, px, py, pz, speed2, mass, settings, mine)
         keys[p] = GONE
-        return way, float64(x1), float64(y1), float64(mass)
+        return way, _metres(x1, column, dx), _metres(y1, row, dx), float64(mass)
     _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine)
     if float64(speed2) > mine[step.STAY2_OF_ALL]:
         mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = speed2, p
-    return way, float64(x1), float64(y1), float64(mass)
+    return way, float64(0.0), float64(0.0), float64(mass)
+
+
+@Part
+def _metres(place, block, dx):
+    """Place [m] from the domain's edge or lowest level of a `place` [cells of its block] on one axis."""
+    return (float64(place) + float64(block * BLOCK - GHOSTS)) * dx
 
 
 @Part
@@ -259,7 +253,7 @@ def _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine):
     mine[out + 2] += py
     mine[out + 3] += pz
     mine[out + 4] += float64(0.5) * m * float64(speed2)
-    mine[out + 5] += m * settings.gravity * ((float64(z) + float64(block[2] * BLOCK - GHOSTS)) * settings.dx)
+    mine[out + 5] += m * settings.gravity * _metres(z, block[2], settings.dx)
     mine[out + 6] += 1.0
 
 
@@ -268,10 +262,9 @@ def _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, 
     """Write the place of a point that stays, its block, and its momentum if it is lifted onto the ground."""
     dx, column, row, level = settings.dx, block[0], block[1], block[2]
     ni, nj = int32(floor(x1 + 0.5)) + column * BLOCK, int32(floor(y1 + 0.5)) + row * BLOCK
-    bx, by = int32(floor((x1 - 0.5) * 0.25)), int32(floor((y1 - 0.5) * 0.25))
-    bz = int32(min(max(real(floor((z1 - 0.5) * 0.25)), -FAR_BLOCKS), FAR_BLOCKS))
+    bx, by, bz = blocks_away(x1, y1, z1)
     x1, y1, z1 = x1 - 4.0 * real(bx), y1 - 4.0 * real(by), z1 - 4.0 * real(bz)
-    height = (float64(z1) + float64((level + bz) * BLOCK - GHOSTS)) * dx
+    height = _metres(z1, level + bz, dx)
     if height < ground[nj, ni, GROUND_DEEP]:
         place = float64(x1) + float64((column + bx) * BLOCK), float64(y1) + float64((row + by) * BLOCK)
         energy, px, py, pz, up = lifted(place, height, ni, nj, mass, px, py, pz, ground, settings, mine)
@@ -281,13 +274,8 @@ def _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, 
             rows[p, PX], rows[p, PY], rows[p, PZ] = px, py, pz
     rows[p, X], rows[p, Y] = x1, y1
     if bx != 0 or by != 0 or bz != 0:
-        new_column, new_row = column + bx, row + by
-        new = level + bz - lowest[new_row, new_column, 0]
-        if new < 0:
-            z1 += 4.0 * real(new)
-            new = 0
-        keys[p] = packed(int64(new_row), int64(new_column), int64(new))
-        widen_window(mine, new_row, new_column, new + lowest[new_row, new_column, 1])
+        z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, keys, lowest)
+        widen_window(mine, row + by, column + bx, tall)
     rows[p, Z] = z1
 
 
@@ -295,24 +283,3 @@ def _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, 
 def _whole(value):
     """The whole number nearest to `value`, which is not negative."""
     return int64(value + float64(0.5))
-
-
-@Part
-def _left_at(shape, column, row, x, y, dx):
-    """(way, row and column of a block of cells, place [m]) of a point that left to (x, y) [cells of its block].
-
-    As `kernels.block_order.book_left`.
-    """
-    x, y = (x + float64(column * BLOCK - GHOSTS)) * dx, (y + float64(row * BLOCK - GHOSTS)) * dx
-    ny, nx = shape
-    way = INTO_NODATA
-    if x < 0.0:
-        way = WEST_EDGE
-    elif y < 0.0:
-        way = SOUTH_EDGE
-    elif x >= nx * dx:
-        way = EAST_EDGE
-    elif y >= ny * dx:
-        way = NORTH_EDGE
-    x, y = min(max(x, float64(0.0)), nx * dx), min(max(y, float64(0.0)), ny * dx)
-    return way, min(int64(y / dx), ny - 1) // LEFT_BLOCK, min(int64(x / dx), nx - 1) // LEFT_BLOCK, x, y
