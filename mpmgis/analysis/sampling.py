@@ -169,6 +169,7 @@ def export_grid(
     bounds: tuple | None = None,
     margin: int = 1,
     north_up: bool = True,
+    remedy: str | None = None,
 ) -> Grid:
     """The export grid, aligned with the DTM (`export_axes`).
 
@@ -180,7 +181,7 @@ def export_grid(
     Raises
     ------
     InputError
-        More than 400 million cells, or cells below 1e-6 m.
+        More than 400 million cells, or cells below 1e-6 m. The message ends with `remedy`, or with that of an export.
     """
     axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
     if cell_size is not None:
@@ -200,9 +201,10 @@ def export_grid(
         first_column, columns = _part(bounds[0], bounds[2], width, columns, margin)
         first_row, rows = _part(bounds[1], bounds[3], height, rows, margin)
     if width < FINEST_CELL or columns * rows > MOST_CELLS:
+        remedy = remedy or "use a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
         raise InputError(
             f"cells of {width:g} m make a raster of {float(columns * rows):.3g} cells, expected at most "
-            f"{MOST_CELLS:.0e}; use a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
+            f"{MOST_CELLS:.0e}; {remedy}"
         )
     cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
     transform = cells * Affine.translation(int(first_column), int(first_row))

@@ -48,9 +48,7 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
 ) = range(10)  # fmt: skip
 FULL_SHARE = 0.25  # of the heaviest node's share, from which a node takes its whole part in the contact of a row
 UPWARDS = (0, 0, 1)
-FACE_LAYER = (
-    5.0  # [cells] thickness of the layer of a face that yields: a thicker one bears later, a thinner one reflects waves
-)
+FACE_LAYER = 5.0  # [cells] thickness of the layer of a face that yields; a thicker one bears later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end

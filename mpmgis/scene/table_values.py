@@ -15,6 +15,7 @@ KIND_WORDS = {
     float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers",
     dict: "a table like {time = 30}",
 }  # fmt: skip
+LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
 
 
 def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None):
@@ -143,9 +144,6 @@ def is_number(value):
 def listed(names):
     """`names` as text, separated by commas."""
     return ", ".join(map(str, names))
-
-
-LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
 
 
 def meant(name, known):

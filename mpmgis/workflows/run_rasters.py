@@ -244,12 +244,11 @@ def raster_grid(terrain_grid, cell_size):
     SceneError
         Too many cells.
     """
+    remedy = "use a larger raster_cell_size, or cut the terrain with [terrain] window"
     try:
-        return export_grid(terrain_grid, cell_size, north_up=False)
+        return export_grid(terrain_grid, cell_size, north_up=False, remedy=remedy)
     except InputError as error:
-        cells, _, _ = str(error).partition(";")
-        cure = "use a larger raster_cell_size, or cut the terrain with [terrain] window"
-        raise SceneError(f"[output] rasters: {cells}; {cure}") from error
+        raise SceneError(f"[output] rasters: {error}") from error
 
 
 def _name_of(folder, resumed):
