@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..terrain.elevation import bilinear
+from ..kernels.cell_places import along
+from ..kernels.square_shares import share_squares
 
 
 def eroded_depth(change, grid):
@@ -14,8 +15,8 @@ def eroded_depth(change, grid):
 def on_cells(change, depth, grid):
     """`depth` at the nodes of `change`, or another array there, float64[rows, columns] on a Grid; 0 beyond them.
 
-    Cells along east and north take the overlapping share of each node's square, so that the sum is that of the
-    frame; on rotated cells values are interpolated between nodes.
+    A node stands for the square around it. Every cell takes the part of each square that lies in it, also on a
+    rotated Grid, so that depth times area has the sum of the frame.
 
     Parameters
     ----------
@@ -26,33 +27,23 @@ def on_cells(change, depth, grid):
     grid : Grid
     """
     side, _, west, _, _, south = np.asarray(change["transform"]).tolist()
-    if grid.is_rotated:
-        padded = np.pad(depth, 1)
-        x, y = grid.xy(*np.indices(grid.shape))
-        between = bilinear(padded, (y - south) / side + 0.5, (x - west) / side + 0.5)
-        return np.nan_to_num(between, nan=0.0)
-    t, (rows, columns) = grid.transform, grid.shape
-    across = _shares(t.c + t.a * np.arange(columns + 1), west + side * np.arange(depth.shape[1] + 1))
-    along = _shares(t.f + t.e * np.arange(rows + 1), south + side * np.arange(depth.shape[0] + 1))
-    return along @ depth @ across.T
+    to_cells = np.linalg.inv(grid.matrix)
+    corner = np.array([along(grid.axes, axis, west - grid.corner[0], south - grid.corner[1]) for axis in (0, 1)])
+    cells = np.zeros(grid.shape)
+    amount = np.ascontiguousarray(depth, float) * (side * side / grid.cell_area)
+    share_squares(amount, corner, side * to_cells[:, 0], side * to_cells[:, 1], cells)
+    return cells
 
 
 def share_beyond(change, mass, grid):
-    """Share [1] of a `mass` per area at the nodes of `change` that lies beyond a Grid; 0 on rotated cells.
+    """Share [1] of a `mass` per area at the nodes of `change` that lies beyond a Grid.
 
     The square of a node on the edge of the DTM is half beyond it.
     """
     total = float(np.sum(mass)) * float(np.asarray(change["transform"])[0]) ** 2
-    if grid.is_rotated or total == 0.0:
+    if total == 0.0:
         return 0.0
-    return max(1.0 - float(on_cells(change, np.asarray(mass, float), grid).sum()) * grid.cell_area / total, 0.0)
-
-
-def _shares(cells, squares):
-    """float64[cells, squares]: share of each cell's length that lies in each square, from the edges of both."""
-    low, high = np.minimum(cells[:-1], cells[1:]), np.maximum(cells[:-1], cells[1:])
-    overlap = np.minimum(high[:, None], squares[1:]) - np.maximum(low[:, None], squares[:-1])
-    return np.clip(overlap, 0.0, None) / (high - low)[:, None]
+    return max(1.0 - float(on_cells(change, mass, grid).sum()) * grid.cell_area / total, 0.0)
 
 
 def largest_rate(changes, times, grid):
