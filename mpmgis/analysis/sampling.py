@@ -169,7 +169,8 @@ def export_grid(
     bounds: tuple | None = None,
     margin: int = 1,
     north_up: bool = True,
-    remedy: str | None = None,
+    option: str = "--cs-e",
+    otherwise: str | None = None,
 ) -> Grid:
     """The export grid, aligned with the DTM (`export_axes`).
 
@@ -181,7 +182,8 @@ def export_grid(
     Raises
     ------
     InputError
-        More than 400 million cells, or cells below 1e-6 m. The message ends with `remedy`, or with that of an export.
+        More than 400 million cells, cells below 1e-6 m, or `cell_size` larger than the DTM. Messages advise to change
+        `option`, and for fewer cells also to use what `otherwise` says.
     """
     axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
     if cell_size is not None:
@@ -195,16 +197,20 @@ def export_grid(
     else:
         west, south, east, north = terrain_grid.bounds
         across, down = east - west, north - south
+    if cell_size is not None and width > max(across, down) * (1 + 1e-9):
+        raise InputError(
+            f"{option} got cells of {width:g} m, expected at most the longer side of the DTM, {max(across, down):g} m; "
+            f"use a smaller {option}"
+        )
     columns, rows = _cells_along(across, width), _cells_along(down, height)
     first_column = first_row = 0
     if bounds is not None:
         first_column, columns = _part(bounds[0], bounds[2], width, columns, margin)
         first_row, rows = _part(bounds[1], bounds[3], height, rows, margin)
     if width < FINEST_CELL or columns * rows > MOST_CELLS:
-        remedy = remedy or "use a larger --cs-e" + ("" if bounds is not None else " or --extent flow")
         raise InputError(
             f"cells of {width:g} m make a raster of {float(columns * rows):.3g} cells, expected at most "
-            f"{MOST_CELLS:.0e}; {remedy}"
+            f"{MOST_CELLS:.0e}; use a larger {option}{'' if otherwise is None else f' or {otherwise}'}"
         )
     cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
     transform = cells * Affine.translation(int(first_column), int(first_row))

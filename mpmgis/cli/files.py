@@ -17,37 +17,37 @@ def seed(arguments):
     """Seed and write; prints the file's path."""
     verb = verb_of("seed")
     values = complete(verb, values_of(arguments, verb))
+    with terminal.notes_after_success():
+        path, count, record = _seeded(values)
     if values["density"] is None:
         terminal.note(f"density: {DEFAULT_DENSITY:g} kg m-3 is assumed (--density sets another)")
+    _print_seed(count, record)
+    print(path)
+    return 0
+
+
+def _seeded(values):
+    """Write the columns or the start folder of another solver: (path, number of columns, record of the seeding)."""
     if values["solver"] is not None:
-        return _seed_for_solver(values)
+        from ..workflows.solver_start import StartRequest, seed_for_solver
+
+        written, count, record = seed_for_solver(made(StartRequest, values), **seeding_values(values))
+        return written.path, count, record
     for name in FOR_SOLVER:
         if values[name] is not None:
             raise InputError(f"`{name}` requires `solver`; leave it out, or name the solver")
     from ..workflows.seed import seed_file
 
     seeded = seed_file(**seeding_values(values), output=values["output"], overwrite=values["overwrite"])
-    _print_seed(seeded.count, seeded.record)
-    print(seeded.path)
-    return 0
-
-
-def _seed_for_solver(values):
-    from ..workflows.solver_start import StartRequest, seed_for_solver
-
-    with terminal.notes_after_success():
-        written, count, record = seed_for_solver(made(StartRequest, values), **seeding_values(values))
-        _print_seed(count, record)
-    print(written.path)
-    return 0
+    return seeded.path, seeded.count, seeded.record
 
 
 def _print_seed(count, record):
+    columns = "1 column" if count == 1 else f"{count} columns"
+    thickness = "vertical" if record["thickness_mode"] == "vertical" else "normal to the bed"
     terminal.note(
-        f"{count} columns on {record['release_area']:.6g} m2: {record['reference_volume']:.6g} m3, "
-        f"{record['reference_mass']:.6g} kg (thickness {record['thickness_mode']} to the bed)".replace(
-            "vertical to the bed", "vertical"
-        )
+        f"{columns} on {record['release_area']:.6g} m2: {record['reference_volume']:.6g} m3, "
+        f"{record['reference_mass']:.6g} kg (thickness {thickness})"
     )
     terminal.note(
         f"closure factor k = {record['closure_factor']:.6f}; column masses from {record['lightest_column']:.4g} to "

@@ -254,8 +254,7 @@ def _terrain_crs(source, path, asked, to_crs=None):
     if own is None:
         if asked is None:
             error = WithoutCRS(
-                f"{path} has no CRS; give --crs EPSG:n, or --crs local for metres without a georeference (in "
-                f"a scene: crs in [terrain])"
+                f"{path} has no CRS; give --crs EPSG:n, or --crs local for metres without a georeference"
             )
             error.bounds = tuple(source.bounds)
             raise error

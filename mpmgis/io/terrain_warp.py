@@ -86,10 +86,7 @@ def target_of(crs, bounds, path, to_crs):
     if to_crs != AUTO:
         target = parse_crs(to_crs, "--to-crs")
         if target is None or not is_metric(horizontal(target)):
-            raise InputError(
-                f"--to-crs got {to_crs} (in a scene: to_crs in [terrain]), expected a projected CRS in metres, for "
-                "example EPSG:32632"
-            )
+            raise InputError(f"--to-crs got {to_crs}, expected a projected CRS in metres, for example EPSG:32632")
         return horizontal(target)
     if is_metric(crs):
         return crs

@@ -117,6 +117,12 @@ class SeedOptions:
         """The requested number of columns on `area` [m2] (a real number), refinement apart."""
         if self.count is not None:
             return float(self.count)
+        side = math.sqrt(area)
+        if self.spacing is not None and self.spacing > side:
+            raise InputError(
+                f"spacing is {self.spacing:g} m, expected at most {side:.4g} m, the side of a square with the area of "
+                "the release"
+            )
         share = self.spacing**2 if self.spacing is not None else self.cells(grid).cell_area / self.per_cell
         number = area / share
         if number > _MOST:

@@ -60,7 +60,8 @@ def make_plan(request, entries, terrain, products, pool):
     if bounds is not None and bed_change:
         bounds = _with_peaks(bounds, bounds_of(bed_change), axes)
     cell_size = _cell_size(request, facts, terrain)
-    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up)
+    otherwise = "--extent flow" if bounds is None else None
+    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up, otherwise=otherwise)
     time_step = _time_step(request, entries, bed, grid, density, pool)
     steps = choose_steps([entry.time for entry in entries], time_step)
     more = (*(ARROW_BANDS if request.files.qgis else ()), *(("mass",) if bed_change else ()))

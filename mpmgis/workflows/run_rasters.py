@@ -242,11 +242,11 @@ def raster_grid(terrain_grid, cell_size):
     Raises
     ------
     SceneError
-        Too many cells.
+        Too many cells, or cells larger than the DTM.
     """
-    remedy = "use a larger raster_cell_size, or cut the terrain with [terrain] window"
+    options = {"option": "raster_cell_size", "otherwise": "cut the terrain with [terrain] window"}
     try:
-        return export_grid(terrain_grid, cell_size, north_up=False, remedy=remedy)
+        return export_grid(terrain_grid, cell_size, north_up=False, **options)
     except InputError as error:
         raise SceneError(f"[output] rasters: {error}") from error
 

@@ -177,6 +177,7 @@ def test_links_in_the_maps_are_refused(site, tmp_path, capsys):
         ("raster_products = 'p'\n", "raster_products is used only with rasters = true"),
         ("rasters = true\nraster_products = 'p, q'\n", "unknown product 'q'; choose from"),
         ("rasters = true\nraster_cell_size = 0.01\n", "cells, expected at most 4e+08; use a larger raster_cell_size"),
+        ("rasters = true\nraster_cell_size = 801\n", "801 m, expected at most the longer side of the DTM, 800 m"),
     ],
 )
 def test_wrong_settings_are_refused_before_the_run(site, capsys, lines, words):

@@ -82,7 +82,7 @@ def test_the_fix_for_degrees_is_shown_whole(tmp_path, capsys):
 
 def test_a_scene_over_a_dtm_without_a_crs_is_cured_in_the_scene(site, capsys):
     write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
-    assert "in a scene: crs in [terrain]" in refused(site, capsys, SCENE.replace("dtm.tif", "bare.tif"))
+    assert 'give [terrain] crs = "EPSG:n"' in refused(site, capsys, SCENE.replace("dtm.tif", "bare.tif"))
 
 
 @pytest.mark.parametrize("suffix", ["geojson", "gpkg", "tif"])
@@ -113,7 +113,7 @@ def test_no_crs_is_proposed_that_cannot_be_the_dtms(site, capsys, crs, east):
         write_shapes(path, [shapely.box(60 + east, 150, 160 + east, 250)], crs=crs)
     assert main(["seed", "--dem", str(site / "bare.tif"), "--release", str(path), "--thickness", "1"]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
-    assert line.endswith("(in a scene: crs in [terrain])")
+    assert line.endswith("--crs local for metres without a georeference")
 
 
 def test_a_flow_that_leaves_the_terrain_reports_what_that_means(site, capsys):

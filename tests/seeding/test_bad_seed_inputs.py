@@ -410,6 +410,7 @@ def thickness_raster_elsewhere_without_crs(k):
 # -------------------------------------------------------------------------------------------------------- the numbers
 
 NUMBERS = {
+    "spacing_wider_than_the_release": ("the side of a square with the area of the release", ["--spacing", "1e9"]),
     "count_zero": ("above 0", ["--count", "0"]),
     "count_negative": ("whole number", ["--count=-5"]),
     "count_a_fraction": ("whole number", ["--count", "10.5"]),
@@ -455,7 +456,7 @@ def run(capfd, *arguments):
 def refused(kitchen, capfd, monkeypatch, words, options):
     monkeypatch.chdir(kitchen.folder)
     before = sorted(path.name for path in kitchen.folder.rglob("*"))
-    code, lines, out = run(capfd, "--dem", kitchen.dem, "--release", kitchen.release, "-q", *options)
+    code, lines, out = run(capfd, "--dem", kitchen.dem, "--release", kitchen.release, *options)
     assert code == 2
     assert out == ""
     assert len(lines) == 1, lines

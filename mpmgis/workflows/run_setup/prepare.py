@@ -44,6 +44,7 @@ BYTES_PER_PIXEL = 140  # of a DTM that is read as a whole, for preparing a run; 
 _KEYS_OF_OPTIONS = (
     (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
     (r"--to-crs (EPSG:\w+|auto)", r'[terrain] to_crs = "\1"'),
+    (r"--to-crs got", r"[terrain] to_crs got"),
     (r"--dem-band (\w+)", r"[terrain] band = \1"),
     (r"--thickness-mode (\w+)", r'[release] thickness_mode = "\1"'),
     (r"--(thickness|surface|density)\b", r"[release] \1"),
