@@ -119,7 +119,10 @@ def surface_thickness(path, terrain, features, record):
     count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
     record.update(clipped_cells=count, clipped_volume=volume)
     if count:
-        log.info(f"{path}: is below the bed in {count} cells of the release; {volume:.4g} m3 clipped to thickness 0")
+        log.info(
+            f"{path}: the surface is below the bed in {count} cells of the release; {volume:.4g} m3 clipped to "
+            "thickness 0"
+        )
     fine = _finer(whole)
     with np.errstate(invalid="ignore"):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)

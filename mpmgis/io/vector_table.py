@@ -168,7 +168,7 @@ def _require_layer(source, layer, kind):
 
 
 def _unreadable(source, error):
-    reason = one_line(error).replace(str(source), source.name)[:140]
+    reason = one_line(error).partition(".; ")[0].replace(str(source), source.name)[:140]
     if source.suffix.lower() == ".shp" and not source.with_suffix(".shx").exists():
         parts = "copy all parts of the shapefile (.shp, .shx, .dbf, .prj)"
         return f"{source} cannot be read without its {source.stem}.shx; {parts}"

@@ -93,7 +93,7 @@ class Option:
         first, semicolon, rest = self.help.partition(";")
         unit = f" [{self.unit}]" if self.unit else ""
         usual = self.usual
-        if not usual and self.default not in (None, (), False, True):
+        if not usual and self.default not in (None, ()) and not isinstance(self.default, bool):
             usual = _text(self.default)
         return f"{first}{unit}{semicolon}{rest}" + (f" (default: {usual})" if usual else "")
 

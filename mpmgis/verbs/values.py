@@ -158,12 +158,19 @@ def _in_range(value: Real, option: Option) -> bool:
 def expected(option: Option) -> str:
     """Description of a valid value."""
     kind = _item(option) if option.repeat else option.type
-    return _words(kind, option) + _range_words(option)
+    return _words(kind, option)
 
 
 def _words(kind: Any, option: Option) -> str:
     origin, parts = get_origin(kind), get_args(kind)
-    simple = {float: "a number", int: "a whole number", bool: "True or False", str: "text", Path: "a path"}
+    limits = _range_words(option)
+    simple = {
+        float: f"a number{limits}",
+        int: f"a whole number{limits}",
+        bool: "True or False",
+        str: "text",
+        Path: "a path",
+    }
     if kind == PathLike:
         return "a path"
     if kind in simple:
@@ -176,7 +183,7 @@ def _words(kind: Any, option: Option) -> str:
         return "a mapping"
     one = "names" if parts[0] is str else "numbers" if parts[0] in (float, int) else "values"
     count = "" if parts[-1] is Ellipsis else f"{_COUNTS[len(parts)]} "
-    return f"{count}{one}{f' {option.metavar}' if option.metavar else ''} with commas between them"
+    return f"{count}{one}{f' {option.metavar}' if option.metavar else ''} with commas between them{limits}"
 
 
 def _range_words(option: Option) -> str:

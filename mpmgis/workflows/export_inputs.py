@@ -70,12 +70,17 @@ def run_terrain(source, entries, output):
     if header.crs is None and terrain.grid.crs is not None:
         log.info(f"the frames have no CRS; that of the DTM, {name_of(terrain.grid.crs)}, is assumed")
     elif not same_place(header.crs, terrain.grid.crs):
-        fix = _reprojection(path, header.crs)
-        if terrain.grid.crs is None:
-            fix = f", or declare the CRS of this one: `crs={_crs_option(header.crs) or 'EPSG:n'}`"
+        fix = f"give the DTM that the run used{_reprojection(path, header.crs)}"
+        if source.to_crs is not None:
+            fix = f"leave `to_crs` out, or give `to_crs={AUTO}`"
+        elif terrain.grid.crs is None:
+            fix = (
+                f"give the DTM that the run used, or declare the CRS of this one: "
+                f"`crs={_crs_option(header.crs) or 'EPSG:n'}`"
+            )
         raise GeoreferenceError(
-            f"{first} is in {name_of(header.crs)}, but {path} is in {name_of(terrain.grid.crs)}; give the DTM that the "
-            f"run used{fix}"
+            f"{first} is in {name_of(header.crs)}, but {path} is {'in' if source.to_crs is None else 'reprojected to'} "
+            f"{name_of(terrain.grid.crs)}; {fix}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         log.info(f"{path} is not the DTM of the run (its sha256 differs)")

@@ -56,6 +56,11 @@ def profile(request: ProfileRequest, progress=lambda done, total: None) -> Profi
             f"{request.line}: {length:.6g} m with a spacing of {spacing:g} m make {length / spacing:.3g} sample "
             f"points, expected at most {MOST_PLACES}; give a larger `spacing`"
         )
+    if spacing > length and request.spacing is not None:
+        raise InputError(
+            f"`spacing` is {spacing:g} m, expected at most the length of {request.line}, {length:.6g} m; give a "
+            "smaller `spacing`"
+        )
     along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
     cells = cells_of(flow.grid, x, y)
     _log_outside(request.line, flow, cells, line)

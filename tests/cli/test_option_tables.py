@@ -149,6 +149,13 @@ def test_every_default_is_a_value_of_its_option():
                 assert checked(option.default, option) in (option.default, Path(str(option.default)))
 
 
+def test_help_states_every_default_that_is_a_number():
+    for verb in VERBS.values():
+        for option in verb.named().values():
+            if isinstance(option.default, (int, float)) and not isinstance(option.default, bool):
+                assert option.words.count("(default: ") == 1, (verb.name, option.name)
+
+
 def test_every_option_has_help_and_a_field_or_a_reason():
     for verb in VERBS.values():
         for option in verb.named().values():

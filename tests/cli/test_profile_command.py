@@ -152,6 +152,7 @@ def test_what_is_outside_the_raster_is_reported_or_refused(tmp_path, run, capsys
         (("profile", run, "--line", write_line(tmp_path / "l.gpkg"), "--at-times", "50"), "from 0 to 20 s"),
         (("profile", run), "--line"),
         (("profile", run, "--line", write_line(tmp_path / "l2.gpkg"), "--spacing", "1e-4"), "a larger --spacing"),
+        (("profile", run, "--line", write_line(tmp_path / "l3.gpkg"), "--spacing", "761"), "a smaller --spacing"),
         (("timeseries", run, "--points", points), "'feature 2' (E 400900.0, N 5100200.0) is outside"),
         (("timeseries", run, "--points", line), "expected points"),
         (("timeseries", run), "--points FILE or --at E,N"),

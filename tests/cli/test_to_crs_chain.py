@@ -74,6 +74,9 @@ def test_a_seed_remembers_how_its_dtm_came_to_metres(site, capsys):
     again = ["export-raster", str(seed), "--no-qgis", "-o", str(site / "other"), "--dem", str(site / "dtm.tif")]
     assert main(again) == 2
     assert "--to-crs auto" in capsys.readouterr().err
+    assert main([*again, "--to-crs", "EPSG:32633"]) == 2
+    said = capsys.readouterr().err
+    assert "is reprojected to EPSG:32633; leave --to-crs out, or give --to-crs auto" in said
     assert main([*again, "--to-crs", "auto"]) == 0
 
 
