@@ -153,6 +153,8 @@ class PlannedRuns:
         grids = {(p.terrain.grid.transform, p.terrain.grid.shape) for _, p in self.groups.values()}
         if len(grids) > 1:
             raise SceneError("`vary` terrain: the DTMs have different grids; resample them to one grid")
+        task, prepared = self.first
+        task.averaging(prepared)  # raises for cells that the grid cannot have
 
     def _task(self, number, digest, tables, name, output):
         folder, request = Path(self.scene.folder).resolve(), self.request

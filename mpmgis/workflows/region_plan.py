@@ -26,6 +26,7 @@ from ..kernels.jit import set_threads
 from ..messages import log, muted
 from ..scene import scene_from_tables
 from ..scene.reading import read_toml
+from ..terrain.release import ReleasePart, require_on_terrain
 from ..terrain.window import reach_window
 from .ensemble_member import MemberTask, run_task
 from .ensemble_plan import DIGEST_LENGTH, with_peaks
@@ -75,10 +76,18 @@ class AreaTask:
         return TerrainFile(folder / table["dem"], **{key: table.get(key) for key in keys})
 
     def first_window(self, terrain):
-        """The automatic Window; writes the file of the area if it is missing."""
+        """The automatic Window; writes the file of the area if it is missing.
+
+        Raises
+        ------
+        InputError
+            The area is not on the terrain.
+        """
+        polygon = shapely.from_wkb(self.shape)
+        require_on_terrain(ReleasePart(self.run.name, polygon, math.nan), terrain.grid)
         if not self.source.exists():
             write_area(self.source, self.shape, self.run.name, self.crs)
-        return reach_window(terrain.grid, terrain.part, shapely.from_wkb(self.shape), self.mu, self.head)
+        return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
 
     def within(self, terrain, window):
         """The MemberTask in a Window of `terrain`."""
@@ -216,17 +225,18 @@ class PlannedRegion:
     def prepare_samples(self, tasks):
         """Prepare a few areas, evenly chosen from `tasks`, for the prediction and for compiling."""
         chosen = np.unique(np.linspace(0, len(tasks) - 1, SAMPLES + 2)[1:-1].round().astype(int))
-        problem = None
+        problems = {}
         for number in chosen:
             try:
                 self.samples.append(_prepared(tasks[number]))
             except SceneError:
                 raise
             except MpmgisError as error:
-                problem = error
-                log.info(f"area {tasks[number].number} cannot be prepared: {error}")
-        if not self.samples and len(chosen) == len(tasks):
-            raise problem
+                problems[tasks[number].number] = error
+        if len(problems) == len(tasks):
+            raise next(iter(problems.values()))
+        for number, error in problems.items():
+            log.info(f"area {number} cannot be prepared: {error}")
 
     def cost(self, tasks):
         """(predicted time of all `tasks` in sequence [s], memory of one [bytes]), from the samples."""

@@ -327,6 +327,8 @@ REFUSED = [
     (("--plan", "gone.toml"), ("gone.toml",)),
     (("--vary", "friction.mu=0.1:0.3", "--dask", "tcp://127.0.0.1:9"), ("no scheduler answers",)),
     (("--vary", "friction.mu=0.1:0.3", "--workers", "0"), ("whole number above 0",)),
+    (("--vary", "friction.mu=0.1:0.3", "--cs-e", "1e5"), ("expected at most the longer side of the DTM",)),
+    (("--vary", "friction.mu=0.1:0.3", "--cs-e", "1e-3"), ("use a larger --cs-e",)),
 ]
 
 
@@ -339,6 +341,7 @@ def test_refusals_are_one_line_and_leave_nothing(site, tmp_path, capsys, options
     lines = capsys.readouterr().err.splitlines()
     assert code == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
     assert not (tmp_path / "e" / "maps").exists()
+    assert not (tmp_path / "e").exists() or "--dask" in options  # the scheduler is asked when the runs begin
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import geopandas
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
 import shapely
@@ -296,3 +297,17 @@ def test_scenes_and_columns_that_a_region_cannot_use_are_refused(site, tmp_path)
         (tmp_path / "scene.toml").write_text(SCENE.replace("[release]", "window = [0, 0, 1, 1]\n[release]"))
         region(RegionRequest(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "b"))
     assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize("east", [1e5, -1040.0], ids=["far away", "over the edge"])
+def test_an_area_that_is_not_on_the_dtm_is_refused_and_the_others_are_run(site, tmp_path, east):
+    areas = geopandas.read_file(site / "areas.gpkg")
+    beyond = areas.iloc[:1].copy()
+    beyond["geometry"] = beyond.translate(east)
+    beyond.to_file(tmp_path / "beyond.gpkg")
+    with pytest.raises(InputError, match="terrain"):
+        region(RegionRequest(site / "scene.toml", tmp_path / "beyond.gpkg", tmp_path / "none", workers=1))
+    assert not (tmp_path / "none").exists()
+    geopandas.GeoDataFrame(pd.concat([areas.iloc[:1], beyond]), crs=areas.crs).to_file(tmp_path / "both.gpkg")
+    found = region(RegionRequest(site / "scene.toml", tmp_path / "both.gpkg", tmp_path / "one", workers=1))
+    assert found.statuses == {"finished": 1, "refused": 1}
