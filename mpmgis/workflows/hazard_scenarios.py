@@ -158,6 +158,13 @@ def same_cells(first: Grid, second: Grid) -> bool:
     return first.shape == second.shape and first.transform == second.transform
 
 
+def _in_cells_of(part: Grid, whole: Grid) -> bool:
+    """Whether the cells of one grid are cells of the lattice of another one, to a thousandth of a cell."""
+    place = np.array(whole.rowcol(*part.xy([0, part.shape[0]], [0, part.shape[1]])))
+    same_sides = np.allclose(part.matrix, whole.matrix, rtol=1e-9)
+    return bool(same_sides and np.allclose(place, np.rint(place), atol=1e-3, rtol=0))
+
+
 def _around(values, grid, onto, outside):
     """`values` of `grid` at the centres, sides and corners of the cells of `onto`."""
     for right in (-INSET, 0.0, INSET):
@@ -203,10 +210,11 @@ def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: N
     if all(same_cells(grid, grids[0]) for grid in grids):
         return found
     grid = joint_grid(grids, np.concatenate([grid.corners() for grid in grids]))
-    log.info(
-        f"the scenarios have different cells; the map has cells of {grid.cell_size:.6g} m, each with the highest level "
-        "of the cells that meet it"
-    )
+    if not all(_in_cells_of(own, grid) for own in grids):
+        log.info(
+            f"the scenarios have different cells; the map has cells of {grid.cell_size:.6g} m, each with the highest "
+            "level of the cells that meet it"
+        )
     return [scenario.on(grid) for scenario in found]
 
 
