@@ -99,6 +99,8 @@ def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -
     """The request for averaging in memory; by default cells cover the DTM and are aligned with north."""
     from .workflows.requests import ExportRequest
 
+    if not isinstance(frames, (str, Path)):
+        raise InputError(f"{where} got {frames!r}, expected one path: a file, or the folder that holds the frames")
     given: dict[str, Any] = {**options}
     known = options_of(FrameAveragingOptions)
     for name in given:

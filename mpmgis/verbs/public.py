@@ -2,12 +2,11 @@
 
 import importlib
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from ..errors import MpmgisError
+from ..errors import InputError, MpmgisError
 from .option import PathLike, Verb
 from .values import request, with_names
 
@@ -32,8 +31,17 @@ def workflow_of(verb: Verb) -> tuple[Callable[..., Any], Any]:
 
 
 def several(results: Results) -> tuple[PathLike, ...]:
-    """One path or several as a tuple."""
-    return (results,) if isinstance(results, (str, Path)) else tuple(results)
+    """One path or several as a tuple.
+
+    Raises
+    ------
+    InputError
+        None at all.
+    """
+    paths = tuple(results) if isinstance(results, Iterable) and not isinstance(results, str) else (results,)
+    if not paths:
+        raise InputError("no results are given, expected one path or several")
+    return paths
 
 
 def answer(verb: Verb, results: Results, output: PathLike | None, options: Mapping[str, Any]) -> Any:

@@ -181,6 +181,8 @@ def _words(kind: Any, option: Option) -> str:
         return " or ".join(parts)
     if origin is dict:
         return "a mapping"
+    if option.positional:
+        return "one path or several"
     one = "names" if parts[0] is str else "numbers" if parts[0] in (float, int) else "values"
     count = "" if parts[-1] is Ellipsis else f"{_COUNTS[len(parts)]} "
     return f"{count}{one}{f' {option.metavar}' if option.metavar else ''} with commas between them{limits}"

@@ -171,6 +171,21 @@ def test_values_that_a_command_refuses_are_refused(site, name, value, words):
     mpmgis.open_results(site / "results", cell_size=np.float32(20), products=["mass"], standoff="auto", bed="plane")
 
 
+def test_results_are_one_path_or_an_iterable_of_paths(site, tmp_path):
+    frames = sorted((site / "results").glob("frame_*.h5"))
+    for given in (frames, tuple(frames), iter(frames)):
+        files = mpmgis.export_raster(given, tmp_path / "maps", qgis=False, overwrite=True)
+        assert len([file for file in files if file.parent.name == "rasters"]) == len(frames) + 2
+    for given, words in (([], "no results are given"), (3, "`frames` is (3,), expected one path or several"),
+                         ([None], "expected one path or several")):  # fmt: skip
+        with pytest.raises(InputError, match=re.escape(words)):
+            mpmgis.export_raster(given, tmp_path / "none")
+    for given in ([frames[0]], 3):
+        with pytest.raises(InputError, match="open_results got .* expected one path"):
+            mpmgis.open_results(given)
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_dtm_in_memory_is_looked_at_as_a_file_is(site):
     dtm = rioxarray.open_rasterio(site / "dtm.tif").squeeze()
     frame = mpmgis.read_frame(site / "results" / "frame_000001.h5")
