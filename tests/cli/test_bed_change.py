@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 from slope_site import SCENE, record, run, write_shapes, write_site
 
 from mpmgis.cli.main import main
@@ -95,6 +96,21 @@ def test_the_export_has_what_the_bed_lost_and_got(eroded, tmp_path, cell):
     with zipfile.ZipFile(output / "results.qgz") as project:
         text = project.read("results.qgs").decode()
     assert "results_bed.tif" in text and "results_surface.tif" in text and "eroded depth (vertical)" in text
+
+
+@pytest.mark.parametrize("cell", [None, "6.3", "40"])
+def test_an_export_on_a_rotated_dtm_has_the_entrained_mass(eroded, tmp_path, cell):
+    turn = Affine.translation(400_400, 5_100_200) * Affine.rotation(20) * Affine.translation(-600, 500)
+    profile = {"driver": "GTiff", "height": 100, "width": 120, "count": 1, "dtype": "float64", "crs": "EPSG:32632"}
+    with rasterio.open(tmp_path / "turned.tif", "w", transform=turn * Affine.scale(10, -10), **profile) as target:
+        target.write(np.add.outer(np.zeros(100), np.linspace(300.0, 100.0, 120)), 1)
+    words = ["export-raster", str(eroded / "results"), "-o", str(tmp_path / "maps"), "--no-qgis"]
+    words += ["--dem", str(tmp_path / "turned.tif")] + (["--cs-e", cell] if cell else [])
+    assert main(words) == 0
+    with rasterio.open(tmp_path / "maps" / "rasters" / "results_bed.tif") as file:
+        lost = float(file.read(1).astype(float).sum()) * abs(file.transform.determinant) * BED_DENSITY
+        assert file.transform.b != 0
+    assert lost == pytest.approx(record(eroded)["balances"]["mass_entrained"], rel=1e-6)
 
 
 def test_a_resumed_run_has_the_same_bed(eroded, tmp_path):
