@@ -181,7 +181,7 @@ def test_results_are_one_path_or_an_iterable_of_paths(site, tmp_path):
         with pytest.raises(InputError, match=re.escape(words)):
             mpmgis.export_raster(given, tmp_path / "none")
     for given in ([frames[0]], 3):
-        with pytest.raises(InputError, match="open_results got .* expected one path"):
+        with pytest.raises(InputError, match=r"open_results got .* expected one path"):
             mpmgis.open_results(given)
     assert not (tmp_path / "none").exists()
 
