@@ -182,8 +182,8 @@ def export_grid(
     Raises
     ------
     InputError
-        More than 400 million cells, cells below 1e-6 m, or `cell_size` larger than the DTM. Messages advise to change
-        `option`, and for fewer cells also to use what `otherwise` says.
+        More than 400 million cells, or cells below 1e-6 m. The message advises to change `option`, or to do what
+        `otherwise` says.
     """
     axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
     if cell_size is not None:
@@ -192,16 +192,7 @@ def export_grid(
         width, height = terrain_grid.sides
     else:
         width = height = terrain_grid.cell_size
-    if own:
-        across, down = (count * side for count, side in zip(terrain_grid.shape[::-1], terrain_grid.sides, strict=True))
-    else:
-        west, south, east, north = terrain_grid.bounds
-        across, down = east - west, north - south
-    if cell_size is not None and width > max(across, down) * (1 + 1e-9):
-        raise InputError(
-            f"{option} got cells of {width:g} m, expected at most the longer side of the DTM, {max(across, down):g} m; "
-            f"use a smaller {option}"
-        )
+    across, down = _lengths(terrain_grid, own)
     columns, rows = _cells_along(across, width), _cells_along(down, height)
     first_column = first_row = 0
     if bounds is not None:
@@ -215,6 +206,29 @@ def export_grid(
     cells = terrain_grid.transform if own and cell_size is None else axes.transform * Affine.scale(width, height)
     transform = cells * Affine.translation(int(first_column), int(first_row))
     return Grid(terrain_grid.crs, transform, (int(rows), int(columns)))
+
+
+def require_cells_within(terrain_grid: Grid, cell_size: float | None, north_up: bool, option: str = "--cs-e") -> None:
+    """Refuse cells of `cell_size` [m], from `option`, that are larger than the DTM: they would be a raster of one cell.
+
+    Raises
+    ------
+    InputError
+    """
+    longer = max(_lengths(terrain_grid, terrain_grid.is_rotated and not north_up))
+    if cell_size is not None and cell_size > longer * (1 + 1e-9):
+        raise InputError(
+            f"{option} got cells of {cell_size:g} m, expected at most the longer side of the DTM, {longer:g} m; use a "
+            f"smaller {option}"
+        )
+
+
+def _lengths(grid, own):
+    """Extent [m] of a DTM along its `own` rows and columns, or to the east and to the south."""
+    if own:
+        return tuple(count * side for count, side in zip(grid.shape[::-1], grid.sides, strict=True))
+    west, south, east, north = grid.bounds
+    return east - west, north - south
 
 
 def _cells_along(length, cell):

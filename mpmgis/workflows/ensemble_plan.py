@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from .. import __version__
+from ..analysis.sampling import require_cells_within
 from ..errors import InputError, MpmgisError, SceneError
 from ..experiments.numerical_parameters import COST_POWER
 from ..experiments.sampling_plan import Plan, variation, with_values
@@ -154,7 +155,8 @@ class PlannedRuns:
         if len(grids) > 1:
             raise SceneError("`vary` terrain: the DTMs have different grids; resample them to one grid")
         task, prepared = self.first
-        task.averaging(prepared)  # raises for cells that the grid cannot have
+        require_cells_within(prepared.terrain.grid, self.request.cell_size, north_up=True)
+        task.averaging(prepared)  # raises for too many cells
 
     def _task(self, number, digest, tables, name, output):
         folder, request = Path(self.scene.folder).resolve(), self.request

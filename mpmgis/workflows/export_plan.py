@@ -9,7 +9,14 @@ from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, automatic_standoff, fastest_mean, reached, survey_frame
 from ..analysis.maxima import PRODUCTS_NEEDED, RUNNING_BANDS, SolverPeaks
 from ..analysis.quantities import PRODUCTS, RUNNING
-from ..analysis.sampling import automatic_cell_size, automatic_time_step, choose_steps, export_axes, export_grid
+from ..analysis.sampling import (
+    automatic_cell_size,
+    automatic_time_step,
+    choose_steps,
+    export_axes,
+    export_grid,
+    require_cells_within,
+)
 from ..messages import log
 from ..terrain.elevation import Terrain
 from .export_inputs import log_unused_options, refuse_nowhere, release_density, solver_peaks
@@ -60,6 +67,7 @@ def make_plan(request, entries, terrain, products, pool):
     if bounds is not None and bed_change:
         bounds = _with_peaks(bounds, bounds_of(bed_change), axes)
     cell_size = _cell_size(request, facts, terrain)
+    require_cells_within(terrain.grid, cell_size, request.sampling.north_up)
     otherwise = "--extent flow" if bounds is None else None
     grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up, otherwise=otherwise)
     time_step = _time_step(request, entries, bed, grid, density, pool)

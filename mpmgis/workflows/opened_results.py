@@ -8,7 +8,7 @@ import numpy as np
 from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, cells_of, frame_at_cells
 from ..analysis.quantities import PRODUCTS
-from ..analysis.sampling import export_grid
+from ..analysis.sampling import export_grid, require_cells_within
 from ..errors import FormatError, InputError
 from ..interop.frame_list import list_frames
 from ..io.exported import ExportedSteps, is_export, open_steps
@@ -169,6 +169,7 @@ def open_frames(request, output, why=""):
     terrain = run_terrain(request.source, entries, output)
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)
+    require_cells_within(terrain.grid, request.sampling.cell_size, north_up=True)
     averaging = Averaging(
         bed=Bed.of(terrain, request.averaging.bed, request.averaging.standoff),
         grid=export_grid(terrain.grid, request.sampling.cell_size),

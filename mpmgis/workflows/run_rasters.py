@@ -14,7 +14,7 @@ from ..analysis.cells import Bed
 from ..analysis.frame_values import Averaging, average_frame
 from ..analysis.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
 from ..analysis.quantities import PRODUCTS, RUNNING, choose_products
-from ..analysis.sampling import export_grid
+from ..analysis.sampling import export_grid, require_cells_within
 from ..errors import FormatError, InputError, SceneError
 from ..fields import BAND
 from ..gis.styles import raster_styles
@@ -244,9 +244,10 @@ def raster_grid(terrain_grid, cell_size):
     SceneError
         Too many cells, or cells larger than the DTM.
     """
-    options = {"option": "raster_cell_size", "otherwise": "cut the terrain with [terrain] window"}
+    option, otherwise = "raster_cell_size", "cut the terrain with [terrain] window"
     try:
-        return export_grid(terrain_grid, cell_size, north_up=False, **options)
+        require_cells_within(terrain_grid, cell_size, False, option)
+        return export_grid(terrain_grid, cell_size, north_up=False, option=option, otherwise=otherwise)
     except InputError as error:
         raise SceneError(f"[output] rasters: {error}") from error
 
