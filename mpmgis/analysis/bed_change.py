@@ -27,11 +27,12 @@ def on_cells(change, depth, grid):
     grid : Grid
     """
     side, _, west, _, _, south = np.asarray(change["transform"]).tolist()
-    to_cells = np.linalg.inv(grid.matrix)
-    corner = np.array([along(grid.axes, axis, west - grid.corner[0], south - grid.corner[1]) for axis in (0, 1)])
+    corner_east, corner_north = grid.corner
+    vectors = (west - corner_east, south - corner_north), (side, 0.0), (0.0, side)
+    corner, to_east, to_north = (np.array([along(grid.axes, k, *vector) for k in (0, 1)]) for vector in vectors)
     cells = np.zeros(grid.shape)
     amount = np.ascontiguousarray(depth, float) * (side * side / grid.cell_area)
-    share_squares(amount, corner, side * to_cells[:, 0], side * to_cells[:, 1], cells)
+    share_squares(amount, corner, to_east, to_north, cells)
     return cells
 
 
