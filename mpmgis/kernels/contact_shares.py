@@ -12,6 +12,7 @@ from math import sqrt
 from .jit import jit_inline
 from .point_rows import GHOSTS
 
+MOST_DEEPEST = 0.25  # share of the node two levels below the nearest one, at most; a slope of 70 degrees has 0.16
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 
 
@@ -73,10 +74,10 @@ def contact_shares(foot, rise, second, first, last, heaviest):
     Of the two lowest nodes and of the highest one, the share follows from the mass (`second`, `first` and `last` [kg],
     over that of a node in the flow's interior, `heaviest` [kg]): the ratio of share and mass is that of a space filled
     above ground of slope `rise` [1] (`shares_on_slope`). The other two shares follow from the sum 1 and the moment
-    `foot` of all. `under` is limited where the flow has sunk and the lowest nodes are full.
+    `foot` of all. The shares of the two lowest nodes are limited for flows that have sunk and fill them.
     """
     pressed, filled = shares_on_slope(2.0 + foot, rise)
-    deepest = pressed / max(filled, 1e-9) * second / heaviest
+    deepest = min(pressed / max(filled, 1e-9) * second / heaviest, MOST_DEEPEST)
     pressed, filled = shares_on_slope(1.0 + foot, rise)
     under = min(pressed / max(filled, 1e-9) * first / heaviest, 0.5 - 0.5 * foot)
     pressed, filled = shares_on_slope(foot - 2.0, rise)

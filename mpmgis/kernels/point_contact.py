@@ -319,13 +319,13 @@ def press_on_ground(
 ):  # fmt: skip
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
-    The flow's velocity at the ground, v_b = sum N_k v_k over the three nodes of a column around it, is what contact
-    acts on; the impulse J is given back with the same weights, dv_k = N_k J / m_k, so that the bed's reaction reaches
-    every node that feels the ground (a Lagrange multiplier at one point for each node column). If the centre of the
-    column's mass near the ground is below the ground, the contact acts at that centre: at the ground it would let a
-    single layer of points sink further. Each column is processed in the block of the node that is nearest to the
-    ground. Columns on folds, and those at smooth faces of barriers (`point_faces`), are not changed. Ground with
-    friction yields a little (see `yielding_impulse`), ground without is rigid.
+    The flow's velocity at the ground, v_b = sum s_k v_k over the nodes of a column around it, is what contact acts on;
+    the impulse J is given back with the same shares, dv_k = s_k J / m_k, so that the bed's reaction reaches every node
+    as the pressure of the points does (a Lagrange multiplier at one point for each node column; `contact_shares`).
+    If the centre of the column's mass near the ground is below the ground, the contact acts at that centre: at the
+    ground it would let a single layer of points sink further. Each column is processed in the block of the node
+    that is nearest to the ground. Columns on folds, and those at smooth faces of barriers (`point_faces`), are not
+    changed. Ground with friction yields a little (see `yielding_impulse`), ground without is rigid.
 
     Parameters
     ----------

@@ -373,8 +373,8 @@ def press_on_faces(
 ):  # fmt: skip
     """Contact with barriers' smooth faces, and with the ground under the node columns beside them.
 
-    As at the ground (`press_on_ground`) the flow's velocity at the face, sum N_k v_k over the three nodes of a row
-    around it, is what contact acts on, and the impulse is given back with the same weights. Rows and the node columns
+    As at the ground (`press_on_ground`) the flow's velocity at the face, sum s_k v_k over the nodes of a row around it,
+    is what contact acts on, and the impulse is given back with the same shares. Rows and the node columns
     that they share nodes with push at the same time: each in turn is given the impulse that it needs beside the
     others', until nothing changes (projected Gauss-Seidel; each turn takes the kinetic energy to its least, so without
     friction none is made). No two faces share a node column.

@@ -156,7 +156,7 @@ def ratio(away, rise):
 
 def shares_of(foot, rise, masses, heaviest):
     """Shares of the nodes -2 to 2 levels above the one nearest to the ground, whose place is `foot` [cells]."""
-    deepest = ratio(2.0 + foot, rise) * masses[0] / heaviest
+    deepest = min(ratio(2.0 + foot, rise) * masses[0] / heaviest, 0.25)
     under = min(ratio(1.0 + foot, rise) * masses[1] / heaviest, 0.5 - 0.5 * foot)
     over = ratio(foot - 2.0, rise) * min(masses[4] / heaviest, 1.0)
     above = foot + 2.0 * deepest + under - 2.0 * over

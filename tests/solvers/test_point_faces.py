@@ -29,20 +29,20 @@ def test_ground_and_wall_leave_no_speed_into_either_and_do_no_work(across, down,
 
 
 def test_a_body_on_level_ground_presses_evenly_beside_walls():
-    """Lowest two cells beside the walls: 0.9 and 2.8 % off, at eight offsets of the ground at most 1.3 and 3.0 %."""
+    """Lowest two cells beside the walls: at most 0.8 % off at four offsets of the ground."""
     ratios, solver = between_walls(0.0, 0.5)
-    np.testing.assert_allclose(ratios, 1.0, atol=0.03)
+    np.testing.assert_allclose(ratios, 1.0, atol=0.01)
     assert solver.balances()["momentum_error_relative"] <= 1e-10
 
 
 @pytest.mark.parametrize("above", [0.625, pytest.param(0.125, marks=pytest.mark.thorough)])
 def test_sloping_ground_does_not_push_a_body_against_walls_without_end(above):
-    """20 degrees between walls: the stored energy keeps within 4 % and the body rests. The acute corner is 9 % off at
-    most of four offsets, the obtuse one, where the bed cuts the cells, up to 21 %. One after the other, ground and
-    walls made the stress 10 to 110 times as large."""
+    """20 degrees between walls: the stored energy keeps within 1 % and the body rests. In the acute corner the stress
+    is 4 to 10 % low, in the obtuse one 6 % (lateral) and 1 % off. One after the other, ground and walls made the
+    stress 10 to 110 times as large."""
     ratios, solver = between_walls(20.0, above)
-    np.testing.assert_allclose(ratios[1], 1.0, atol=0.09)
-    np.testing.assert_allclose(ratios[0], 1.0, atol=0.22)
+    np.testing.assert_allclose(ratios[1], 1.0, atol=0.07)
+    np.testing.assert_allclose(ratios[0], 1.0, atol=0.11)
     assert solver.energy()[2] <= 1.05 * solver.energy_start[2]
     assert solver.energy()[0] <= 1e-6 * solver.mass_start * G * DEEP
     assert solver.balances()["momentum_error_relative"] <= 1e-10
@@ -65,10 +65,8 @@ def max_of(x):
 @pytest.mark.thorough
 @pytest.mark.parametrize("degrees", [10.0, -10.0, 30.0, -30.0])
 def test_a_kink_of_the_bed_bears_as_the_planes_beside_it(degrees):
-    """Still mud on a bed that turns by `degrees`: the lowest two cells within 2.5 cells of the kink are up to 6 (30
-    degrees) and 9 % off at the worst of eight offsets and two places of the kink, as patches of that size are on one
-    inclined plane (10 degrees: 10 %, 30 degrees: 5 %); on level ground 3 %. Asked are 3 %: the rows of an inclined bed
-    carry pressures that alternate about the right one."""
+    """Still mud on a bed that turns by `degrees`: the lowest two cells within 2.5 cells of the kink are at most 2 % off
+    (10 and -30 degrees) and 5 % (30 degrees) at the worst of four places of the kink in a cell."""
     mud, rise, kink = Fluid(1000.0 * 100.0**2, 2000.0, 0.0), np.tan(np.radians(degrees)), 10.5
     swing = 4.0 * DEEP / mud.wave_speed(DENSITY)
 
@@ -80,7 +78,7 @@ def test_a_kink_of_the_bed_bears_as_the_planes_beside_it(degrees):
     lowest = place[:, 2] - bed(place[:, 0]) < 2.0 * CELL
     for side in (-1.0, 1.0):
         near = lowest & (np.abs(place[:, 0] - kink - side * 1.5) < 1.25)
-        assert stress[near, 2].sum() / (-DENSITY * G * (30.375 - place[near, 2])).sum() == pytest.approx(1.0, abs=0.1)
+        assert stress[near, 2].sum() / (-DENSITY * G * (30.375 - place[near, 2])).sum() == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.thorough
