@@ -161,7 +161,7 @@ def couple_layers(
     run, stage, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
-    """Voellmy's drag and links between layers; `layers` float64[threads, LAYER_ENTRIES, levels] are work arrays."""
+    """Voellmy's drag and links between layers; `layers` float64[threads, levels, LAYER_ENTRIES] are work arrays."""
     if run[STATUS] != 0:
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])

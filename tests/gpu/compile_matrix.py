@@ -17,7 +17,6 @@ MORE = {
     "grid_to_points": (LIMIT, 168),
     "move_rare_points": (128, 232),
     "points_to_grid": (LIMIT, 120),
-    "couple_layers": (128, 128),
     "press_on_ground": (112, 112),
     "press_on_faces": (168, 168),
     "hold_nodes_voellmy_barred": (116, 116),
