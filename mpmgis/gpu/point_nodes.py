@@ -4,7 +4,7 @@ What happens to a node, a node column or a block of nodes is the code of the CPU
 here stand the loops over them. Each thread has a report of its own, that of `kernels.point_nodes`.
 """
 
-from numba import cuda, float64
+from numba import cuda, float64, int32
 
 from ..kernels.point_barriers import BARRIER
 from ..kernels.point_clock import STEP
@@ -177,7 +177,7 @@ def couple_layers(
         )  # fmt: skip
 
 
-@Kernel
+@capped
 def press_on_ground(
     run, stage, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,
@@ -188,7 +188,7 @@ def press_on_ground(
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
     window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
-    for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
+    for e in range(int32(cuda.grid(1)), int32(COLUMNS * run[TOUCHED]), int32(cuda.gridsize(1))):
         t = e // COLUMNS
         if free[t] == 0:
             press_column(

@@ -14,14 +14,12 @@ from law_kernels import CAPABILITIES, PRECISIONS, assembler, register, without_d
 LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor, of its 65536 registers
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
 MORE = {
-    "grid_to_points": (LIMIT, 168),
-    "move_rare_points": (128, 232),
+    "grid_to_points": (LIMIT, 160),
+    "move_rare_points": (120, 176),
     "points_to_grid": (LIMIT, 120),
-    "press_on_ground": (112, 112),
     "press_on_faces": (168, 168),
-    "columns_to_grid": (LIMIT, 168),
-    "grid_to_columns": (LIMIT, 168),
-    "update_nodes": (LIMIT, 104),
+    "columns_to_grid all": (LIMIT, 128),
+    "grid_to_columns": (LIMIT, 160),
 }
 # kernels for float32 points that compute in double precision on purpose: nodes, ground, clock, sums, rare points
 IN_DOUBLE = (
