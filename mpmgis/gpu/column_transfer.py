@@ -39,14 +39,14 @@ def columns_to_grid(
     scratch, quads = cuda.local.array(LINES, float64), cuda.local.array(QUADS, float64)
     place = cuda.local.array(1, int64)
     thread, threads, capped = cuda.threadIdx.x, cuda.blockDim.x, int64(0)
-    for a in range(cuda.blockIdx.x, run[ACTIVE], cuda.gridDim.x):
+    for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
         i_block = (block[a] % run[WIDTH] + run[WEST_NOW]) * BLOCK
         j_block = (block[a] // run[WIDTH] + run[SOUTH_NOW]) * BLOCK
         for n in range(thread, TILE_NODES, threads):
             for e in range(4):
                 tiles[a, 4 * n + e] = 0.0
-        for first in range(start[a], start[a + 1], PIECE):
-            count = min(PIECE, start[a + 1] - first)
+        for first in range(int32(start[a]), int32(start[a + 1]), int32(PIECE)):
+            count = min(int32(PIECE), int32(start[a + 1]) - first)
             cuda.syncthreads()
             for s in range(thread, count, threads):
                 for e in range(ROW):
@@ -138,7 +138,7 @@ def grid_to_columns(
     place, stays = cuda.local.array(1, int64), cuda.local.array(1, int64)
     times = stage[DT], stage[BEHIND], clock[KICK_BEFORE]
     limits = clock[BOUND_BED], clock[BOUND_ENERGY], earth_pressure.largest_factor()
-    for q in range(cuda.grid(1), run[SORTED], cuda.gridsize(1)):
+    for q in range(int32(cuda.grid(1)), int32(run[SORTED]), int32(cuda.gridsize(1))):
         p, fastest = order[q], mine[FASTEST2]
         for e in range(ROW):
             scratch[e] = rows[p, e]

@@ -17,6 +17,7 @@ if SIMULATED:
 
     repair()
 KERNELS = "mpmgis.kernels."
+REGISTERS = 96  # of a thread at most, in kernels that are `capped`
 
 _functions = {}  # (function, precision) -> what a kernel calls
 _stand_ins = {}  # module of functions -> {name of a global: what stands for it on the device}
@@ -48,8 +49,8 @@ class Part:
 class Kernel:
     """A kernel, compiled for each precision when it is needed; laws and arrays specialise it further."""
 
-    def __init__(self, function):
-        self.function = function
+    def __init__(self, function, registers=None):
+        self.function, self.registers = function, registers
         self.__doc__ = function.__doc__
         self._compiled = {}
 
@@ -60,8 +61,18 @@ class Kernel:
     def of(self, precision):
         """The kernel for points of `precision`, to be called as kernel[blocks, threads](...)."""
         if precision not in self._compiled:
-            self._compiled[precision] = cuda.jit(self.python(precision))
+            options = {} if SIMULATED or self.registers is None else {"max_registers": self.registers}
+            self._compiled[precision] = cuda.jit(**options)(self.python(precision))
         return self._compiled[precision]
+
+
+def capped(function):
+    """A Kernel for which the assembler may use REGISTERS at most.
+
+    For kernels that fit without spills, but of which it would use more by itself, to load ahead. The tests' compile
+    matrix finds spills.
+    """
+    return Kernel(function, REGISTERS)
 
 
 def _device_function(function, precision, single):

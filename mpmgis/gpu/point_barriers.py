@@ -6,7 +6,7 @@ that the loads, sums of these rows, always have one order.
 """
 
 import numpy as np
-from numba import cuda
+from numba import cuda, int32
 
 from ..kernels import point_barriers as entry
 from ..kernels.block_order import CHUNKS
@@ -26,7 +26,7 @@ from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, press_fac
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, BlockWindow, NodeBlocks
-from .compiled import Kernel
+from .compiled import Kernel, capped
 from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 
@@ -63,7 +63,7 @@ def press_on_faces(
         )  # fmt: skip
 
 
-@Kernel
+@capped
 def hold_at_barriers(
     run, stage, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
     flow, booked, reports, settings, contact, zones, barrier,
@@ -73,20 +73,20 @@ def hold_at_barriers(
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
-    for e in range(cuda.grid(1), columns.shape[0], cuda.gridsize(1)):
+    for e in range(int32(cuda.grid(1)), int32(columns.shape[0]), int32(cuda.gridsize(1))):
         j, i = columns[e, 0], columns[e, 1]
         for k in range(POINT_BARRIER_SUMS):
             booked[int(barriers[j, i, entry.BARRIER]) - 1, k] = 0.0
         north, east = j // BLOCK - run[SOUTH_NOW], i // BLOCK - run[WEST_NOW]
         if north < 0 or east < 0 or north >= run[HEIGHT] or east >= run[WIDTH]:
             continue
-        place = (north * run[WIDTH] + east) * run[DEPTH]
-        for up in range(run[DEPTH]):
-            t = slots[place + up]
+        first = int32((north * run[WIDTH] + east) * run[DEPTH])
+        for place in range(first, first + int32(run[DEPTH])):
+            t = slots[place]
             if t >= 0:
                 hold_column(
-                    t, j % BLOCK, i % BLOCK, grid, ground, zone_values, barriers, column_mass, flow,
-                    reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
+                    t, columns[e, 0] % BLOCK, columns[e, 1] % BLOCK, grid, ground, zone_values, barriers, column_mass,
+                    flow, reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
                 )  # fmt: skip
 
 

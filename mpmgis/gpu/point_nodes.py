@@ -4,7 +4,7 @@ What happens to a node, a node column or a block of nodes is the code of the CPU
 here stand the loops over them. Each thread has a report of its own, that of `kernels.point_nodes`.
 """
 
-from numba import cuda, float64
+from numba import cuda, float64, int32
 
 from ..kernels.point_barriers import BARRIER
 from ..kernels.point_clock import STEP
@@ -39,7 +39,7 @@ from ..kernels.point_rows import (
     BlockWindow,
     NodeBlocks,
 )
-from .compiled import Kernel, Part, real
+from .compiled import Kernel, Part, capped, real
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 NODES = BLOCK * BLOCK * BLOCK
@@ -161,7 +161,7 @@ def couple_layers(
     run, stage, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
-    """Voellmy's drag and links between layers; `layers` float64[threads, LAYER_ENTRIES, levels] are work arrays."""
+    """Voellmy's drag and links between layers; `layers` float64[threads, levels, LAYER_ENTRIES] are work arrays."""
     if run[STATUS] != 0:
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
@@ -177,7 +177,7 @@ def couple_layers(
         )  # fmt: skip
 
 
-@Kernel
+@capped
 def press_on_ground(
     run, stage, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,
@@ -188,7 +188,7 @@ def press_on_ground(
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
     window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
-    for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
+    for e in range(int32(cuda.grid(1)), int32(COLUMNS * run[TOUCHED]), int32(cuda.gridsize(1))):
         t = e // COLUMNS
         if free[t] == 0:
             press_column(
@@ -204,7 +204,7 @@ def _stands_on(barriers, touched, t, column):
     return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
 
 
-@Kernel
+@capped
 def hold_nodes(
     run, stage, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
     reports, settings, contact, zones, barrier,

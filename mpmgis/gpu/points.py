@@ -196,7 +196,7 @@ class DevicePoints:
         if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
             threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
             levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
-            self._layers = cuda.device_array((threads, LAYER_ENTRIES, levels), np.float64)
+            self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), np.float64)
         run[STATUS] = 0
         self._d_run.copy_to_device(run)
 

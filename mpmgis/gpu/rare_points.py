@@ -124,18 +124,18 @@ def move_rare_points(
     tile = cuda.shared.array(TILE_SIZE, real)
     marked = cuda.shared.array(MOST_THREADS, int32)
     chosen = cuda.shared.array(LIST, int32)
-    for a in range(cuda.blockIdx.x, 0 if run[STATUS] != 0 else run[ACTIVE], cuda.gridDim.x):
+    for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
         if rare_blocks[a] == 0:
             continue
         load_tile(tile, nodes, targets, a, thread, threads)
-        listed = 0
-        for first in range(start[a], start[a + 1], threads):
+        listed = int32(0)
+        for first in range(int32(start[a]), int32(start[a + 1]), int32(threads)):
             s = first + thread
             marked[thread] = 1 if s < start[a + 1] and rare[s] != 0 else 0
             cuda.syncthreads()
             at, total = listed, listed
             for t in range(threads):
-                at, total = at + (marked[t] if t < thread else 0), total + marked[t]
+                at, total = at + (marked[t] if t < thread else int32(0)), total + marked[t]
             if marked[thread] != 0:
                 chosen[at] = order[s]
             listed = total
@@ -143,15 +143,15 @@ def move_rare_points(
             if listed + threads > LIST or first + threads >= start[a + 1]:
                 for e in range(thread, listed, threads):
                     way, x, y, mass = _move(
-                        chosen[e], tile, blocks[a], scales, rows, keys, ground, lowest, inside, mine, domain, settings,
-                        material, softening, transfer,
+                        uint32(chosen[e]), tile, blocks[a], scales, rows, keys, ground, lowest, inside, mine, domain,
+                        settings, material, softening, transfer,
                     )  # fmt: skip
                     if 0 <= way < entry.EDGES:
                         over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
                         cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
                         cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
                         cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
-                listed = 0
+                listed = int32(0)
                 cuda.syncthreads()
     mine[entry.PLASTIC] /= settings.density
 
@@ -161,11 +161,8 @@ def _move(
     p, tile, block, scales, rows, keys, ground, lowest, inside, mine, domain, settings, material, softening, transfer,
 ):  # fmt: skip
     """The step of point `p`; answers the way out (EDGES: none, -1: not finite), the new x and y [m], the mass."""
-    dx, column, row = settings.dx, block[0], block[1]
-    edges, longer = edges_of(column, row, domain), rows.shape[1] > S4
-    west, south, east, north = edges
-    x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]
-    u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, x, y, z)
+    dx, column, row, longer = settings.dx, block[0], block[1], rows.shape[1] > S4
+    u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, rows[p, X], rows[p, Y], rows[p, Z])
     s4 = s5 = s6 = s7 = real(0.0)
     if longer:
         s4, s5, s6, s7 = rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7]
@@ -184,6 +181,13 @@ def _move(
             mine[entry.HELD_STRETCH] += 1.0
     if code == TIP_CODE:
         mine[entry.AT_TIP] += 1.0
+    if longer:
+        mine[entry.PLASTIC] += float64(rows[p, MASS] * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6))
+        rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = n4, n5, n6, n7
+    keep_state(rows, p, n0, n1, n2, n3)
+    x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]  # read here, to hold fewer values until now
+    edges = edges_of(column, row, domain)
+    west, south, east, north = edges
     if transfer.only_turns():
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
@@ -194,10 +198,6 @@ def _move(
     carried = 4.0 * mass
     if not _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
         carried = carried * _limited(float64(affine2) / _variance(tile, x, y, z, u, v, w), affine2, mass, mine)
-    if longer:
-        mine[entry.PLASTIC] += float64(mass * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6))
-        rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = n4, n5, n6, n7
-    keep_state(rows, p, n0, n1, n2, n3)
     keep_affine(
         rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
     )

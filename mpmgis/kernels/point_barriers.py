@@ -116,7 +116,7 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
         u1, v1 = barrier.let_through(u, v, nx, ny, place[SIDE], place[WALL_MU], passing * abs(across))
         pressed = abs(across - (u1 * nx + v1 * ny)) + abs(along - (u1 * ny - v1 * nx))
         jx, jy = mass * (u - u1), mass * (v - v1)
-        book_impulse(book, jx, jy, 0.0, mass * pressed, place[ARM_X], place[ARM_Y], z - place[FOOT])
+        book_impulse(book, jx, jy, 0.0, mass * pressed, place, ARM_X, z)
         return u1, v1, w
     sideways = place[DEPTH] <= beneath
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
@@ -128,20 +128,25 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     kept = barrier.kept_along(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
     u1, v1, w1 = kept * u1, kept * v1, kept * w1
     jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
-    book_impulse(book, jx, jy, jz, -mass * into, place[ARM_X], place[ARM_Y], z - place[FOOT])
+    book_impulse(book, jx, jy, jz, -mass * into, place, ARM_X, z)
     return u1, v1, w1
 
 
 @jit_inline
-def book_impulse(book, jx, jy, jz, normal, arm_x, arm_y, up):
-    """Add an impulse (jx, jy, jz) [N s] at (arm_x, arm_y, up) [m] from the foot, `normal` of it into the face."""
+def book_impulse(book, jx, jy, jz, normal, place, arm, z):
+    """Add an impulse (jx, jy, jz) [N s] at height `z` [m] to `book`, `normal` of it into the face.
+
+    Its place from the barrier's foot, east and north, and the elevation of the foot [m] are the entries of `place` from
+    `arm` on. They are read where they are needed: a kernel on a device has few registers.
+    """
     book[NORMAL] += normal
     book[IMPULSE_X] += jx
     book[IMPULSE_Y] += jy
     book[IMPULSE_Z] += jz
-    book[MOMENT_X] += arm_y * jz - up * jy
-    book[MOMENT_Y] += up * jx - arm_x * jz
-    book[MOMENT_Z] += arm_x * jy - arm_y * jx
+    book[MOMENT_Z] += place[arm] * jy - place[arm + 1] * jx
+    up = z - place[arm + 2]
+    book[MOMENT_X] += place[arm + 1] * jz - up * jy
+    book[MOMENT_Y] += up * jx - place[arm] * jz
 
 
 @jit

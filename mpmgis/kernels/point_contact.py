@@ -264,8 +264,6 @@ def press_column(
     slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
     dx, density, signal_speed, gravity = settings.dx, settings.density, settings.signal_speed, settings.gravity
     wall, cells_x, cells_y = settings.wall, settings.cells_x, settings.cells_y
-    before, after = yields[(step - 1) % 2], yields[step % 2]
-    back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
     row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
     first = block_level * BLOCK
     place = ((row - window.south) * width + block_column - window.west) * depth
@@ -300,14 +298,17 @@ def press_column(
         wall_x, wall_y = _face_at(barriers[jj, ii], height, wall_x, wall_y)
     if wall_x != 0.0 or wall_y != 0.0:
         u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
-    normal = max(into, 0.0) / push_give
     if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
+        back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
         thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
         weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
-        yielded = carried_yield(before, step, jj, ii, u * dt / dx, v * dt / dx, weighed)
+        yielded = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
         impedance = signal_speed * heaviest / (dx * nz)
         normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
+        after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
+    else:
+        normal = max(into, 0.0) / push_give
     jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
     jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
     _push(nodes, below, t, above, first, column, level, shares, heaviest, (jx, jy, jz), (nx, ny, nz), mine)

@@ -297,8 +297,7 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     book_impulse(
         booked[int(face[FACE_BARRIER]) - 1], -part * jx, -part * jy, -part * jz,
-        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face[FACE_ARM_X], face[FACE_ARM_Y],
-        (k - GHOSTS) * dx - face[FACE_BASE],
+        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face, FACE_ARM_X, (k - GHOSTS) * dx,
     )  # fmt: skip
     mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
 

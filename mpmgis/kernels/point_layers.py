@@ -51,9 +51,9 @@ def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, la
             continue
         if count > 0 and k > level + 1 and before < HOLLOW * full and mass > before:
             break
-        layers[SLOT, count], layers[PLACE, count], layers[LAYER_MASS, count] = slot, entry, mass
-        layers[HEIGHT, count] = k - level - foot
-        layers[AT_BED, count] = spline_at(foot, k - level) if k - level <= 1 else 0.0
+        layers[count, SLOT], layers[count, PLACE], layers[count, LAYER_MASS] = slot, entry, mass
+        layers[count, HEIGHT] = k - level - foot
+        layers[count, AT_BED] = spline_at(foot, k - level) if k - level <= 1 else 0.0
         before, count = mass, count + 1
     return count
 
@@ -63,16 +63,16 @@ def _read_speeds(nodes, layers, count, nx, ny, nz):
     """Tangential velocities of the layers; returns their mass [kg], momentum [N s], and mass weighted at the bed."""
     mass = px = py = pz = at_bed = 0.0
     for k in range(count):
-        slot, entry, own = int(layers[SLOT, k]), int(layers[PLACE, k]), layers[LAYER_MASS, k]
+        slot, entry, own = int(layers[k, SLOT]), int(layers[k, PLACE]), layers[k, LAYER_MASS]
         u, v, w = nodes[slot, entry + NODE_X], nodes[slot, entry + NODE_Y], nodes[slot, entry + NODE_Z]
         off = u * nx + v * ny + w * nz
         u, v, w = u - off * nx, v - off * ny, w - off * nz
-        layers[OLD_X, k], layers[OLD_Y, k], layers[OLD_Z, k] = u, v, w
+        layers[k, OLD_X], layers[k, OLD_Y], layers[k, OLD_Z] = u, v, w
         mass += own
         px += own * u
         py += own * v
         pz += own * w
-        at_bed += own * layers[AT_BED, k]
+        at_bed += own * layers[k, AT_BED]
     return mass, px, py, pz, at_bed
 
 
@@ -85,15 +85,15 @@ def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, 
     above = mass
     rough = roughness * mass / (density * bed)
     for k in range(count - 1):
-        above -= layers[LAYER_MASS, k]
-        du, dv = layers[OLD_X, k + 1] - layers[OLD_X, k], layers[OLD_Y, k + 1] - layers[OLD_Y, k]
-        dw = layers[OLD_Z, k + 1] - layers[OLD_Z, k]
+        above -= layers[k, LAYER_MASS]
+        du, dv = layers[k + 1, OLD_X] - layers[k, OLD_X], layers[k + 1, OLD_Y] - layers[k, OLD_Y]
+        dw = layers[k + 1, OLD_Z] - layers[k, OLD_Z]
         slip = sqrt(du * du + dv * dv + dw * dw)
-        lower = rough + spacing * max(layers[HEIGHT, k], MIXED)
-        upper = rough + spacing * max(layers[HEIGHT, k + 1], MIXED)
+        lower = rough + spacing * max(layers[k, HEIGHT], MIXED)
+        upper = rough + spacing * max(layers[k + 1, HEIGHT], MIXED)
         carried = density * bed * turbulent_link(slip, lower, upper) + weight / max(slip, creep)
-        layers[LINK, k] = dt * max(above, 0.0) / mass * carried
-    layers[LINK, count - 1] = 0.0
+        layers[k, LINK] = dt * max(above, 0.0) / mass * carried
+    layers[count - 1, LINK] = 0.0
 
 
 @jit_inline
@@ -101,34 +101,34 @@ def _solve(layers, count):
     """New tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
     link = carry = x = y = z = 0.0
     for k in range(count):
-        mass = layers[LAYER_MASS, k]
-        diagonal = mass + layers[LINK, k] + link * (1.0 - carry)
-        x = (mass * layers[OLD_X, k] + layers[PUSH_X, k] + link * x) / diagonal
-        y = (mass * layers[OLD_Y, k] + layers[PUSH_Y, k] + link * y) / diagonal
-        z = (mass * layers[OLD_Z, k] + layers[PUSH_Z, k] + link * z) / diagonal
-        link = layers[LINK, k]
+        mass = layers[k, LAYER_MASS]
+        diagonal = mass + layers[k, LINK] + link * (1.0 - carry)
+        x = (mass * layers[k, OLD_X] + layers[k, PUSH_X] + link * x) / diagonal
+        y = (mass * layers[k, OLD_Y] + layers[k, PUSH_Y] + link * y) / diagonal
+        z = (mass * layers[k, OLD_Z] + layers[k, PUSH_Z] + link * z) / diagonal
+        link = layers[k, LINK]
         carry = link / diagonal
-        layers[CARRY, k], layers[NEW_X, k], layers[NEW_Y, k], layers[NEW_Z, k] = carry, x, y, z
+        layers[k, CARRY], layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z] = carry, x, y, z
     for k in range(count - 2, -1, -1):
-        layers[NEW_X, k] += layers[CARRY, k] * layers[NEW_X, k + 1]
-        layers[NEW_Y, k] += layers[CARRY, k] * layers[NEW_Y, k + 1]
-        layers[NEW_Z, k] += layers[CARRY, k] * layers[NEW_Z, k + 1]
+        layers[k, NEW_X] += layers[k, CARRY] * layers[k + 1, NEW_X]
+        layers[k, NEW_Y] += layers[k, CARRY] * layers[k + 1, NEW_Y]
+        layers[k, NEW_Z] += layers[k, CARRY] * layers[k + 1, NEW_Z]
 
 
 @jit_inline
 def _give(nodes, layers, count, report):
     """Write the velocities of the layers to their nodes; add drag, its work and the loss in the links to `report`."""
     for k in range(count):
-        slot, entry, mass = int(layers[SLOT, k]), int(layers[PLACE, k]), layers[LAYER_MASS, k]
-        u, v, w = layers[NEW_X, k], layers[NEW_Y, k], layers[NEW_Z, k]
-        du, dv, dw = u - layers[OLD_X, k], v - layers[OLD_Y, k], w - layers[OLD_Z, k]
+        slot, entry, mass = int(layers[k, SLOT]), int(layers[k, PLACE]), layers[k, LAYER_MASS]
+        u, v, w = layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z]
+        du, dv, dw = u - layers[k, OLD_X], v - layers[k, OLD_Y], w - layers[k, OLD_Z]
         nodes[slot, entry + NODE_X] += du
         nodes[slot, entry + NODE_Y] += dv
         nodes[slot, entry + NODE_Z] += dw
-        report[GROUND_X] += layers[PUSH_X, k]
-        report[GROUND_Y] += layers[PUSH_Y, k]
-        report[GROUND_Z] += layers[PUSH_Z, k]
-        drag = layers[PUSH_X, k] * u + layers[PUSH_Y, k] * v + layers[PUSH_Z, k] * w
+        report[GROUND_X] += layers[k, PUSH_X]
+        report[GROUND_Y] += layers[k, PUSH_Y]
+        report[GROUND_Z] += layers[k, PUSH_Z]
+        drag = layers[k, PUSH_X] * u + layers[k, PUSH_Y] * v + layers[k, PUSH_Z] * w
         report[GROUND_WORK] -= drag
         report[LAYER_WORK] -= mass * (du * u + dv * v + dw * w) - drag
 
@@ -142,8 +142,8 @@ def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report
     speed = sqrt(px * px + py * py + pz * pz) / mass
     lost = 1.0 - law.kept_by_drag(speed, density * gravity * dt * bed / mass)
     for k in range(count):
-        share = lost * layers[AT_BED, k] * layers[LAYER_MASS, k] / at_bed
-        layers[PUSH_X, k], layers[PUSH_Y, k], layers[PUSH_Z, k] = -share * px, -share * py, -share * pz
+        share = lost * layers[k, AT_BED] * layers[k, LAYER_MASS] / at_bed
+        layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
     weight = settings.slack * law.layer_friction() * mass * gravity * nz
     creep = CREEP * sqrt(gravity * dx) + 1e-300
     _link_layers(layers, count, mass, dx * nz, bed, density, weight, law.layer_roughness(gravity), creep, dt)
@@ -156,8 +156,8 @@ def _touches(layers, count):
     """Whether enough of the mass of the interior is at the bed for the flow to touch it."""
     here = heaviest = 0.0
     for k in range(min(count, 4)):
-        heaviest = max(heaviest, layers[LAYER_MASS, k])
-        here += layers[AT_BED, k] * layers[LAYER_MASS, k]
+        heaviest = max(heaviest, layers[k, LAYER_MASS])
+        here += layers[k, AT_BED] * layers[k, LAYER_MASS]
     return here > 0.0 and here >= LEAST_SHARE * heaviest
 
 
@@ -208,7 +208,7 @@ def couple_layers(
     """
     n_touched, depth = grid.count, window.depth
     for c in prange(CHUNKS):
-        layers = np.zeros((LAYER_ENTRIES, depth * BLOCK))
+        layers = np.zeros((depth * BLOCK, LAYER_ENTRIES))
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             for column in range(BLOCK * BLOCK):
                 couple_column(

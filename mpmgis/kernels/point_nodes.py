@@ -317,32 +317,32 @@ def hold_column(
     dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
     j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
     jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
-    height, gx, gy, gz = plane_at(ground.nodes, jj, ii)
+    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
     first, lowest, levels = fold_at(ground.folds, jj, ii)
     law, drag = zones.local(contact, zone_values, jj, ii), 0.0
     if contact.drag_active() and levels > 0:
-        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / gz)
+        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / nz)
     passing = 1.0
     if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
         passing = passing_share(flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier)
-    touching = clearance if levels > 0 else -BENEATH * dx * gz
+    touching = clearance if levels > 0 else -BENEATH * dx * nz
     for k in range(BLOCK):
         n = ((k * BLOCK + j) * BLOCK + i) * 4
         mass = block[n + NODE_MASS]
         if mass <= 0.0:
             continue
         u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
-        away = ((k_first + k - GHOSTS) * dx - height) * gz
-        ox, oy, oz = gx, gy, gz
         if levels > 0:
-            away, ox, oy, oz = exact_at(ground.exact, first, lowest, levels, k_first + k)
+            away, nx, ny, nz = exact_at(ground.exact, first, lowest, levels, k_first + k)
+        else:
+            away = ((k_first + k - GHOSTS) * dx - height) * nz
         if away <= touching:
-            u1, v1, w1 = _on_ground(u, v, w, ox, oy, oz, law, drag)
+            u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, law, drag)
             jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
             mine[GROUND_X] += jx
             mine[GROUND_Y] += jy
             mine[GROUND_Z] += jz
-            into = (jx * ox + jy * oy + jz * oz) * (u1 * ox + v1 * oy + w1 * oz)
+            into = (jx * nx + jy * ny + jz * nz) * (u1 * nx + v1 * ny + w1 * nz)
             work = jx * u1 + jy * v1 + jz * w1
             mine[GROUND_WORK] -= work
             mine[FRICTION_WORK] -= work - into
@@ -352,10 +352,10 @@ def hold_column(
             u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier)
             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
             u, v, w = u1, v1, w1
-            into = u * ox + v * oy + w * oz
-            if away <= touching and into < 0.0 and oz > STEEPEST_LIFT:
-                mine[GROUND_Z] -= mass * into / oz  # out of the ground again, without a further loss
-                w -= into / oz
+            into = u * nx + v * ny + w * nz
+            if away <= touching and into < 0.0 and nz > STEEPEST_LIFT:
+                mine[GROUND_Z] -= mass * into / nz  # out of the ground again, without a further loss
+                w -= into / nz
         block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z] = u, v, w
 
 
