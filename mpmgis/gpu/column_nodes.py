@@ -22,7 +22,7 @@ from ..kernels.column_nodes import (
 )
 from ..kernels.column_rows import NODE_MASS, bed_at
 from .column_sort import DT, KICK, node_at, nodes_of, window_of
-from .compiled import Kernel, capped
+from .compiled import REGISTERS, Kernel, capped
 from .launch import STATUS
 
 # entries of a thread's report after those of the CPU's: nodes where trees broke, and the node with the largest
@@ -108,7 +108,7 @@ def collect_held(run, stage, report, sums, lost):
         lost[b] = collect_barrier(report, sums, b, stage[KICK], 0.0)
 
 
-@capped
+@capped(REGISTERS)
 def update_nodes(
     run, stage, nodes, touched, fields, wet, lowered, reports, settings, friction, zones, cohesion, metric, curvature,
     entrainment, forest,

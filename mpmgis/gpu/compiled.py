@@ -17,7 +17,7 @@ if SIMULATED:
 
     repair()
 KERNELS = "mpmgis.kernels."
-REGISTERS = 96  # of a thread at most, in kernels that are `capped`
+REGISTERS = 96  # of a thread, with which 20 warps of 32 threads fit on a multiprocessor
 
 _functions = {}  # (function, precision) -> what a kernel calls
 _stand_ins = {}  # module of functions -> {name of a global: what stands for it on the device}
@@ -66,13 +66,13 @@ class Kernel:
         return self._compiled[precision]
 
 
-def capped(function):
-    """A Kernel for which the assembler may use REGISTERS at most.
+def capped(registers):
+    """Decorator: a Kernel for which the assembler may use that many `registers`.
 
-    For kernels that fit without spills, but of which it would use more by itself, to load ahead. The tests' compile
+    For kernels that fit without spills, for which it would use more by itself, to load ahead. The tests' compile
     matrix finds spills.
     """
-    return Kernel(function, REGISTERS)
+    return lambda function: Kernel(function, registers)
 
 
 def _device_function(function, precision, single):

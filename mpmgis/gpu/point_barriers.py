@@ -26,7 +26,7 @@ from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, press_fac
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, BlockWindow, NodeBlocks
-from .compiled import Kernel, capped
+from .compiled import REGISTERS, Kernel, capped
 from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 
@@ -63,7 +63,7 @@ def press_on_faces(
         )  # fmt: skip
 
 
-@capped
+@capped(REGISTERS)
 def hold_at_barriers(
     run, stage, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
     flow, booked, reports, settings, contact, zones, barrier,

@@ -39,7 +39,7 @@ from ..kernels.point_rows import (
     BlockWindow,
     NodeBlocks,
 )
-from .compiled import Kernel, Part, capped, real
+from .compiled import REGISTERS, Kernel, Part, capped, real
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 NODES = BLOCK * BLOCK * BLOCK
@@ -177,7 +177,7 @@ def couple_layers(
         )  # fmt: skip
 
 
-@capped
+@capped(104)
 def press_on_ground(
     run, stage, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,
@@ -204,7 +204,7 @@ def _stands_on(barriers, touched, t, column):
     return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
 
 
-@capped
+@capped(REGISTERS)
 def hold_nodes(
     run, stage, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
     reports, settings, contact, zones, barrier,

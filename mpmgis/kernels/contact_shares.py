@@ -68,32 +68,36 @@ def shares_on_slope(away, rise):
 
 
 @jit_inline
-def contact_shares(foot, rise, second, first, last, heaviest):
-    """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
+def outer_shares(foot, rise, second, first, last, heaviest):
+    """Shares in the contact of the nodes -2, -1 and 2 levels above the one nearest to the ground, at `foot` [cells].
 
-    Of the two lowest nodes and of the highest one, the share follows from the mass (`second`, `first` and `last` [kg],
-    over that of a node in the flow's interior, `heaviest` [kg]): the ratio of share and mass is that of a space filled
-    above ground of slope `rise` [1] (`shares_on_slope`). The other two shares follow from the sum 1 and the moment
-    `foot` of all. The shares of the two lowest nodes are limited for flows that have sunk and fill them.
+    They follow from their masses `second`, `first` and `last` [kg], over that of a node in the flow's interior,
+    `heaviest` [kg]: the ratio of share and mass is that of a space filled above ground of slope `rise` [1]
+    (`shares_on_slope`). Those of the two lowest nodes are limited for flows that have sunk and fill them.
     """
     pressed, filled = shares_on_slope(2.0 + foot, rise)
     deepest = min(pressed / max(filled, 1e-9) * second / heaviest, MOST_DEEPEST)
     pressed, filled = shares_on_slope(1.0 + foot, rise)
     under = min(pressed / max(filled, 1e-9) * first / heaviest, 0.5 - 0.5 * foot)
     pressed, filled = shares_on_slope(foot - 2.0, rise)
-    over = pressed / filled * min(last / heaviest, 1.0)
-    above = foot + 2.0 * deepest + under - 2.0 * over
-    return deepest, under, 1.0 - deepest - under - above - over, above, over
+    return deepest, under, pressed / filled * min(last / heaviest, 1.0)
 
 
 @jit_inline
-def share_at(offset, shares):
-    """The share of the node `offset` (-2 to 2) of `contact_shares`."""
-    if offset == 0:
-        return shares[2]
-    if offset < 0:
-        return shares[1] if offset == -1 else shares[0]
-    return shares[3] if offset == 1 else shares[4]
+def share_at(offset, foot, outer):
+    """Share of the node `offset` (-2 to 2) levels above the nearest one; `outer` are those of `outer_shares`.
+
+    The other two shares follow from the sum 1 and the moment `foot` of all.
+    """
+    deepest, under, over = outer
+    if offset == -2:
+        return deepest
+    if offset == -1:
+        return under
+    if offset == 2:
+        return over
+    above = foot + 2.0 * deepest + under - 2.0 * over
+    return above if offset == 1 else 1.0 - deepest - under - above - over
 
 
 @jit_inline
