@@ -39,7 +39,7 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
     FACE_J, FACE_I, FACE_EAST, FACE_NORTH, FACE_FOOT, FACE_OUT, FACE_X, FACE_Y, FACE_MU, FACE_BARRIER, FACE_ARM_X,
     FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_ENTRIES,
 ) = range(17)  # fmt: skip
-# of a line of three nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
+# of a line of nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
 # heaviest node [kg], yield before the step and after it [m], 1 where there is contact, shares of the nodes -2 to 2
 (
     LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_SHARES, _, _, _, _,
@@ -63,11 +63,7 @@ def _ground_under(ground, face, n, dx):
     height, nx, ny, nz = plane_at(ground.nodes, j, i)
     centre, spread = part_before((n - 1 - face[FACE_FOOT]) * face[FACE_OUT])
     height -= (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_OUT] * centre * dx
-    spread_x, spread_y = 1.0, 1.0
-    if face[FACE_EAST] == 1.0:
-        spread_x = spread
-    else:
-        spread_y = spread
+    spread_x, spread_y = (spread, 1.0) if face[FACE_EAST] == 1.0 else (1.0, spread)
     return j, i, height, nx, ny, nz, sqrt(spread_x * nx * nx + spread_y * ny * ny) / nz
 
 
@@ -130,9 +126,11 @@ def _velocity_at(nodes, slots, span, lowest, node, along, line):
     east, north, up = along
     u = v = w = 0.0
     for o in range(-2, 3):
+        share = line[LINE_SHARES + 2 + o]
+        if share == 0.0:
+            continue
         slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            share = line[LINE_SHARES + 2 + o]
             u += share * nodes[slot, n + NODE_X]
             v += share * nodes[slot, n + NODE_Y]
             w += share * nodes[slot, n + NODE_Z]
@@ -147,9 +145,11 @@ def _give_line(nodes, slots, span, lowest, node, along, impulse, line):
     jx, jy, jz = impulse
     dx, dy, dz = jx - line[LINE_X], jy - line[LINE_Y], jz - line[LINE_Z]
     for o in range(-2, 3):
+        share = line[LINE_SHARES + 2 + o]
+        if share == 0.0:
+            continue
         slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            share = line[LINE_SHARES + 2 + o]
             share /= pushed_mass(mass, share, line[LINE_HEAVIEST])
             nodes[slot, n + NODE_X] += share * dx
             nodes[slot, n + NODE_Y] += share * dy
@@ -165,9 +165,11 @@ def _taken(nodes, slots, span, lowest, node, along, line):
     east, north, up = along
     part = u = v = w = 0.0
     for o in range(-2, 3):
+        share = line[LINE_SHARES + 2 + o]
+        if share == 0.0:
+            continue
         slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            share = line[LINE_SHARES + 2 + o]
             taken = share * mass / pushed_mass(mass, share, line[LINE_HEAVIEST])
             part += taken
             u += taken * nodes[slot, n + NODE_X]
@@ -261,10 +263,11 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
 def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step, dt, settings):
     """Weigh all rows of a face, from its top down, and find how far it yielded at them; returns (lowest, highest).
 
-    At and under the ground rows are in contact with those above them: their masses tell how the ground lies.
+    At and under the ground rows are in contact with those above them: their masses tell how the ground lies. Shares of
+    a row are those of a face across it, so that they end at the node columns of the face, which no other face has.
     """
     dx, density, signal_speed = settings.dx, settings.density, settings.signal_speed
-    rise, foot = sqrt(max(1.0 / _across(face) ** 2 - 1.0, 0.0)), face[FACE_FOOT] * face[FACE_OUT]
+    foot = face[FACE_FOOT] * face[FACE_OUT]
     bottom, base = int(face[FACE_LOWEST]), int(face[FACE_FIRST])
     top = int(face[FACE_TOP] / dx + GHOSTS)
     stretch, first, last, above = FACE_LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
@@ -272,7 +275,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
     for k in range(top, bottom - 1, -1):
         line = lines[COLUMNS + k - base]
         node, along = _row_of(face, k)
-        _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line)
+        _weigh_line(nodes, slots, span, lowest, node, along, foot, 0.0, line)
         if k <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
             line[LINE_ON] = 1.0
         if line[LINE_ON] == 0.0:
