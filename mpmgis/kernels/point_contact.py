@@ -282,7 +282,9 @@ def press_column(
     if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
         return
     heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
-    if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
+    if heaviest <= 0.0:
+        return
+    if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - lower
     u, v, w, give, here, outer = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)

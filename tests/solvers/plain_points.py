@@ -180,7 +180,9 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             around = np.arange(max(level - 2, 0), level + 3)
             masses = nodes[around, j, i, 3]
             heaviest, centre = masses.max(), masses @ (around - level).astype(np.float64) / max(masses.sum(), 1e-300)
-            if heaviest > 0.0 and centre < foot:
+            if heaviest <= 0.0:
+                continue
+            if centre < foot:
                 lower = int(np.floor(centre + 0.5))
                 level, foot = level + lower, centre - lower
             weights = 0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0
