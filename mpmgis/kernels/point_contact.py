@@ -4,6 +4,7 @@ from math import exp, floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
+from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST, DEPTH, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
@@ -11,27 +12,10 @@ from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
-LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 LAYER = 20.0  # [cells] thickness of the layer of ground, as stiff as the flow, that yields under it
 MOST_YIELD = 0.2  # [cells] by which the ground yields at most
 # of the ground under a node column: how far it yields [m], and one more than the number of the step that found it so
 YIELD, YIELD_STEP, YIELD_ENTRIES = range(3)
-
-
-@jit_inline
-def foot_of(height, dx):
-    """(node level nearest to the ground at `height` [m], the ground's place above it in cells, -0.5 to 0.5)."""
-    place = height / dx + GHOSTS
-    level = int(place + 0.5)
-    return level, place - level
-
-
-@jit_inline
-def spline_at(foot, offset):
-    """Weight of the node `offset` (-1, 0 or 1) levels above the nearest one, at the ground's place `foot` [cells]."""
-    if offset == 0:
-        return 0.75 - foot * foot
-    return 0.5 * (0.5 + offset * foot) ** 2
 
 
 @jit_inline
@@ -73,12 +57,6 @@ def _node_of(nodes, below, own, above, level, first, column):
     return slot, n, mass
 
 
-@jit_inline
-def _pushed_mass(mass, weight, heaviest):
-    """Mass [kg] as which a node of spline `weight` is pushed; `heaviest` [kg] is that of its column's heaviest one."""
-    return max(mass, LIGHTEST * weight * heaviest)
-
-
 @jit_borrowing
 def _mass_near(nodes, below, own, above, first, column, level):
     """(mass [kg] of the heaviest node of a column near the ground, centre of the masses there [levels above `level`]).
@@ -95,27 +73,33 @@ def _mass_near(nodes, below, own, above, first, column, level):
 
 
 @jit_borrowing
-def _at_foot(nodes, below, own, above, first, column, level, foot, heaviest):
+def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
     """What the flow has at the ground under a node column.
 
-    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], and the mass there [kg].
+    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the shares of
+    the nodes (`contact_shares`).
     """
     u = v = w = give = here = 0.0
-    for offset in range(-1, 2):
+    deepest = _node_of(nodes, below, own, above, level - 2, first, column)[2]
+    under = _node_of(nodes, below, own, above, level - 1, first, column)[2]
+    over = _node_of(nodes, below, own, above, level + 2, first, column)[2]
+    shares = contact_shares(foot, rise, deepest, under, over, heaviest)
+    for offset in range(-2, 3):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        weight = spline_at(foot, offset)
-        u += weight * nodes[slot, n + NODE_X]
-        v += weight * nodes[slot, n + NODE_Y]
-        w += weight * nodes[slot, n + NODE_Z]
-        here += weight * mass
-        give += weight * weight / _pushed_mass(mass, weight, heaviest)
-    return u, v, w, give, here
+        share = share_at(offset, shares)
+        u += share * nodes[slot, n + NODE_X]
+        v += share * nodes[slot, n + NODE_Y]
+        w += share * nodes[slot, n + NODE_Z]
+        if abs(offset) < 2:
+            here += spline_at(foot, offset) * mass
+        give += share * share / pushed_mass(mass, share, heaviest)
+    return u, v, w, give, here, shares
 
 
 @jit_borrowing
-def _push(nodes, below, own, above, first, column, level, foot, heaviest, impulse, normal, mine):
+def _push(nodes, below, own, above, first, column, level, shares, heaviest, impulse, normal, mine):
     """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
 
     It is booked with its work, and with the work of its part along the ground.
@@ -123,12 +107,12 @@ def _push(nodes, below, own, above, first, column, level, foot, heaviest, impuls
     jx, jy, jz = impulse
     nx, ny, nz = normal
     into = jx * nx + jy * ny + jz * nz
-    for offset in range(-1, 2):
+    for offset in range(-2, 3):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        weight = spline_at(foot, offset)
-        share = weight / _pushed_mass(mass, weight, heaviest)
+        share = share_at(offset, shares)
+        share /= pushed_mass(mass, share, heaviest)
         u = nodes[slot, n + NODE_X] + share * jx
         v = nodes[slot, n + NODE_Y] + share * jy
         w = nodes[slot, n + NODE_Z] + share * jz
@@ -239,6 +223,27 @@ def between_faces(u, v, into, give, nx, ny, wall_x, wall_y):
 
 
 @jit_inline
+def ground_under_mass(height, nx, ny, nz, j, i, settings):
+    """(height [m], rise [1]) of the ground, of unit normal (nx, ny, nz), where the mass of node column [j, i] lies.
+
+    Walls around the domain hold the flow inside: of a column on or beyond an edge only a part of its splines has mass.
+    The ground counts as high as at the centre of that part, and rises less over it because the part is narrower.
+    """
+    dx, spread_x, spread_y = settings.dx, 1.0, 1.0
+    if settings.wall:
+        inward_x, inward_y = edge_at(j, i, settings.cells_x, settings.cells_y)
+        if inward_x != 0.0:
+            away = i - GHOSTS if inward_x > 0.0 else GHOSTS + settings.cells_x - i
+            centre, spread_x = part_before(float(away))
+            height -= nx / nz * inward_x * centre * dx
+        if inward_y != 0.0:
+            away = j - GHOSTS if inward_y > 0.0 else GHOSTS + settings.cells_y - j
+            centre, spread_y = part_before(float(away))
+            height -= ny / nz * inward_y * centre * dx
+    return height, sqrt(spread_x * nx * nx + spread_y * ny * ny) / nz
+
+
+@jit_inline
 def _face_at(place, height, wall_x, wall_y):
     """Outward unit normal of the barrier's side that holds the node column `place` at ground `height` [m].
 
@@ -270,6 +275,7 @@ def press_column(
     jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
     ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
     height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    height, rise = ground_under_mass(height, nx, ny, nz, jj, ii, settings)
     level, foot = foot_of(height, dx)
     if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
         return
@@ -281,7 +287,7 @@ def press_column(
     if heaviest > 0.0 and centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - lower
-    u, v, w, give, here = _at_foot(nodes, below, t, above, first, column, level, foot, heaviest)
+    u, v, w, give, here, shares = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return
     law = zones.local(contact, zone_values, jj, ii)
@@ -304,7 +310,7 @@ def press_column(
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
     jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
     jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-    _push(nodes, below, t, above, first, column, level, foot, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
+    _push(nodes, below, t, above, first, column, level, shares, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
 
 
 @jit_parallel

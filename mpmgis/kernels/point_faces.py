@@ -4,20 +4,18 @@ from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
+from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import book_impulse
 from .point_contact import (
     LAYER,
     LEAST_SHARE,
-    LIGHTEST,
     MOST_YIELD,
     YIELD,
     YIELD_STEP,
     between_faces,
     carried_yield,
     contact_impulse,
-    foot_of,
-    spline_at,
     yielding_impulse,
 )
 from .point_ground import plane_at
@@ -42,11 +40,11 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
     FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_ENTRIES,
 ) = range(17)  # fmt: skip
 # of a line of three nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
-# heaviest node [kg], yield before the step and after it [m], 1 where there is contact, sum of its nodes' parts
+# heaviest node [kg], yield before the step and after it [m], 1 where there is contact, shares of the nodes -2 to 2
 (
-    LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_WHOLE, LINE_ENTRIES,
-) = range(10)  # fmt: skip
-FULL_SHARE = 0.25  # of the heaviest node's share, from which a node takes its whole part in the contact of a row
+    LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_SHARES, _, _, _, _,
+    LINE_ENTRIES,
+) = range(14)  # fmt: skip
 UPWARDS = (0, 0, 1)
 FACE_LAYER = 5.0  # [cells] thickness of the layer of a face that yields; a thicker one bears later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
@@ -55,34 +53,22 @@ SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
 
 
 @jit_inline
-def centre_before(away):
-    """Centre of the part of a node's spline before a face, from the node towards the flow [cells].
-
-    The node lies `away` [cells] before the face, negative behind it.
-    """
-    a = min(abs(away), 1.5)
-    if a < 0.5:
-        moment, share = 0.203125 - 0.375 * a * a + 0.25 * a**4, 0.5 - 0.75 * a + a**3 / 3.0
-    else:
-        t = 1.5 - a
-        moment, share = 0.25 * t**3 - 0.125 * t**4, t**3 / 6.0
-    if away > 0.0:
-        return moment / (1.0 - share)
-    return moment / share if share > 0.0 else a
-
-
-@jit_inline
 def _ground_under(ground, face, n, dx):
-    """(row, column, height of the ground [m], its unit normal) under node column `n` of a face.
+    """(row, column, height of the ground [m], its unit normal, its rise [1]) under node column `n` of a face.
 
-    What weighs on a column lies before the face: the ground counts as high as at the centre of the part of the column's
-    splines there.
+    What weighs on a column lies before the face: the ground counts as in `ground_under_mass`.
     """
     j = int(face[FACE_J]) + (n - 1) * int(face[FACE_NORTH])
     i = int(face[FACE_I]) + (n - 1) * int(face[FACE_EAST])
     height, nx, ny, nz = plane_at(ground.nodes, j, i)
-    along = face[FACE_OUT] * centre_before((n - 1 - face[FACE_FOOT]) * face[FACE_OUT])
-    return j, i, height - (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * along * dx, nx, ny, nz
+    centre, spread = part_before((n - 1 - face[FACE_FOOT]) * face[FACE_OUT])
+    height -= (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_OUT] * centre * dx
+    spread_x, spread_y = 1.0, 1.0
+    if face[FACE_EAST] == 1.0:
+        spread_x = spread
+    else:
+        spread_y = spread
+    return j, i, height, nx, ny, nz, sqrt(spread_x * nx * nx + spread_y * ny * ny) / nz
 
 
 @jit_inline
@@ -93,85 +79,101 @@ def _ground_at(ground, face, dx):
 
 
 @jit_inline
-def _part(mass, weight, heaviest):
-    """Part of a node of spline `weight` in the contact of a row: less for lighter ones than FULL_SHARE.
+def _across(face):
+    """Part of a face's unit normal along its rows [1]."""
+    return abs(face[FACE_X]) if face[FACE_EAST] == 1.0 else abs(face[FACE_Y])
 
-    A node behind the face that hardly anything weighs on would satisfy the contact by its own velocity in place of the
-    flow, which would creep into the face.
-    """
-    return min(mass / (FULL_SHARE * heaviest), weight)
+
+@jit_inline
+def _row_of(face, k):
+    """(node (j, i, level) of the row at level `k`, its direction from the face to the flow (east, north, up))."""
+    out = int(face[FACE_OUT])
+    return (int(face[FACE_J]), int(face[FACE_I]), k), (out * int(face[FACE_EAST]), out * int(face[FACE_NORTH]), 0)
 
 
 @jit_borrowing
-def _weigh_line(nodes, slots, span, lowest, node, along, foot, out, line):
-    """Set what the line of nodes around `node` (j, i, level) weighs; it runs `along` (east, north, up).
+def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
+    """Set what the line of nodes around `node` (j, i, level) weighs, and their shares in the contact.
 
-    Its place of contact lies `foot` [cells] from that node, and the flow on the side `out` (-1 or 1) of it.
+    It runs `along` (east, north, up) to the flow. Its place of contact lies `foot` [cells] from that node, on a face
+    that rises by `rise` [1] (see `contact_shares`).
     """
     j, i, k = node
     east, north, up = along
     line[:] = 0.0
     heaviest = 0.0
-    for o in range(-1, 3):
-        a = o * out
-        heaviest = max(heaviest, node_at(nodes, slots, span, lowest, j + a * north, i + a * east, k + a * up)[2])
+    for o in range(-2, 3):
+        mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
+        line[LINE_SHARES + 2 + o] = mass
+        heaviest = max(heaviest, mass)
     if heaviest <= 0.0:
         return
-    give = here = whole = 0.0
-    for o in range(-1, 2):
-        mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
+    shares = contact_shares(
+        foot, rise, line[LINE_SHARES], line[LINE_SHARES + 1], line[LINE_SHARES + 4], heaviest
+    )  # fmt: skip
+    give = here = 0.0
+    for o in range(-2, 3):
+        mass, share = line[LINE_SHARES + 2 + o], share_at(o, shares)
+        line[LINE_SHARES + 2 + o] = share
         if mass > 0.0:
-            weight = spline_at(foot, o)
-            here += weight * mass
-            if up == 1:
-                whole = 1.0
-                give += weight * weight / max(mass, LIGHTEST * weight * heaviest)
-            else:
-                part = _part(mass, weight, heaviest)
-                whole += part
-                give += part * part / mass
-    if whole > 0.0:
-        line[LINE_GIVE], line[LINE_HEAVIEST], line[LINE_WHOLE] = give / (whole * whole), heaviest, whole
-        line[LINE_ON] = 1.0 if here >= LEAST_SHARE * heaviest else 0.0
+            give += share * share / pushed_mass(mass, share, heaviest)
+            if abs(o) < 2:
+                here += spline_at(foot, o) * mass
+    line[LINE_GIVE], line[LINE_HEAVIEST] = give, heaviest
+    line[LINE_ON] = 1.0 if here >= LEAST_SHARE * heaviest and give > 0.0 else 0.0
 
 
 @jit_borrowing
-def _velocity_at(nodes, slots, span, lowest, node, along, foot, line):
+def _velocity_at(nodes, slots, span, lowest, node, along, line):
     """Velocity [m s-1] of the flow at the place of contact of a line; `node`, `along` as in `_weigh_line`."""
     j, i, k = node
     east, north, up = along
     u = v = w = 0.0
-    for o in range(-1, 2):
+    for o in range(-2, 3):
         slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            part = spline_at(foot, o)
-            if up == 0:
-                part = _part(mass, part, line[LINE_HEAVIEST]) / line[LINE_WHOLE]
-            u += part * nodes[slot, n + NODE_X]
-            v += part * nodes[slot, n + NODE_Y]
-            w += part * nodes[slot, n + NODE_Z]
+            share = line[LINE_SHARES + 2 + o]
+            u += share * nodes[slot, n + NODE_X]
+            v += share * nodes[slot, n + NODE_Y]
+            w += share * nodes[slot, n + NODE_Z]
     return u, v, w
 
 
 @jit_borrowing
-def _give_line(nodes, slots, span, lowest, node, along, foot, impulse, line):
+def _give_line(nodes, slots, span, lowest, node, along, impulse, line):
     """Make `impulse` (x, y, z) [N s] that of a line; returns the change of its velocity [m s-1]."""
     j, i, k = node
     east, north, up = along
     jx, jy, jz = impulse
     dx, dy, dz = jx - line[LINE_X], jy - line[LINE_Y], jz - line[LINE_Z]
-    for o in range(-1, 2):
+    for o in range(-2, 3):
         slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            weight = spline_at(foot, o)
-            share = weight / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])
-            if up == 0:
-                share = _part(mass, weight, line[LINE_HEAVIEST]) / (line[LINE_WHOLE] * mass)
+            share = line[LINE_SHARES + 2 + o]
+            share /= pushed_mass(mass, share, line[LINE_HEAVIEST])
             nodes[slot, n + NODE_X] += share * dx
             nodes[slot, n + NODE_Y] += share * dy
             nodes[slot, n + NODE_Z] += share * dz
     line[LINE_X], line[LINE_Y], line[LINE_Z] = jx, jy, jz
     return line[LINE_GIVE] * sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@jit_borrowing
+def _taken(nodes, slots, span, lowest, node, along, line):
+    """(part of its impulse that the nodes of a line take, their velocity [m s-1] times the part of each)."""
+    j, i, k = node
+    east, north, up = along
+    part = u = v = w = 0.0
+    for o in range(-2, 3):
+        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        if mass > 0.0:
+            share = line[LINE_SHARES + 2 + o]
+            taken = share * mass / pushed_mass(mass, share, line[LINE_HEAVIEST])
+            part += taken
+            u += taken * nodes[slot, n + NODE_X]
+            v += taken * nodes[slot, n + NODE_Y]
+            w += taken * nodes[slot, n + NODE_Z]
+    return part, u, v, w
 
 
 @jit_inline
@@ -196,26 +198,26 @@ def face_impulse(velocity, give, nx, ny, mu, impedance, yielded, back, most, dt,
 def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier):
     """Contact of the row at level `k` with its face, given what else pushes it; returns the change [m s-1]."""
     dx, signal_speed = settings.dx, settings.signal_speed
-    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
-    foot, nx, ny, give = face[FACE_FOOT], face[FACE_X], face[FACE_Y], line[LINE_GIVE]
-    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), foot, line)
+    nx, ny, give = face[FACE_X], face[FACE_Y], line[LINE_GIVE]
+    node, along = _row_of(face, k)
+    u, v, w = _velocity_at(nodes, slots, span, lowest, node, along, line)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
-    impedance = signal_speed * line[LINE_HEAVIEST] / (dx * (abs(nx) if east == 1 else abs(ny)))
+    impedance = signal_speed * line[LINE_HEAVIEST] / (dx * _across(face))
     jx, jy, jz, line[LINE_YIELDED] = face_impulse(
         (u, v, w), give, nx, ny, face[FACE_MU], impedance, line[LINE_YIELD], FACE_LAYER * dx / signal_speed,
         MOST_YIELD * dx, dt, barrier,
     )  # fmt: skip
-    return _give_line(nodes, slots, span, lowest, (j, i, k), (east, north, 0), foot, (jx, jy, jz), line)
+    return _give_line(nodes, slots, span, lowest, node, along, (jx, jy, jz), line)
 
 
 @jit_borrowing
 def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line, dt, settings, contact, zones):
     """Contact of node column `n` of a face with the ground, as in `press_on_ground`, given what else pushes it."""
     dx, signal_speed = settings.dx, settings.signal_speed
-    j, i, height, nx, ny, nz = _ground_under(ground, face, n, dx)
-    level, foot = foot_of(height, dx)
+    j, i, height, nx, ny, nz, _ = _ground_under(ground, face, n, dx)
+    level, _ = foot_of(height, dx)
     law, give = zones.local(contact, zone_values, j, i), line[LINE_GIVE]
-    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, line)
+    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
     if settings.wall:
@@ -230,16 +232,16 @@ def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line
         normal, line[LINE_YIELDED] = yielding_impulse(into, push_give, line[LINE_YIELD], impedance, back, most, dt)
     jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
     jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, (jx, jy, jz), line)
+    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, (jx, jy, jz), line)
 
 
 @jit_borrowing
 def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, step, dt, settings):
     """Weigh node column `n` of a face at the ground and find how far the ground yielded before this step."""
     dx, signal_speed = settings.dx, settings.signal_speed
-    j, i, height, _, _, nz = _ground_under(ground, face, n, dx)
+    j, i, height, _, _, nz, rise = _ground_under(ground, face, n, dx)
     level, foot = foot_of(height, dx)
-    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, 1, line)
+    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, rise, line)
     if line[LINE_ON] == 0.0:
         return
     mass, k = 0.0, level - 1
@@ -251,7 +253,7 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
         k += 1
     thickness = mass / (settings.density * dx * dx)
     weighed = LAYER * dx * settings.gravity * thickness * nz * nz / (signal_speed * signal_speed)
-    u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, line)
+    u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
     line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, min(weighed, MOST_YIELD * dx))
 
 
@@ -262,15 +264,15 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
     At and under the ground rows are in contact with those above them: their masses tell how the ground lies.
     """
     dx, density, signal_speed = settings.dx, settings.density, settings.signal_speed
-    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
+    rise, foot = sqrt(max(1.0 / _across(face) ** 2 - 1.0, 0.0)), face[FACE_FOOT] * face[FACE_OUT]
     bottom, base = int(face[FACE_LOWEST]), int(face[FACE_FIRST])
     top = int(face[FACE_TOP] / dx + GHOSTS)
     stretch, first, last, above = FACE_LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
     deep = _ground_at(ground, face, dx) / dx + GHOSTS + 0.5
     for k in range(top, bottom - 1, -1):
         line = lines[COLUMNS + k - base]
-        out = int(face[FACE_OUT])
-        _weigh_line(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], out, line)
+        node, along = _row_of(face, k)
+        _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line)
         if k <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
             line[LINE_ON] = 1.0
         if line[LINE_ON] == 0.0:
@@ -280,22 +282,23 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
         first = k
         above += line[LINE_HEAVIEST] / (density * dx * dx)
         if face[FACE_MU] > 0.0:
-            u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], line)
-            along = v if east == 1 else u
+            u, v, w = _velocity_at(nodes, slots, span, lowest, node, along, line)
+            sideways = v if face[FACE_EAST] == 1.0 else u
             weighed = min(stretch * above, MOST_YIELD * dx)
-            line[LINE_YIELD] = carried_yield(before, step, f, k - base + 1, w * dt / dx, along * dt / dx, weighed)
+            line[LINE_YIELD] = carried_yield(before, step, f, k - base + 1, w * dt / dx, sideways * dt / dx, weighed)
     return first, last
 
 
 @jit_borrowing
 def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
     """Book what a row gave to its face, and its work."""
-    j, i, east, north = int(face[FACE_J]), int(face[FACE_I]), int(face[FACE_EAST]), int(face[FACE_NORTH])
-    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, k), (east, north, 0), face[FACE_FOOT], line)
+    node, along = _row_of(face, k)
+    part, u, v, w = _taken(nodes, slots, span, lowest, node, along, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     book_impulse(
-        booked[int(face[FACE_BARRIER]) - 1], -jx, -jy, -jz, jx * face[FACE_X] + jy * face[FACE_Y],
-        face[FACE_ARM_X], face[FACE_ARM_Y], (k - GHOSTS) * dx - face[FACE_BASE],
+        booked[int(face[FACE_BARRIER]) - 1], -part * jx, -part * jy, -part * jz,
+        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face[FACE_ARM_X], face[FACE_ARM_Y],
+        (k - GHOSTS) * dx - face[FACE_BASE],
     )  # fmt: skip
     mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
 
@@ -303,21 +306,16 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
 @jit_borrowing
 def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
     """Book what node column `n` of a face took from the ground, and its work."""
-    j, i, height, nx, ny, nz = _ground_under(ground, face, n, dx)
-    level, foot = foot_of(height, dx)
+    j, i, height, nx, ny, nz, _ = _ground_under(ground, face, n, dx)
+    level, _ = foot_of(height, dx)
+    part, u, v, w = _taken(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
-    for o in range(-1, 2):
-        slot, at, mass = node_at(nodes, slots, span, lowest, j, i, level + o)
-        if mass > 0.0:
-            weight = spline_at(foot, o)
-            taken = weight * mass / max(mass, LIGHTEST * weight * line[LINE_HEAVIEST])
-            u, v, w = nodes[slot, at + NODE_X], nodes[slot, at + NODE_Y], nodes[slot, at + NODE_Z]
-            mine[GROUND_X] += taken * jx
-            mine[GROUND_Y] += taken * jy
-            mine[GROUND_Z] += taken * jz
-            work = jx * u + jy * v + jz * w
-            mine[GROUND_WORK] -= taken * work
-            mine[FRICTION_WORK] -= taken * (work - (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz))
+    mine[GROUND_X] += part * jx
+    mine[GROUND_Y] += part * jy
+    mine[GROUND_Z] += part * jz
+    work = jx * u + jy * v + jz * w
+    mine[GROUND_WORK] -= work
+    mine[FRICTION_WORK] -= work - (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz)
 
 
 @jit_borrowing
@@ -336,7 +334,7 @@ def press_face(
     first, last = _begin_rows(nodes, slots, span, lowest, face, f + 1, ground, own, face_before, step, dt, settings)
     reach = 0
     for n in range(COLUMNS):
-        _, _, height, _, _, _ = _ground_under(ground, face, n, dx)
+        height = _ground_under(ground, face, n, dx)[2]
         _begin_column(nodes, slots, span, lowest, face, n, ground, own[n], before, step, dt, settings)
         reach = max(reach, foot_of(height, dx)[0] + 1)
     largest = 0.0
@@ -363,7 +361,7 @@ def press_face(
             face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
-            j, i, _, _, _, _ = _ground_under(ground, face, n, dx)
+            j, i = _ground_under(ground, face, n, dx)[:2]
             _book_column(nodes, slots, span, lowest, face, n, ground, own[n], dx, mine)
             after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1
 

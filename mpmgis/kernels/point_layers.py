@@ -13,9 +13,10 @@ import numpy as np
 from ..effects.layers import turbulent_link
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
+from .contact_shares import foot_of, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST
-from .point_contact import LEAST_SHARE, foot_of, is_column_of_block, spline_at
+from .point_contact import LEAST_SHARE, is_column_of_block
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK, bed_under
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z

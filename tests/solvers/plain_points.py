@@ -130,6 +130,39 @@ def yielding(into, give, yielded, impedance, back, most, dt):
     return 0.0, yielded * np.exp(-dt / back)
 
 
+def beyond(away, power):
+    """Integral of r^power w(r) over the distances r > `away` [cells] from a node, by Gauss points in each piece of the
+    spline w."""
+    total = 0.0
+    for low, high in ((-1.5, -0.5), (-0.5, 0.5), (0.5, 1.5)):
+        low = min(max(low, away), high)
+        for x, weight in ((-np.sqrt(0.6), 5.0 / 18.0), (0.0, 8.0 / 18.0), (np.sqrt(0.6), 5.0 / 18.0)):
+            r = 0.5 * (low + high) + 0.5 * (high - low) * x
+            w = 0.75 - r * r if abs(r) < 0.5 else 0.5 * (1.5 - abs(r)) ** 2
+            total += weight * (high - low) * r**power * w
+    return total
+
+
+def ratio(away, rise):
+    """Share of a node in the contact, over its mass, of a space filled above ground `away` [cells] above the node that
+    rises by `rise`, and the part of its mass: means over three points of the spline along the slope."""
+    pressed = filled = 0.0
+    for k, weight in ((-1, 0.125 / 0.65), (0, 1.0 - 0.25 / 0.65), (1, 0.125 / 0.65)):
+        there = away + k * np.sqrt(0.65) * rise
+        pressed += weight * 4.0 * beyond(there, 1)
+        filled += weight * beyond(there, 0)
+    return pressed / max(filled, 1e-9)
+
+
+def shares_of(foot, rise, masses, heaviest):
+    """Shares of the nodes -2 to 2 levels above the one nearest to the ground, whose place is `foot` [cells]."""
+    deepest = ratio(2.0 + foot, rise) * masses[0] / heaviest
+    under = min(ratio(1.0 + foot, rise) * masses[1] / heaviest, 0.5 - 0.5 * foot)
+    over = ratio(foot - 2.0, rise) * min(masses[4] / heaviest, 1.0)
+    above = foot + 2.0 * deepest + under - 2.0 * over
+    return np.array([deepest, under, 1.0 - deepest - under - above - over, above, over])
+
+
 def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
     """Contact of all node columns with the ground, of velocities at `nodes`; `yields` [m], -1 where nothing was."""
     moved, before = nodes.copy(), yields.copy()
@@ -150,17 +183,16 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             if heaviest > 0.0 and centre < foot:
                 lower = int(np.floor(centre + 0.5))
                 level, foot = level + lower, centre - lower
-            weights = 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2
-            near = nodes[level - 1 : level + 3, j, i]
+            weights = 0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0
+            near = nodes[level - 2 : level + 3, j, i]
             v, give, here = np.zeros(3), 0.0, 0.0
-            shares = []
-            for k in range(3):
+            shares, pushed = shares_of(foot, np.sqrt(steep * steep - 1.0), near[:, 3], heaviest), np.zeros(5)
+            for k in range(5):
                 mass = near[k, 3]
-                share = weights[k] / max(mass, LIGHTEST * weights[k] * heaviest) if mass > 0.0 else 0.0
-                shares.append(share)
                 if mass > 0.0:
-                    v += weights[k] * near[k, :3]
-                    give += weights[k] * share
+                    pushed[k] = shares[k] / max(mass, LIGHTEST * abs(shares[k]) * heaviest)
+                    v += shares[k] * near[k, :3]
+                    give += shares[k] * pushed[k]
                     here += weights[k] * mass
             if here < LEAST_SHARE * heaviest or give <= 0.0:
                 continue
@@ -178,9 +210,9 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             if slip > 0.0:
                 kept = max(0.0, 1.0 - mu * pressed * give / slip)
             impulse = pressed * normal + (kept - 1.0) / give * along
-            for k in range(3):
+            for k in range(5):
                 if near[k, 3] > 0.0:
-                    moved[level - 1 + k, j, i, :3] += shares[k] * impulse
+                    moved[level - 2 + k, j, i, :3] += pushed[k] * impulse
     nodes[:] = moved
 
 
