@@ -19,7 +19,7 @@ from mpmgis.particles import Frame, Particles
 
 LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half of what collapses to both sides, or the radius
 WIDE, PER_CELL = 3, 2  # cells across a strip, points along a cell's side
-STIFF = 10.0  # speed of waves over sqrt(g H), about
+STIFF = 7.0  # speed of pressure waves over sqrt(g H), about: compression by 2 % under the column's own weight
 EDGE = LENGTH / 30.0  # [m], thickness below which a deposit has ended: one grain
 DRUCKER_PRAGER = "friction_angle = 30\ncohesion = 0\nmatch = "
 
