@@ -12,7 +12,7 @@ from math import sqrt
 from .jit import jit_inline
 from .point_rows import GHOSTS
 
-MOST_DEEPEST = 0.25  # share of the node two levels below the nearest one, at most; a slope of 70 degrees has 0.16
+MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 
 
@@ -68,36 +68,45 @@ def shares_on_slope(away, rise):
 
 
 @jit_inline
-def outer_shares(foot, rise, second, first, last, heaviest):
-    """Shares in the contact of the nodes -2, -1 and 2 levels above the one nearest to the ground, at `foot` [cells].
+def contact_shares(foot, rise, m0, m1, m2, m3, m4, heaviest):
+    """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
 
-    They follow from their masses `second`, `first` and `last` [kg], over that of a node in the flow's interior,
-    `heaviest` [kg]: the ratio of share and mass is that of a space filled above ground of slope `rise` [1]
-    (`shares_on_slope`). Those of the two lowest nodes are limited for flows that have sunk and fill them.
+    Of the two lowest nodes and of the highest one they follow from the masses, `m0` to `m4` [kg] over that of a node in
+    the flow's interior, `heaviest` [kg]: the ratio of share and mass is that of a space filled above ground of slope
+    `rise` [1] (`shares_on_slope`). The other two follow from the sum 1 and the moment `foot` of all. No share is
+    negative, or more than MOST_RATIO times the mass, which no arrangement of points exceeds; where that limits one
+    (in narrow corners, on very steep ground, in thin sheets), all are scaled to the sum 1.
     """
     pressed, filled = shares_on_slope(2.0 + foot, rise)
-    deepest = min(pressed / max(filled, 1e-9) * second / heaviest, MOST_DEEPEST)
+    s0 = pressed / max(filled, 1e-9) * m0 / heaviest
     pressed, filled = shares_on_slope(1.0 + foot, rise)
-    under = min(pressed / max(filled, 1e-9) * first / heaviest, 0.5 - 0.5 * foot)
+    s1 = min(pressed / max(filled, 1e-9) * m1 / heaviest, 0.5 - 0.5 * foot)
     pressed, filled = shares_on_slope(foot - 2.0, rise)
-    return deepest, under, pressed / filled * min(last / heaviest, 1.0)
+    s4 = pressed / filled * min(m4 / heaviest, 1.0)
+    s3 = foot + 2.0 * s0 + s1 - 2.0 * s4
+    s2 = 1.0 - s0 - s1 - s3 - s4
+    most = MOST_RATIO / heaviest
+    s0, s1, s2, s3, s4 = _held(s0, m0 * most), _held(s1, m1 * most), _held(s2, m2 * most), _held(s3, m3 * most), s4
+    total = s0 + s1 + s2 + s3 + s4
+    if total <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    return s0 / total, s1 / total, s2 / total, s3 / total, s4 / total
 
 
 @jit_inline
-def share_at(offset, foot, outer):
-    """Share of the node `offset` (-2 to 2) levels above the nearest one; `outer` are those of `outer_shares`.
+def _held(share, most):
+    """`share` within 0 and `most`."""
+    return min(max(share, 0.0), most)
 
-    The other two shares follow from the sum 1 and the moment `foot` of all.
-    """
-    deepest, under, over = outer
-    if offset == -2:
-        return deepest
-    if offset == -1:
-        return under
-    if offset == 2:
-        return over
-    above = foot + 2.0 * deepest + under - 2.0 * over
-    return above if offset == 1 else 1.0 - deepest - under - above - over
+
+@jit_inline
+def share_at(offset, shares):
+    """The share of the node `offset` (-2 to 2) of `contact_shares`."""
+    if offset == 0:
+        return shares[2]
+    if offset < 0:
+        return shares[1] if offset == -1 else shares[0]
+    return shares[3] if offset == 1 else shares[4]
 
 
 @jit_inline

@@ -4,7 +4,7 @@ from math import exp, floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import foot_of, outer_shares, part_before, pushed_mass, share_at, spline_at
+from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST, DEPTH, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
@@ -77,29 +77,31 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heavies
     """What the flow has at the ground under a node column.
 
     Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the
-    `outer_shares` of the nodes.
+    `contact_shares` of the nodes.
     """
     u = v = w = give = here = 0.0
-    deepest = _node_of(nodes, below, own, above, level - 2, first, column)[2]
-    under = _node_of(nodes, below, own, above, level - 1, first, column)[2]
-    over = _node_of(nodes, below, own, above, level + 2, first, column)[2]
-    outer = outer_shares(foot, rise, deepest, under, over, heaviest)
+    m0 = _node_of(nodes, below, own, above, level - 2, first, column)[2]
+    m1 = _node_of(nodes, below, own, above, level - 1, first, column)[2]
+    m2 = _node_of(nodes, below, own, above, level, first, column)[2]
+    m3 = _node_of(nodes, below, own, above, level + 1, first, column)[2]
+    m4 = _node_of(nodes, below, own, above, level + 2, first, column)[2]
+    shares = contact_shares(foot, rise, m0, m1, m2, m3, m4, heaviest)
     for offset in range(-2, 3):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        share = share_at(offset, foot, outer)
+        share = share_at(offset, shares)
         u += share * nodes[slot, n + NODE_X]
         v += share * nodes[slot, n + NODE_Y]
         w += share * nodes[slot, n + NODE_Z]
         if abs(offset) < 2:
             here += spline_at(foot, offset) * mass
         give += share * share / pushed_mass(mass, share, heaviest)
-    return u, v, w, give, here, outer
+    return u, v, w, give, here, shares
 
 
 @jit_borrowing
-def _push(nodes, below, own, above, first, column, level, foot, outer, heaviest, impulse, normal, mine):
+def _push(nodes, below, own, above, first, column, level, shares, heaviest, impulse, normal, mine):
     """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
 
     It is booked with its work, and with the work of its part along the ground.
@@ -111,7 +113,7 @@ def _push(nodes, below, own, above, first, column, level, foot, outer, heaviest,
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        share = share_at(offset, foot, outer)
+        share = share_at(offset, shares)
         share /= pushed_mass(mass, share, heaviest)
         u = nodes[slot, n + NODE_X] + share * jx
         v = nodes[slot, n + NODE_Y] + share * jy
@@ -287,7 +289,7 @@ def press_column(
     if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - lower
-    u, v, w, give, here, outer = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
+    u, v, w, give, here, shares = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return
     law = zones.local(contact, zone_values, jj, ii)
@@ -313,7 +315,7 @@ def press_column(
         normal = max(into, 0.0) / push_give
     jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
     jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-    _push(nodes, below, t, above, first, column, level, foot, outer, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
+    _push(nodes, below, t, above, first, column, level, shares, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
 
 
 @jit_parallel

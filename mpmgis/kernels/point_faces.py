@@ -4,7 +4,7 @@ from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import foot_of, outer_shares, part_before, pushed_mass, share_at, spline_at
+from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import book_impulse
 from .point_contact import (
@@ -92,7 +92,7 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
     """Set what the line of nodes around `node` (j, i, level) weighs, and their shares in the contact.
 
     It runs `along` (east, north, up) to the flow. Its place of contact lies `foot` [cells] from that node, on a face
-    that rises by `rise` [1] (see `outer_shares`).
+    that rises by `rise` [1] (see `contact_shares`).
     """
     j, i, k = node
     east, north, up = along
@@ -104,12 +104,13 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
         heaviest = max(heaviest, mass)
     if heaviest <= 0.0:
         return
-    outer = outer_shares(
-        foot, rise, line[LINE_SHARES], line[LINE_SHARES + 1], line[LINE_SHARES + 4], heaviest
+    shares = contact_shares(
+        foot, rise, line[LINE_SHARES], line[LINE_SHARES + 1], line[LINE_SHARES + 2], line[LINE_SHARES + 3],
+        line[LINE_SHARES + 4], heaviest,
     )  # fmt: skip
     give = here = 0.0
     for o in range(-2, 3):
-        mass, share = line[LINE_SHARES + 2 + o], share_at(o, foot, outer)
+        mass, share = line[LINE_SHARES + 2 + o], share_at(o, shares)
         line[LINE_SHARES + 2 + o] = share
         if mass > 0.0:
             give += share * share / pushed_mass(mass, share, heaviest)

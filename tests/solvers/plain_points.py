@@ -156,11 +156,14 @@ def ratio(away, rise):
 
 def shares_of(foot, rise, masses, heaviest):
     """Shares of the nodes -2 to 2 levels above the one nearest to the ground, whose place is `foot` [cells]."""
-    deepest = min(ratio(2.0 + foot, rise) * masses[0] / heaviest, 0.25)
+    deepest = ratio(2.0 + foot, rise) * masses[0] / heaviest
     under = min(ratio(1.0 + foot, rise) * masses[1] / heaviest, 0.5 - 0.5 * foot)
     over = ratio(foot - 2.0, rise) * min(masses[4] / heaviest, 1.0)
     above = foot + 2.0 * deepest + under - 2.0 * over
-    return np.array([deepest, under, 1.0 - deepest - under - above - over, above, over])
+    shares = np.array([deepest, under, 1.0 - deepest - under - above - over, above, over])
+    for k in range(4):  # no arrangement of points has more
+        shares[k] = min(max(shares[k], 0.0), 6.0 * masses[k] / heaviest)
+    return shares / max(shares.sum(), 1e-300)
 
 
 def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
