@@ -18,7 +18,7 @@ MORE = {
     "move_rare_points": (120, 176),
     "points_to_grid": (LIMIT, 120),
     "press_on_ground": (104, 104),
-    "press_on_faces": (168, 168),
+    "press_on_faces": (176, 176),
     "columns_to_grid all": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 160),
 }
