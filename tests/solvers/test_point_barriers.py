@@ -44,7 +44,8 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
     assert dam["normal_impulse"] == pytest.approx(dam["impulse_east"], rel=1e-9)
     steady = 1000.0 * 20.0**2 * 1.0 * 12.0  # N, of a jet that turns along the wall
     assert 0.8 * steady < dam["peak_normal_force"] < 30.0 * steady  # a first blow of rho c v where it meets the wall
-    assert (balances["energy_lost_to_barriers"] > 1e-12 * balances["energy_lost"]) == (mu > 0.0)
+    # without friction nothing but the rounding of nodes so light that they are pushed as heavier ones: 3e-11
+    assert (balances["energy_lost_to_barriers"] > 1e-9 * balances["energy_lost"]) == (mu > 0.0)
     assert balances["energy_lost_to_barriers"] <= 0.6 * balances["energy_lost"]  # faces with friction absorb waves
     if mu == 0.0:
         assert abs(dam["impulse_up"]) <= 1e-9 * dam["impulse_east"]
