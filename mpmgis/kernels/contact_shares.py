@@ -68,29 +68,60 @@ def shares_on_slope(away, rise):
 
 
 @jit_inline
+def share_of_mass(away, rise, mass, heaviest):
+    """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [kg].
+
+    The ratio of share and mass is that of a space filled above the ground; `heaviest` [kg] is the mass of a node in it.
+    """
+    pressed, filled = shares_on_slope(away, rise)
+    return min(pressed / max(filled, 1e-9) * mass / heaviest, max(1.0 - 0.5 * away, 0.0))
+
+
+@jit_inline
 def contact_shares(foot, rise, m0, m1, m2, m3, m4, heaviest):
     """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
 
-    Of the two lowest nodes and of the highest one they follow from the masses, `m0` to `m4` [kg] over that of a node in
-    the flow's interior, `heaviest` [kg]: the ratio of share and mass is that of a space filled above ground of slope
-    `rise` [1] (`shares_on_slope`). The other two follow from the sum 1 and the moment `foot` of all. No share is
-    negative, or more than MOST_RATIO times the mass, which no arrangement of points exceeds; where that limits one
-    (in narrow corners, on very steep ground, in thin sheets), all are scaled to the sum 1.
+    They follow from the masses, `m0` to `m4` [kg] over that of a node in the flow's interior, `heaviest` [kg] (see
+    `share_of_mass`). Their sum 1 and their moment `foot` are reached by changes of the nodes from one cell below the
+    ground to two above it (see `_change`): the masses tell the shares of those below. No share is negative, or more than MOST_RATIO times the mass, which no arrangement of
+    points exceeds; where that limits one (in narrow corners, on very steep ground, in thin sheets), all are scaled to
+    the sum 1. Shares are continuous in place, slope and masses.
     """
-    pressed, filled = shares_on_slope(2.0 + foot, rise)
-    s0 = pressed / max(filled, 1e-9) * m0 / heaviest
-    pressed, filled = shares_on_slope(1.0 + foot, rise)
-    s1 = min(pressed / max(filled, 1e-9) * m1 / heaviest, 0.5 - 0.5 * foot)
-    pressed, filled = shares_on_slope(foot - 2.0, rise)
-    s4 = pressed / filled * min(m4 / heaviest, 1.0)
-    s3 = foot + 2.0 * s0 + s1 - 2.0 * s4
-    s2 = 1.0 - s0 - s1 - s3 - s4
+    s0 = share_of_mass(foot + 2.0, rise, m0, heaviest)
+    s1 = share_of_mass(foot + 1.0, rise, m1, heaviest)
+    s2 = share_of_mass(foot, rise, m2, heaviest)
+    s3 = share_of_mass(foot - 1.0, rise, m3, heaviest)
+    s4 = share_of_mass(foot - 2.0, rise, m4, heaviest)
+    short = 1.0 - s0 - s1 - s2 - s3 - s4
+    tilt = foot * (1.0 - short) + 2.0 * s0 + s1 - s3 - 2.0 * s4 - 0.5 * short
+    even, lean = _change(foot, short, tilt)
     most = MOST_RATIO / heaviest
-    s0, s1, s2, s3, s4 = _held(s0, m0 * most), _held(s1, m1 * most), _held(s2, m2 * most), _held(s3, m3 * most), s4
-    total = s0 + s1 + s2 + s3 + s4
-    if total <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    return s0 / total, s1 / total, s2 / total, s3 / total, s4 / total
+    s0 = _held(s0, m0 * most)
+    s1 = _changed(s1, -1.5 - foot, even, lean, m1 * most)
+    s2 = _changed(s2, -0.5 - foot, even, lean, m2 * most)
+    s3 = _changed(s3, 0.5 - foot, even, lean, m3 * most)
+    s4 = _changed(s4, 1.5 - foot, even, lean, m4 * most)
+    scale = 1.0 / max(s0 + s1 + s2 + s3 + s4, 1e-300)
+    return scale * s0, scale * s1, scale * s2, scale * s3, scale * s4
+
+
+@jit_inline
+def _change(foot, short, tilt):
+    """(even, lean): the change of weight 9/4 - e^2, times even + lean e, with the sum `short` and the moment `tilt`.
+
+    e [cells] is a node's distance above half a cell over the ground. Three nodes have such a weight.
+    """
+    middle = 0.5 - foot if foot >= 0.0 else -0.5 - foot  # e of the second of them
+    m2 = middle * middle
+    whole, first, second = 4.75 - 3.0 * m2, middle * (0.75 - 3.0 * m2), 2.5 - m2 * (5.25 + 3.0 * m2)
+    over = 1.0 / (whole * second - first * first)
+    return (second * short - first * tilt) * over, (whole * tilt - first * short) * over
+
+
+@jit_inline
+def _changed(share, e, even, lean, most):
+    """`share` with its `_change`, within 0 and `most`."""
+    return _held(share + max(2.25 - e * e, 0.0) * (even + lean * e), most)
 
 
 @jit_inline
@@ -112,7 +143,7 @@ def share_at(offset, shares):
 @jit_inline
 def pushed_mass(mass, share, heaviest):
     """Mass [kg] as which a node of this `share` is pushed; `heaviest` [kg] is that of its column's heaviest one."""
-    return max(mass, LIGHTEST * abs(share) * heaviest)
+    return max(mass, LIGHTEST * share * heaviest)
 
 
 @jit_inline

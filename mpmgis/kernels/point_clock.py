@@ -15,6 +15,7 @@ from .point_nodes import (
     GROUND_Y,
     GROUND_Z,
     LAYER_WORK,
+    RETURNED_WORK,
     WALL_X,
     WALL_Y,
 )
@@ -69,8 +70,9 @@ RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED, WATCHED_RE
     SPEED_P999_TIME,
     LAYER_LOSS,  # energy lost between layers of a flow with drag [J]
     FRICTION_LOSS,  # part of GROUND_LOSS by friction along the ground [J]
+    RETURNED,  # energy that ground and barriers, which yield elastically, gave back to the flow [J]
     CLOCK,
-) = range(46)
+) = range(47)
 # int64 counts; then the window of blocks
 ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
 COUNTS = WINDOW_FIRST + WINDOW
@@ -201,4 +203,5 @@ def collect_nodes(node_report, clock):
         clock[FRICTION_LOSS] += part[FRICTION_WORK]
         clock[BARRIER_LOSS] += part[BARRIER_WORK]
         clock[LAYER_LOSS] += part[LAYER_WORK]
+        clock[RETURNED] += part[RETURNED_WORK]
     clock[FASTEST] = sqrt(fastest2)

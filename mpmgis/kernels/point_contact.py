@@ -8,7 +8,7 @@ from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, s
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, CREST, DEPTH, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
-from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, edge_at, leaning_edge
+from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, RETURNED_WORK, edge_at, leaning_edge
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
@@ -299,7 +299,7 @@ def press_column(
         inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
         wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
     if barrier.barrier_active():
-        wall_x, wall_y = _face_at(barriers[jj, ii], height, wall_x, wall_y)
+        wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground.nodes, jj, ii)[0], wall_x, wall_y)
     if wall_x != 0.0 or wall_y != 0.0:
         u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
     if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
@@ -309,6 +309,7 @@ def press_column(
         yielded = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
         impedance = signal_speed * heaviest / (dx * nz)
         normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
+        mine[RETURNED_WORK] += normal * max(normal * push_give - into, 0.0)
         after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
     else:

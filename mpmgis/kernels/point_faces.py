@@ -26,6 +26,7 @@ from .point_nodes import (
     GROUND_X,
     GROUND_Y,
     GROUND_Z,
+    RETURNED_WORK,
     edge_at,
     leaning_edge,
     node_at,
@@ -304,6 +305,8 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
         part * (jx * face[FACE_X] + jy * face[FACE_Y]), face, FACE_ARM_X, (k - GHOSTS) * dx,
     )  # fmt: skip
     mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
+    nx, ny = face[FACE_X], face[FACE_Y]
+    mine[RETURNED_WORK] += max((jx * nx + jy * ny) * (u * nx + v * ny), 0.0)
 
 
 @jit_borrowing
@@ -316,9 +319,10 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
     mine[GROUND_X] += part * jx
     mine[GROUND_Y] += part * jy
     mine[GROUND_Z] += part * jz
-    work = jx * u + jy * v + jz * w
+    work, normal_work = jx * u + jy * v + jz * w, (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz)
     mine[GROUND_WORK] -= work
-    mine[FRICTION_WORK] -= work - (jx * nx + jy * ny + jz * nz) * (u * nx + v * ny + w * nz)
+    mine[FRICTION_WORK] -= work - normal_work
+    mine[RETURNED_WORK] += max(normal_work, 0.0)
 
 
 @jit_borrowing

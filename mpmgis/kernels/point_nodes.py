@@ -95,12 +95,12 @@ def bed_under(columns, j, i, area):
 
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
-# that the flow did against the ground, of it against friction along the ground, and against barriers, and what its
-# layers lost to each other [J]
+# that the flow did against the ground, of it against friction along the ground, and against barriers, what its layers
+# lost to each other, and what ground and barriers that had yielded gave back [J]
 (
     FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, FRICTION_WORK, BARRIER_WORK, LAYER_WORK,
-    NODE_REPORT,
-) = range(11)  # fmt: skip
+    RETURNED_WORK, NODE_REPORT,
+) = range(12)  # fmt: skip
 BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
 REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it

@@ -213,6 +213,7 @@ class PointBalances(ParticleStore):
             "left_places": left_places(self.grid, self._left),
             "energy_start": sum(self.energy_start),
             "energy_lifted": float(clock[entry.LIFTED_ENERGY]),
+            "energy_returned": float(clock[entry.RETURNED]),
             "energy_out": energy_out,
             "kinetic_energy": kinetic,
             "kinetic_energy_peak": max(kinetic, self.kinetic_peak),
@@ -257,16 +258,17 @@ class PointBalances(ParticleStore):
         return float(clock[entry.SPEED_WORST] / bound) if bound > 0.0 else 0.0
 
     def energy_look(self):
-        """The present `EnergyLook`; energy added by moving points onto the ground is input.
+        """The present `EnergyLook`.
 
-        Recorded losses count only as work: nodes also lose energy of the velocity gradients of points to the ground,
+        Energy added by moving points onto the ground is input, and so is what yielding ground and barriers give back:
+        they took it from the flow before. Recorded losses count only as work: nodes also lose energy of the velocity gradients of points to the ground,
         which is not part of their kinetic energy.
         """
         kinetic, potential, stored = self.energy()
         out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())
-        lifted = self._clock[entry.LIFTED_ENERGY]
+        lifted, returned = self._clock[entry.LIFTED_ENERGY], self._clock[entry.RETURNED]
         kinetic_in, potential_in, stored_in = self.energy_start
-        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted
+        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted - returned
         fall = potential_in + lifted - potential - out[1]
         least = least_kinetic(self.kinetic_peak, self.mass_start, self.numerics.gravity, self.numerics.cell_size)
         work = float(fall), stored - stored_in, float(taken), kinetic_in

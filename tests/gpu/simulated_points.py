@@ -144,7 +144,7 @@ def difference(one, other):
     most = np.abs(clock[impulses]).max()
     here["impulse"] = float(np.abs(clock[impulses] - there[impulses]).max() / max(most, 1e-300))
     losses = [entry.GROUND_LOSS, entry.PLASTIC_LOSS, entry.LIMIT_LOSS, entry.LAYER_LOSS, entry.FRICTION_LOSS,
-              entry.LIFTED_ENERGY, entry.BARRIER_LOSS]  # fmt: skip
+              entry.LIFTED_ENERGY, entry.BARRIER_LOSS, entry.RETURNED]  # fmt: skip
     most = np.abs(clock[losses]).max()
     here["losses"] = float(np.abs(clock[losses] - there[losses]).max() / max(most, 1e-300))
     counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,

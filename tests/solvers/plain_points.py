@@ -156,13 +156,14 @@ def ratio(away, rise):
 
 def shares_of(foot, rise, masses, heaviest):
     """Shares of the nodes -2 to 2 levels above the one nearest to the ground, whose place is `foot` [cells]."""
-    deepest = ratio(2.0 + foot, rise) * masses[0] / heaviest
-    under = min(ratio(1.0 + foot, rise) * masses[1] / heaviest, 0.5 - 0.5 * foot)
-    over = ratio(foot - 2.0, rise) * min(masses[4] / heaviest, 1.0)
-    above = foot + 2.0 * deepest + under - 2.0 * over
-    shares = np.array([deepest, under, 1.0 - deepest - under - above - over, above, over])
-    for k in range(4):  # no arrangement of points has more
-        shares[k] = min(max(shares[k], 0.0), 6.0 * masses[k] / heaviest)
+    away = foot - np.arange(-2.0, 3.0)
+    shares = np.array([
+        min(ratio(a, rise) * mass / heaviest, max(1.0 - 0.5 * a, 0.0)) for a, mass in zip(away, masses, strict=True)
+    ])  # fmt: skip
+    weights = np.maximum((1.0 - away) * (2.0 + away), 0.0)
+    powers = np.array([np.ones(5), -away])
+    change = np.linalg.solve((weights * powers) @ powers.T, [1.0, 0.0] - powers @ shares)
+    shares = np.clip(shares + weights * (change @ powers), 0.0, 6.0 * masses / heaviest)
     return shares / max(shares.sum(), 1e-300)
 
 
@@ -195,7 +196,7 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             for k in range(5):
                 mass = near[k, 3]
                 if mass > 0.0:
-                    pushed[k] = shares[k] / max(mass, LIGHTEST * abs(shares[k]) * heaviest)
+                    pushed[k] = shares[k] / max(mass, LIGHTEST * shares[k] * heaviest)
                     v += shares[k] * near[k, :3]
                     give += shares[k] * pushed[k]
                     here += weights[k] * mass
