@@ -177,7 +177,7 @@ def couple_layers(
         )  # fmt: skip
 
 
-@capped(104)
+@capped(120)
 def press_on_ground(
     run, stage, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,

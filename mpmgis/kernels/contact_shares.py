@@ -13,6 +13,7 @@ from .jit import jit_inline
 from .point_rows import GHOSTS
 
 MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
+DEEP = 0.75  # [cells] of the centre of a column's masses above the ground, from which pressure alone tells its shares
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 
 
@@ -68,48 +69,60 @@ def shares_on_slope(away, rise):
 
 
 @jit_inline
-def share_of_mass(away, rise, mass, heaviest):
-    """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [kg].
+def share_of_mass(away, rise, mass):
+    """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [1].
 
-    The ratio of share and mass is that of a space filled above the ground; `heaviest` [kg] is the mass of a node in it.
+    The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1.
     """
     pressed, filled = shares_on_slope(away, rise)
-    return min(pressed / max(filled, 1e-9) * mass / heaviest, max(1.0 - 0.5 * away, 0.0))
+    return min(pressed / max(filled, 1e-9) * mass, max(1.0 - 0.5 * away, 0.0))
 
 
 @jit_inline
-def contact_shares(foot, rise, m0, m1, m2, m3, m4, heaviest):
+def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
 
-    They follow from the masses, `m0` to `m4` [kg] over that of a node in the flow's interior, `heaviest` [kg] (see
-    `share_of_mass`). Their sum 1 and their moment `foot` are reached by changes of the nodes from one cell below the
-    ground to two above it (see `_change`): the masses tell the shares of those below. No share is negative, or more than MOST_RATIO times the mass, which no arrangement of
-    points exceeds; where that limits one (in narrow corners, on very steep ground, in thin sheets), all are scaled to
-    the sum 1. Shares are continuous in place, slope and masses.
+    They follow from the masses, `m0` to `m4` [1] over that of a node in the flow's interior (see `share_of_mass`), with
+    the sum 1 and the moment `foot` (see `_change`). No share is negative, or more than MOST_RATIO times the mass, which
+    no arrangement of points exceeds; where that limits one (in narrow corners, on very steep ground), all are scaled to
+    the sum 1. They are continuous in place, slope and masses.
+
+    Of a sheet thinner than two cells the weights of the spline take over, the more the thinner it is: its points move
+    with the velocity that these give, and the shares of pressure would let it sink.
     """
-    s0 = share_of_mass(foot + 2.0, rise, m0, heaviest)
-    s1 = share_of_mass(foot + 1.0, rise, m1, heaviest)
-    s2 = share_of_mass(foot, rise, m2, heaviest)
-    s3 = share_of_mass(foot - 1.0, rise, m3, heaviest)
-    s4 = share_of_mass(foot - 2.0, rise, m4, heaviest)
+    s0 = share_of_mass(foot + 2.0, rise, m0)
+    s1 = share_of_mass(foot + 1.0, rise, m1)
+    s2 = share_of_mass(foot, rise, m2)
+    s3 = share_of_mass(foot - 1.0, rise, m3)
+    s4 = share_of_mass(foot - 2.0, rise, m4)
     short = 1.0 - s0 - s1 - s2 - s3 - s4
     tilt = foot * (1.0 - short) + 2.0 * s0 + s1 - s3 - 2.0 * s4 - 0.5 * short
     even, lean = _change(foot, short, tilt)
-    most = MOST_RATIO / heaviest
-    s0 = _held(s0, m0 * most)
-    s1 = _changed(s1, -1.5 - foot, even, lean, m1 * most)
-    s2 = _changed(s2, -0.5 - foot, even, lean, m2 * most)
-    s3 = _changed(s3, 0.5 - foot, even, lean, m3 * most)
-    s4 = _changed(s4, 1.5 - foot, even, lean, m4 * most)
-    scale = 1.0 / max(s0 + s1 + s2 + s3 + s4, 1e-300)
-    return scale * s0, scale * s1, scale * s2, scale * s3, scale * s4
+    s0 = _held(s0, MOST_RATIO * m0)
+    s1 = _changed(s1, -1.5 - foot, even, lean, MOST_RATIO * m1)
+    s2 = _changed(s2, -0.5 - foot, even, lean, MOST_RATIO * m2)
+    s3 = _changed(s3, 0.5 - foot, even, lean, MOST_RATIO * m3)
+    s4 = _changed(s4, 1.5 - foot, even, lean, MOST_RATIO * m4)
+    m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
+    centre = (m3 - m1 + 2.0 * (m4 - m0)) / max(m0 + m1 + m2 + m3 + m4, 1e-300) - foot
+    part = _held(centre / DEEP, 1.0)
+    scale = part / max(s0 + s1 + s2 + s3 + s4, 1e-300)
+    part = 1.0 - part
+    return (
+        scale * s0,
+        scale * s1 + part * spline_at(foot, -1),
+        scale * s2 + part * spline_at(foot, 0),
+        scale * s3 + part * spline_at(foot, 1),
+        scale * s4,
+    )
 
 
 @jit_inline
 def _change(foot, short, tilt):
-    """(even, lean): the change of weight 9/4 - e^2, times even + lean e, with the sum `short` and the moment `tilt`.
+    """(even, lean) of the change (9/4 - e^2) (even + lean e) of shares, with the sum `short` and the moment `tilt`.
 
-    e [cells] is a node's distance above half a cell over the ground. Three nodes have such a weight.
+    e [cells] is a node's distance above half a cell over the ground. The three nodes of |e| < 3/2 are changed: the
+    masses of those further below show where the points end.
     """
     middle = 0.5 - foot if foot >= 0.0 else -0.5 - foot  # e of the second of them
     m2 = middle * middle

@@ -76,16 +76,17 @@ def _mass_near(nodes, below, own, above, first, column, level):
 def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
     """What the flow has at the ground under a node column.
 
-    Answers velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the
+    Returns velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the
     `contact_shares` of the nodes.
     """
     u = v = w = give = here = 0.0
-    m0 = _node_of(nodes, below, own, above, level - 2, first, column)[2]
-    m1 = _node_of(nodes, below, own, above, level - 1, first, column)[2]
-    m2 = _node_of(nodes, below, own, above, level, first, column)[2]
-    m3 = _node_of(nodes, below, own, above, level + 1, first, column)[2]
-    m4 = _node_of(nodes, below, own, above, level + 2, first, column)[2]
-    shares = contact_shares(foot, rise, m0, m1, m2, m3, m4, heaviest)
+    whole = 1.0 / heaviest
+    m0 = whole * _node_of(nodes, below, own, above, level - 2, first, column)[2]
+    m1 = whole * _node_of(nodes, below, own, above, level - 1, first, column)[2]
+    m2 = whole * _node_of(nodes, below, own, above, level, first, column)[2]
+    m3 = whole * _node_of(nodes, below, own, above, level + 1, first, column)[2]
+    m4 = whole * _node_of(nodes, below, own, above, level + 2, first, column)[2]
+    shares = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     for offset in range(-2, 3):
         slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:

@@ -105,9 +105,10 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
         heaviest = max(heaviest, mass)
     if heaviest <= 0.0:
         return
+    whole = 1.0 / heaviest
     shares = contact_shares(
-        foot, rise, line[LINE_SHARES], line[LINE_SHARES + 1], line[LINE_SHARES + 2], line[LINE_SHARES + 3],
-        line[LINE_SHARES + 4], heaviest,
+        foot, rise, whole * line[LINE_SHARES], whole * line[LINE_SHARES + 1], whole * line[LINE_SHARES + 2],
+        whole * line[LINE_SHARES + 3], whole * line[LINE_SHARES + 4],
     )  # fmt: skip
     give = here = 0.0
     for o in range(-2, 3):

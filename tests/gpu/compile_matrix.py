@@ -17,8 +17,8 @@ MORE = {
     "grid_to_points": (LIMIT, 160),
     "move_rare_points": (120, 176),
     "points_to_grid": (LIMIT, 120),
-    "press_on_ground": (104, 104),
-    "press_on_faces": (176, 176),
+    "press_on_ground": (120, 120),
+    "press_on_faces": (200, 200),
     "columns_to_grid all": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 160),
 }

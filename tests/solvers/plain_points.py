@@ -164,7 +164,11 @@ def shares_of(foot, rise, masses, heaviest):
     powers = np.array([np.ones(5), -away])
     change = np.linalg.solve((weights * powers) @ powers.T, [1.0, 0.0] - powers @ shares)
     shares = np.clip(shares + weights * (change @ powers), 0.0, 6.0 * masses / heaviest)
-    return shares / max(shares.sum(), 1e-300)
+    near = masses * [0.5 - foot, 1.0, 1.0, 1.0, 0.5 + foot]
+    centre = near @ -away / max(near.sum(), 1e-300)
+    part = min(max(centre / 0.75, 0.0), 1.0)
+    spline = [0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0]
+    return part * shares / max(shares.sum(), 1e-300) + (1.0 - part) * np.array(spline)
 
 
 def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
