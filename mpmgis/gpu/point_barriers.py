@@ -22,7 +22,7 @@ from ..kernels.point_barriers import (
     column_flow,
 )
 from ..kernels.point_clock import STEP
-from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, press_face
+from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, book_face, settle_face, weigh_column, weigh_rows
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, BlockWindow, NodeBlocks
@@ -43,24 +43,69 @@ def weigh_flow(run, nodes, flows):
 
 
 @Kernel
-def press_on_faces(
-    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, yields,
-    face_yields, booked, reports, settings, contact, zones, barrier,
-):  # fmt: skip
-    """Contact with smooth faces, and with the ground beside them (see `kernels.point_faces`)."""
+def weigh_face_rows(
+    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, face_yields, settings
+):
+    """Weigh the rows of smooth faces (see `kernels.point_faces`); a thread per face."""
     if run[STATUS] != 0:
         return
-    grid = NodeBlocks(nodes, touched, run[TOUCHED])
-    ground = Ground(ground_nodes, folds, exact)
+    grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
+    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
+        if faces[f, FACE_BARRIER] > 0.0:
+            weigh_rows(f, grid, window, ground, faces, lines, face_yields, counts[STEP] + 1, stage[DT], settings)
+
+
+@Kernel
+def weigh_face_columns(
+    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, settings
+):
+    """Weigh the node columns of smooth faces at the ground (see `kernels.point_faces`); a thread per node column."""
+    if run[STATUS] != 0:
+        return
+    grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
+    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    for e in range(cuda.grid(1), COLUMNS * faces.shape[0], cuda.gridsize(1)):
+        f, n = e // COLUMNS, e % COLUMNS
+        if faces[f, FACE_BARRIER] > 0.0:
+            weigh_column(f, n, grid, window, ground, faces, lines, yields, counts[STEP] + 1, stage[DT], settings)
+
+
+@Kernel
+def settle_faces(
+    run, stage, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, settings, contact,
+    zones, barrier,
+):  # fmt: skip
+    """Contact with smooth faces, and with the ground beside them (see `kernels.point_faces`); a thread per face."""
+    if run[STATUS] != 0:
+        return
+    grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
+    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
+        if faces[f, FACE_BARRIER] > 0.0:
+            settle_face(
+                f, grid, window, ground, zone_values, faces, lines, stage[DT], settings, contact, zones, barrier
+            )
+
+
+@Kernel
+def book_faces(
+    run, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, face_yields, booked,
+    reports, settings,
+):  # fmt: skip
+    """Book what smooth faces took up, each in its own row of `booked`, and how far they yielded; a thread per face."""
+    if run[STATUS] != 0:
+        return
+    grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
     window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
             for k in range(POINT_BARRIER_SUMS):
                 booked[int(faces[f, FACE_BARRIER]) - 1, k] = 0.0
-        press_face(
-            f, grid, window, ground, zone_values, faces, lines, yields, face_yields, counts[STEP] + 1,
-            reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
-        )  # fmt: skip
+            book_face(
+                f, grid, window, ground, faces, lines, yields, face_yields, counts[STEP] + 1, reports[cuda.grid(1)],
+                booked, settings,
+            )  # fmt: skip
 
 
 @capped(REGISTERS)
@@ -134,7 +179,7 @@ class DeviceBarriers:
         columns, barriers, faces, start = own_rows(barriers, faces, len(sums))
         self.opens = bool((barriers[..., SHARE] > 0.0).any())  # is any node column partly open?
         self.columns, self.values, self.faces, self.start = map(cuda.to_device, (columns, barriers, faces, start))
-        self.lines = cuda.device_array((len(faces), COLUMNS + face_yields.shape[2] - 2, LINE_ENTRIES), np.float64)
+        self.lines = cuda.device_array((len(faces), COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES), np.float64)
         self.booked = cuda.to_device(np.zeros((int(start[-1]), POINT_BARRIER_SUMS)))
         self.report = cuda.device_array((CHUNKS, len(sums), POINT_BARRIER_SUMS), np.float64)
         self.sums, self.face_yields = (cuda.to_device(np.ascontiguousarray(values)) for values in (sums, face_yields))

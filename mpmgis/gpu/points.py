@@ -326,11 +326,14 @@ class DevicePoints:
             self._yields, reports, *laws,
         )  # fmt: skip
         if self._barred and len(barred.faces):
+            around, lines = (nodes, touched, slots, lowest, *ground), (barred.faces, barred.lines)
+            yields, now = (self._yields, barred.face_yields), (run, stage, self._counts)
+            self._all(point_barriers.weigh_face_rows, *now, *around, *lines, yields[1], settings)
+            self._all(point_barriers.weigh_face_columns, *now, *around, *lines, yields[0], settings)
+            self._all(point_barriers.settle_faces, run, stage, *around, self._zone_values, *lines, *laws)
             self._all(
-                point_barriers.press_on_faces, run, stage, self._counts, nodes, touched, slots, lowest, *ground,
-                self._zone_values, barred.faces, barred.lines, self._yields, barred.face_yields, barred.booked,
-                reports, *laws,
-            )  # fmt: skip
+                point_barriers.book_faces, run, self._counts, *around, *lines, *yields, barred.booked, reports, settings
+            )
         self._all(
             point_nodes.hold_nodes, run, stage, nodes, touched, free, *places, self._column_mass, barred.flow,
             barred.booked, reports, *laws,

@@ -103,9 +103,7 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     s2 = _changed(s2, -0.5 - foot, even, lean, MOST_RATIO * m2)
     s3 = _changed(s3, 0.5 - foot, even, lean, MOST_RATIO * m3)
     s4 = _changed(s4, 1.5 - foot, even, lean, MOST_RATIO * m4)
-    m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
-    centre = (m3 - m1 + 2.0 * (m4 - m0)) / max(m0 + m1 + m2 + m3 + m4, 1e-300) - foot
-    part = _held(centre / DEEP, 1.0)
+    part = _depth_of(foot, m0, m1, m2, m3, m4)
     scale = part / max(s0 + s1 + s2 + s3 + s4, 1e-300)
     part = 1.0 - part
     return (
@@ -115,6 +113,36 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
         scale * s3 + part * spline_at(foot, 1),
         scale * s4,
     )
+
+
+@jit_inline
+def row_shares(foot, m0, m1, m2, m3, m4):
+    """`contact_shares` at a barrier's face, with the moment reached by the nearest node and the next one in the flow.
+
+    The outer nodes have no share: they may belong to another face.
+    """
+    s1 = share_of_mass(foot + 1.0, 0.0, m1)
+    s3 = foot + s1
+    s2 = _held(1.0 - s1 - s3, MOST_RATIO * m2)
+    s1, s3 = _held(s1, MOST_RATIO * m1), _held(s3, MOST_RATIO * m3)
+    part = _depth_of(foot, m0, m1, m2, m3, m4)
+    scale = part / max(s1 + s2 + s3, 1e-300)
+    part = 1.0 - part
+    return (
+        0.0,
+        scale * s1 + part * spline_at(foot, -1),
+        scale * s2 + part * spline_at(foot, 0),
+        scale * s3 + part * spline_at(foot, 1),
+        0.0,
+    )
+
+
+@jit_inline
+def _depth_of(foot, m0, m1, m2, m3, m4):
+    """How deep a flow is at the ground, from the centre of the masses within 2.5 cells: 1 from 1.5 cells, 0 if sunk."""
+    m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
+    centre = (m3 - m1 + 2.0 * (m4 - m0)) / max(m0 + m1 + m2 + m3 + m4, 1e-300) - foot
+    return _held(centre / DEEP, 1.0)
 
 
 @jit_inline

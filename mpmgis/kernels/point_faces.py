@@ -4,7 +4,7 @@ from math import sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
+from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import book_impulse
 from .point_contact import (
@@ -46,6 +46,7 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
     LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_SHARES, _, _, _, _,
     LINE_ENTRIES,
 ) = range(14)  # fmt: skip
+SPAN_FIRST, SPAN_LAST = range(2)  # of the last line of a face: level of its lowest and of its highest row in contact
 UPWARDS = (0, 0, 1)
 FACE_LAYER = 5.0  # [cells] thickness of the layer of a face that yields; a thicker one bears later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
@@ -89,11 +90,10 @@ def _row_of(face, k):
 
 
 @jit_borrowing
-def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
-    """Set what the line of nodes around `node` (j, i, level) weighs, and their shares in the contact.
+def _weigh_line(nodes, slots, span, lowest, node, along, line):
+    """Set the masses of the line of nodes around `node` (j, i, level), in place of their shares, and the heaviest one.
 
-    It runs `along` (east, north, up) to the flow. Its place of contact lies `foot` [cells] from that node, on a face
-    that rises by `rise` [1] (see `contact_shares`).
+    The line runs `along` (east, north, up) to the flow.
     """
     j, i, k = node
     east, north, up = along
@@ -103,14 +103,23 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
         mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
         line[LINE_SHARES + 2 + o] = mass
         heaviest = max(heaviest, mass)
-    if heaviest <= 0.0:
-        return
-    whole = 1.0 / heaviest
-    shares = contact_shares(
-        foot, rise, whole * line[LINE_SHARES], whole * line[LINE_SHARES + 1], whole * line[LINE_SHARES + 2],
+    line[LINE_HEAVIEST] = heaviest
+
+
+@jit_inline
+def _relative_masses(line):
+    """Masses of the nodes of a line over that of the heaviest one [1], where there is one."""
+    whole = 1.0 / max(line[LINE_HEAVIEST], 1e-300)
+    return (
+        whole * line[LINE_SHARES], whole * line[LINE_SHARES + 1], whole * line[LINE_SHARES + 2],
         whole * line[LINE_SHARES + 3], whole * line[LINE_SHARES + 4],
     )  # fmt: skip
-    give = here = 0.0
+
+
+@jit_inline
+def _share_line(line, foot, shares):
+    """Set the `shares` of a line in place of its masses; its place of contact lies `foot` [cells] from its node."""
+    heaviest, give, here = line[LINE_HEAVIEST], 0.0, 0.0
     for o in range(-2, 3):
         mass, share = line[LINE_SHARES + 2 + o], share_at(o, shares)
         line[LINE_SHARES + 2 + o] = share
@@ -118,7 +127,7 @@ def _weigh_line(nodes, slots, span, lowest, node, along, foot, rise, line):
             give += share * share / pushed_mass(mass, share, heaviest)
             if abs(o) < 2:
                 here += spline_at(foot, o) * mass
-    line[LINE_GIVE], line[LINE_HEAVIEST] = give, heaviest
+    line[LINE_GIVE] = give
     line[LINE_ON] = 1.0 if here >= LEAST_SHARE * heaviest and give > 0.0 else 0.0
 
 
@@ -246,7 +255,9 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
     dx, signal_speed = settings.dx, settings.signal_speed
     j, i, height, _, _, nz, rise = _ground_under(ground, face, n, dx)
     level, foot = foot_of(height, dx)
-    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, foot, rise, line)
+    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
+    m0, m1, m2, m3, m4 = _relative_masses(line)
+    _share_line(line, foot, contact_shares(foot, rise, m0, m1, m2, m3, m4))
     if line[LINE_ON] == 0.0:
         return
     mass, k = 0.0, level - 1
@@ -267,7 +278,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
     """Weigh all rows of a face, from its top down, and find how far it yielded at them; returns (lowest, highest).
 
     At and under the ground rows are in contact with those above them: their masses tell how the ground lies. Shares of
-    a row are those of a face across it, so that they end at the node columns of the face, which no other face has.
+    a row are those of a face across it.
     """
     dx, density, signal_speed = settings.dx, settings.density, settings.signal_speed
     foot = face[FACE_FOOT] * face[FACE_OUT]
@@ -278,7 +289,9 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
     for k in range(top, bottom - 1, -1):
         line = lines[COLUMNS + k - base]
         node, along = _row_of(face, k)
-        _weigh_line(nodes, slots, span, lowest, node, along, foot, 0.0, line)
+        _weigh_line(nodes, slots, span, lowest, node, along, line)
+        m0, m1, m2, m3, m4 = _relative_masses(line)
+        _share_line(line, foot, row_shares(foot, m0, m1, m2, m3, m4))
         if k <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
             line[LINE_ON] = 1.0
         if line[LINE_ON] == 0.0:
@@ -327,50 +340,71 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
 
 
 @jit_borrowing
-def press_face(
-    f, grid, window, ground, zone_values, faces, lines, yields, face_yields, step, mine, booked, dt, settings, contact,
-    zones, barrier,
-):  # fmt: skip
-    """`press_on_faces` for face `f`; `mine` and `booked` are the reports of its chunk."""
+def weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings):
+    """Weigh the rows of face `f`, find how far it yielded at them, and set SPAN_FIRST and SPAN_LAST."""
+    nodes, slots, lowest, own = grid.nodes, window.slots, window.lowest, lines[f]
+    window_span = (window.west, window.south, window.width, window.height, window.depth)
+    before, span = face_yields[(step - 1) % 2], own[own.shape[0] - 1]
+    span[SPAN_FIRST], span[SPAN_LAST] = _begin_rows(
+        nodes, slots, window_span, lowest, faces[f], f + 1, ground, own, before, step, dt, settings
+    )
+
+
+@jit_borrowing
+def weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings):
+    """Weigh node column `n` of face `f` at the ground and find how far the ground yielded."""
+    window_span = (window.west, window.south, window.width, window.height, window.depth)
+    _begin_column(
+        grid.nodes, window.slots, window_span, window.lowest, faces[f], n, ground, lines[f, n], yields[(step - 1) % 2],
+        step, dt, settings,
+    )  # fmt: skip
+
+
+@jit_borrowing
+def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
+    """Push at the rows and node columns of face `f` in turn, until nothing changes."""
     face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
-    if face[FACE_BARRIER] == 0.0:
-        return
-    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
-    span = (window.west, window.south, window.width, window.height, window.depth)
-    before, after = yields[(step - 1) % 2], yields[step % 2]
-    face_before, face_after = face_yields[(step - 1) % 2], face_yields[step % 2]
-    first, last = _begin_rows(nodes, slots, span, lowest, face, f + 1, ground, own, face_before, step, dt, settings)
-    reach = 0
+    nodes, slots, lowest = grid.nodes, window.slots, window.lowest
+    window_span = (window.west, window.south, window.width, window.height, window.depth)
+    span = own[own.shape[0] - 1]
+    first, last, reach, largest = int(span[SPAN_FIRST]), int(span[SPAN_LAST]), 0, 0.0
     for n in range(COLUMNS):
-        height = _ground_under(ground, face, n, dx)[2]
-        _begin_column(nodes, slots, span, lowest, face, n, ground, own[n], before, step, dt, settings)
-        reach = max(reach, foot_of(height, dx)[0] + 1)
-    largest = 0.0
+        reach = max(reach, foot_of(_ground_under(ground, face, n, settings.dx)[2], settings.dx)[0] + 1)
     for sweep in range(SWEEPS):
         change = 0.0
         for k in range(first, (last if sweep == 0 else min(last, reach)) + 1):
             if own[COLUMNS + k - base, LINE_ON] > 0.0:
                 change = max(change, _press_row(
-                    nodes, slots, span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
+                    nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
                 ))  # fmt: skip
         for n in range(COLUMNS):
             if own[n, LINE_ON] > 0.0:
                 change = max(change, _press_column(
-                    nodes, slots, span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact, zones
+                    nodes, slots, window_span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact,
+                    zones,
                 ))  # fmt: skip
         largest = max(largest, change)
         if change <= SETTLED * largest:
             break
-    for k in range(first, last + 1):
+
+
+@jit_borrowing
+def book_face(f, grid, window, ground, faces, lines, yields, face_yields, step, mine, booked, settings):
+    """Book what face `f` and the ground beside it took up, and how far they yielded."""
+    face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
+    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
+    window_span = (window.west, window.south, window.width, window.height, window.depth)
+    after, face_after, span = yields[step % 2], face_yields[step % 2], own[own.shape[0] - 1]
+    for k in range(int(span[SPAN_FIRST]), int(span[SPAN_LAST]) + 1):
         line = own[COLUMNS + k - base]
         if line[LINE_ON] > 0.0:
-            _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine)
+            _book_row(nodes, slots, window_span, lowest, face, k, line, dx, booked, mine)
             face_after[f + 1, k - base + 1, YIELD] = line[LINE_YIELDED]
             face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
             j, i = _ground_under(ground, face, n, dx)[:2]
-            _book_column(nodes, slots, span, lowest, face, n, ground, own[n], dx, mine)
+            _book_column(nodes, slots, window_span, lowest, face, n, ground, own[n], dx, mine)
             after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1
 
 
@@ -390,8 +424,8 @@ def press_on_faces(
     Parameters
     ----------
     faces : float64[n, FACE_ENTRIES]
-    lines : float64[n, COLUMNS + levels, LINE_ENTRIES]
-        Room for the node columns and rows of each face.
+    lines : float64[n, COLUMNS + levels + 1, LINE_ENTRIES]
+        Room for the node columns, the rows and the span (`SPAN_FIRST`) of each face.
     yields : float64[2, rows, columns, YIELD_ENTRIES]
         Of the ground.
     face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
@@ -399,7 +433,12 @@ def press_on_faces(
     """
     for c in prange(CHUNKS):
         for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
-            press_face(
-                f, grid, window, ground, zone_values, faces, lines, yields, face_yields, step, report[c],
-                barrier_report[c], dt, settings, contact, zones, barrier,
-            )  # fmt: skip
+            if faces[f, FACE_BARRIER] == 0.0:
+                continue
+            weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings)
+            for n in range(COLUMNS):
+                weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings)
+            settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier)
+            book_face(
+                f, grid, window, ground, faces, lines, yields, face_yields, step, report[c], barrier_report[c], settings
+            )

@@ -154,7 +154,7 @@ def advance(
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
     barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
-    face_lines = np.zeros((faces.shape[0], COLUMNS + face_yields.shape[2] - 2, LINE_ENTRIES))
+    face_lines = np.zeros((faces.shape[0], COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES))
     bounds = np.zeros(CHUNKS + 1, np.int64)
     column_sums = np.zeros((CHUNKS, COLUMN_SUMS))
     histogram, slot, touched_slot, block, start = _sort_arrays(16)

@@ -261,8 +261,8 @@ class PointBalances(ParticleStore):
         """The present `EnergyLook`.
 
         Energy added by moving points onto the ground is input, and so is what yielding ground and barriers give back:
-        they took it from the flow before. Recorded losses count only as work: nodes also lose energy of the velocity gradients of points to the ground,
-        which is not part of their kinetic energy.
+        they took it from the flow before. Recorded losses count only as work: nodes also lose energy of the velocity
+        gradients of points to the ground, which is not part of their kinetic energy.
         """
         kinetic, potential, stored = self.energy()
         out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())

@@ -18,15 +18,16 @@ MORE = {
     "move_rare_points": (120, 176),
     "points_to_grid": (LIMIT, 120),
     "press_on_ground": (120, 120),
-    "press_on_faces": (200, 200),
+    "weigh_face": (136, 136),
+    "settle_faces": (136, 136),
     "columns_to_grid all": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 160),
 }
 # kernels for float32 points that compute in double precision on purpose: nodes, ground, clock, sums, rare points
 IN_DOUBLE = (
     *("begin_step", "weigh_contact", "spread_contact", "move_nodes", "find_contacts", "finish_nodes", "note_peaks"),
-    *("couple_layers", "press_on", "hold_", "weigh_flow", "sum_booked", "collect_barriers", "sum_node_reports"),
-    *("sum_point_reports", "choose_step", "finish_step", "move_rare_points"),
+    *("couple_layers", "press_on", "hold_", "weigh_f", "settle_faces", "book_faces", "sum_booked", "collect_barriers"),
+    *("sum_node_reports", "sum_point_reports", "choose_step", "finish_step", "move_rare_points"),
 )
 
 

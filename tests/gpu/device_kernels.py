@@ -115,12 +115,16 @@ def signatures(real):
                 yield f"{kernel}_{name}{label}", getattr(point_nodes, kernel), arguments
     for name, law in CONTACTS.items():
         laws = settings, numba.typeof(law), zones, walled
-        given, faces = (nodes, touched, window, lowest), (reports, columns, array(f8, 4), array(f8, 4))
-        press = "press_on_faces", run, stage, counts, *given, *ground, array(f8, 3), *faces, reports, reports, *laws
+        given = nodes, touched, window, lowest
+        settle = "settle_faces", run, stage, *given, *ground, array(f8, 3), reports, columns, *laws
         hold = "hold_at_barriers", run, stage, touched, *given, *places, columns, columns, reports, reports, *laws
-        for kernel, *arguments in (press, hold):
+        for kernel, *arguments in (settle, hold):
             yield f"{kernel}_{name}", getattr(point_barriers, kernel), arguments
+    around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
     for name, *arguments in (
+        ("weigh_face_rows", run, stage, counts, *around, *lines, array(f8, 4), settings),
+        ("weigh_face_columns", run, stage, counts, *around, *lines, array(f8, 4), settings),
+        ("book_faces", run, counts, *around, *lines, array(f8, 4), array(f8, 4), reports, reports, settings),
         ("weigh_flow", run, nodes, reports),
         ("sum_booked", run, reports, start, columns),
         ("collect_barriers", run, stage, columns, reports),

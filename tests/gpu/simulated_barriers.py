@@ -95,7 +95,10 @@ BARRIERS = {
     "on friction zones": lambda p: with_zones(at_barrier(p, wall(mu=0.3))),
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
-KERNELS = {"press_on_faces", "hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"}
+KERNELS = {
+    "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "hold_at_barriers", "sum_booked",
+    "collect_barriers", "weigh_flow",
+}  # fmt: skip
 
 
 def launched(make):

@@ -81,7 +81,7 @@ def test_shares_are_positive_with_the_sum_one_and_none_beyond_its_mass(foot, ris
 
 @settings(max_examples=200, deadline=None)
 @given(
-    st.floats(0.0, 1.2), st.floats(0.2, 1.0) | st.floats(2.0, 8.0), st.lists(st.floats(0.7, 1.4), min_size=6, max_size=6)
+    st.floats(0.0, 1.2), st.floats(0.2, 1.0) | st.floats(2.0, 8.0), st.tuples(*[st.floats(0.7, 1.4)] * 6)
 )  # fmt: skip
 def test_shares_do_not_jump_where_the_ground_passes_the_middle_between_two_nodes(rise, thickness, factors):
     """Of sheets and deep flows with uneven points, up to 50 degrees: a jump would multiply rounding errors."""
