@@ -87,7 +87,7 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     no arrangement of points exceeds; where that limits one (in narrow corners, on very steep ground), all are scaled to
     the sum 1. They are continuous in place, slope and masses.
 
-    Of a sheet thinner than two cells the weights of the spline take over, the more the thinner it is: its points move
+    Of a sheet thinner than 1.5 cells the weights of the spline take over, the more the thinner it is: its points move
     with the velocity that these give, and the shares of pressure would let it sink.
     """
     s0 = share_of_mass(foot + 2.0, rise, m0)
@@ -103,16 +103,7 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     s2 = _changed(s2, -0.5 - foot, even, lean, MOST_RATIO * m2)
     s3 = _changed(s3, 0.5 - foot, even, lean, MOST_RATIO * m3)
     s4 = _changed(s4, 1.5 - foot, even, lean, MOST_RATIO * m4)
-    part = _depth_of(foot, m0, m1, m2, m3, m4)
-    scale = part / max(s0 + s1 + s2 + s3 + s4, 1e-300)
-    part = 1.0 - part
-    return (
-        scale * s0,
-        scale * s1 + part * spline_at(foot, -1),
-        scale * s2 + part * spline_at(foot, 0),
-        scale * s3 + part * spline_at(foot, 1),
-        scale * s4,
-    )
+    return _with_spline(_depth_of(foot, m0, m1, m2, m3, m4), foot, s0, s1, s2, s3, s4)
 
 
 @jit_inline
@@ -125,16 +116,7 @@ def row_shares(foot, m0, m1, m2, m3, m4):
     s3 = foot + s1
     s2 = _held(1.0 - s1 - s3, MOST_RATIO * m2)
     s1, s3 = _held(s1, MOST_RATIO * m1), _held(s3, MOST_RATIO * m3)
-    part = _depth_of(foot, m0, m1, m2, m3, m4)
-    scale = part / max(s1 + s2 + s3, 1e-300)
-    part = 1.0 - part
-    return (
-        0.0,
-        scale * s1 + part * spline_at(foot, -1),
-        scale * s2 + part * spline_at(foot, 0),
-        scale * s3 + part * spline_at(foot, 1),
-        0.0,
-    )
+    return _with_spline(_depth_of(foot, m0, m1, m2, m3, m4), foot, 0.0, s1, s2, s3, 0.0)
 
 
 @jit_inline
@@ -143,6 +125,19 @@ def _depth_of(foot, m0, m1, m2, m3, m4):
     m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
     centre = (m3 - m1 + 2.0 * (m4 - m0)) / max(m0 + m1 + m2 + m3 + m4, 1e-300) - foot
     return _held(centre / DEEP, 1.0)
+
+
+@jit_inline
+def _with_spline(part, foot, s0, s1, s2, s3, s4):
+    """`part` of the shares, scaled to the sum 1, and for the rest the weights of the spline."""
+    scale, rest = part / max(s0 + s1 + s2 + s3 + s4, 1e-300), 1.0 - part
+    return (
+        scale * s0,
+        scale * s1 + rest * spline_at(foot, -1),
+        scale * s2 + rest * spline_at(foot, 0),
+        scale * s3 + rest * spline_at(foot, 1),
+        scale * s4,
+    )
 
 
 @jit_inline
