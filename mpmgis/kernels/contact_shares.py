@@ -9,7 +9,7 @@ one. Distances count in cells, and masses come from the points, which do not fil
 
 from math import sqrt
 
-from .jit import jit_inline
+from .jit import jit_borrowing, jit_inline
 from .point_rows import GHOSTS
 
 MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
@@ -55,7 +55,7 @@ def mass_share(away):
     return share if away > 0.0 else 1.0 - share
 
 
-@jit_inline
+@jit_borrowing
 def shares_on_slope(away, rise):
     """(`pressure_share`, `mass_share`) of a node `away` [cells] below ground that rises by `rise` [1] to one side.
 
@@ -68,7 +68,7 @@ def shares_on_slope(away, rise):
     return pressed, filled
 
 
-@jit_inline
+@jit_borrowing
 def share_of_mass(away, rise, mass):
     """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [1].
 
@@ -78,7 +78,7 @@ def share_of_mass(away, rise, mass):
     return min(pressed / max(filled, 1e-9) * mass, max(1.0 - 0.5 * away, 0.0))
 
 
-@jit_inline
+@jit_borrowing
 def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
 
@@ -106,7 +106,7 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     return _with_spline(_depth_of(foot, m0, m1, m2, m3, m4), foot, s0, s1, s2, s3, s4)
 
 
-@jit_inline
+@jit_borrowing
 def row_shares(foot, m0, m1, m2, m3, m4):
     """`contact_shares` at a barrier's face, with the moment reached by the nearest node and the next one in the flow.
 
@@ -127,7 +127,7 @@ def _depth_of(foot, m0, m1, m2, m3, m4):
     return _held(centre / DEEP, 1.0)
 
 
-@jit_inline
+@jit_borrowing
 def _with_spline(part, foot, s0, s1, s2, s3, s4):
     """`part` of the shares, scaled to the sum 1, and for the rest the weights of the spline."""
     scale, rest = part / max(s0 + s1 + s2 + s3 + s4, 1e-300), 1.0 - part
@@ -140,7 +140,7 @@ def _with_spline(part, foot, s0, s1, s2, s3, s4):
     )
 
 
-@jit_inline
+@jit_borrowing
 def _change(foot, short, tilt):
     """(even, lean) of the change (9/4 - e^2) (even + lean e) of shares, with the sum `short` and the moment `tilt`.
 
@@ -182,7 +182,7 @@ def pushed_mass(mass, share, heaviest):
     return max(mass, LIGHTEST * share * heaviest)
 
 
-@jit_inline
+@jit_borrowing
 def part_before(away):
     """(centre, spread) of the part of a node's spline before a wall; the node is `away` [cells] before it.
 

@@ -170,6 +170,25 @@ def law_function(function, inlined=True):
         return of_precision(function, arguments)
 
 
+def for_law(kernel, place, active):
+    """`kernel` for callers that call it only where the law at argument `place` is active.
+
+    Where the law's class returns False from its method `active`, the call is left out when the caller is compiled: an
+    absent law then takes no time to compile either. The method must not depend on the law's values.
+    """
+
+    def called(*arguments):
+        return kernel(*arguments)
+
+    @overload(called, strict=False)
+    def specialise(*arguments):
+        if getattr(arguments[place].instance_class, active)(None):
+            return lambda *arguments: kernel(*arguments)
+        return lambda *arguments: None
+
+    return called
+
+
 def of_precision(function, arguments):
     """`function`, or where it works in single precision the same with float32 for every constant in it.
 

@@ -12,7 +12,7 @@ import numpy as np
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS, GONE, LEFT_BLOCK, LEFT_ENTRIES, REORDER_STEPS, STRIP, WAYS, reorder, split_evenly
 from .grid_to_points import grid_to_points
-from .jit import jit
+from .jit import for_law, jit
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
 from .point_blocks import (
     EAST,
@@ -135,6 +135,10 @@ def _column_arrays(ground, drags, opens):
     return masses, np.zeros((rows if opens else 1, columns if opens else 1, COLUMN_FLOW))
 
 
+_couple_layers = for_law(couple_layers, -3, "drag_active")
+_press_on_faces = for_law(press_on_faces, -1, "barrier_active")
+
+
 @jit
 def advance(
     rows, ids, keys, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
@@ -228,7 +232,7 @@ def advance(
             barrier.barrier_active(),
         )  # fmt: skip
         if drags:
-            couple_layers(
+            _couple_layers(
                 grid, window, ground, zone_values, barriers, column_mass, node_report, dt, settings, contact, zones,
                 barrier,
             )  # fmt: skip
@@ -238,7 +242,7 @@ def advance(
         )  # fmt: skip
         if barrier.barrier_active():
             barrier_report[:] = 0.0
-            press_on_faces(
+            _press_on_faces(
                 grid, window, ground, zone_values, faces, face_lines, yields, face_yields, counts[STEP] + 1,
                 node_report, barrier_report, dt, settings, contact, zones, barrier,
             )  # fmt: skip
